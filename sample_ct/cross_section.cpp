@@ -15,7 +15,7 @@ constexpr double kRootTolerance_mm = 1e-10;
 // HU range of all soft tissue near bone, including its texture.
 constexpr double kSoftTissueTop_hu = 110, kSoftTissueBottom_hu = -120;
 
-/// The zero of f in [a, b] where f(a) < 0 <= f(b), to kRootTolerance_mm: ITP.
+/// The zero of f in [a, b], given f(a) < 0 <= f(b), to kRootTolerance_mm (ITP method).
 template <typename F>
 double find_root(const F& f, double a, double b, double fa, double fb) {
   const double k1 = 0.1 / (b - a);
@@ -99,8 +99,8 @@ class Tracer {
         visit(i + di, j + dj, s);
   }
 
-  /// One square: going round it counter-clockwise, joins each crossing where the material
-  /// ends to one where it begins, so that the material stays on the left.
+  /// Walks counter-clockwise around one square and joins each crossing at which the material ends
+  /// to one at which it begins, so that the material stays on the left.
   void cell(int i, int j) {
     const std::array<std::array<int, 2>, 4> at{{{i, j}, {i + 1, j}, {i + 1, j + 1}, {i, j + 1}}};
     std::array<double, 4> f{};
@@ -113,7 +113,7 @@ class Tracer {
       crossings += change[c] != 0;
     }
     if (crossings == 0) return;
-    // Four crossings: the middle decides whether the two corners of material are joined.
+    // If there are four crossings, the centre decides whether the two material corners are joined.
     const bool joined = crossings == 4 && field_.value(position(i + 0.5, j + 0.5)) >= 0;
     for (int c = 0; c < 4; ++c) {
       if (change[c] != 1) continue;
@@ -141,10 +141,10 @@ class Tracer {
     return key;
   }
 
-  /// The curve's point across from the middle of the chord ab, or nothing if none is near.
+  /// The point of the curve opposite the midpoint of the chord ab, or nothing if none is near.
   std::optional<Vec2> over_middle(Vec2 a, Vec2 b) const {
     const Vec2 chord = b - a, middle = 0.5 * (a + b);
-    const Vec2 right{chord.y, -chord.x};  // of the chord's length; points out of the material
+    const Vec2 right{chord.y, -chord.x};  // as long as the chord, pointing out of the material
     const double f = field_.value(middle);
     if (f == 0) return middle;
     for (const double reach : {0.05, 0.25, 1.0, 2.0}) {
@@ -226,7 +226,7 @@ Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upp
   CrossSection section;
   section.z_mm = z_mm;
   section.tolerance_mm = options.tolerance_mm;
-  // Where two parts of the outline are closer than a cell, smaller cells separate them.
+  // Smaller cells separate two branches of the outline that are closer than a cell.
   constexpr int kHalvings = 4;
   for (int halving = 0;; ++halving) {
     SectionOptions finer = options;
@@ -258,9 +258,9 @@ Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeomet
     return usage("iso-value " + std::to_string(iso_hu) + " HU is not between soft tissue (" +
                  std::to_string(kSoftTissueTop_hu) + ") and cancellous bone (" +
                  std::to_string(core) + ")");
-  // If the bone's surface is this far from the pixel's aperture, the reading is certainly
-  // on one side of the iso-value: at most the share `tail` of it is of the other side,
-  // because Phi(-t) <= exp(-t^2 / 2) / 2.
+  // If the bone's surface is this far from the pixel's aperture, the reading is certainly on one
+  // side of the iso-value: at most the fraction `tail` of it comes from the other side, because
+  // Phi(-t) <= exp(-t^2 / 2) / 2.
   const double tail =
       std::min((iso_hu - kSoftTissueTop_hu) / (phantom.tissue.cortical - kSoftTissueTop_hu),
                (core - iso_hu) / (core - kSoftTissueBottom_hu));
@@ -333,8 +333,8 @@ double SectionDistance::operator()(Vec2 p) const {
       best2 = std::min(best2, dot(w, w));
     }
   };
-  // Squares of cells around p, from the inside out; everything beyond square r is at least
-  // r cells away (farther if p is outside the grid).
+  // Search squares of cells around p, from the inside out. Everything beyond square r is at least r
+  // cells away (farther if p is outside the grid).
   for (int r = 0; r <= std::max(columns_, rows_); ++r) {
     for (int i = ci - r; i <= ci + r; ++i) {
       look(i, cj - r);

@@ -4,15 +4,16 @@
 //
 // There are two:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
-//  - iso_section: where a noiseless scanner of the given geometry (pixel and slice
-//    apertures, point spread) reads the iso-value, also between pixel centres. This
-//    is the contour that a perfect program would find in the scan. At 226 HU it lies
-//    a few tenths of a mm outside the anatomy, because of the threshold.
+//  - iso_section: the curve on which a noiseless scanner of the given geometry (pixel and slice
+//    apertures, point spread) reads the iso-value, also between pixel centres. A perfect program
+//    would find this contour in the scan. At 226 HU it lies a few tenths of a mm outside the
+//    anatomy, because of the threshold.
 //
 // Method: a quadtree discards squares that are too far from the bone's surface to
 // meet the level set; marching squares on the rest; every crossing is refined by
 // bracketing root finding (ITP: Oliveira and Takahashi 2020); every chord is split
 // until the curve's rise above it is below the tolerance.
+// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <functional>
@@ -24,7 +25,7 @@
 namespace trocar::sample {
 
 struct SectionOptions {
-  /// Cell of marching squares; smaller parts and gaps may be missed. It is halved, up to
+  /// Cell size of marching squares; smaller islands and gaps may be missed. It is halved, up to
   /// four times, if the outline bends too sharply within a cell.
   double cell_mm = 0.2;
   double tolerance_mm = 1e-3;  ///< greatest rise of the true curve above a chord
@@ -39,7 +40,7 @@ struct CrossSection {
   double z_mm = 0;
   double tolerance_mm = 0;
   std::vector<std::vector<Vec2>> rings;
-  double area_mm2 = 0;        ///< of the curve: the polygon plus its parabolic segments
+  double area_mm2 = 0;        ///< area within the curve: the polygon plus parabolic segments
   double area_error_mm2 = 0;  ///< bound on area_mm2's error: perimeter * tolerance / 4
 };
 
@@ -50,10 +51,10 @@ struct PlaneField {
   std::function<double(Vec2)> clear_mm;
 };
 
-/// The level set 0 of the field inside [lower, upper] (mm). refused if the curve
-/// leaves that rectangle; usage error if an option is not positive or the rectangle is
-/// wider than 1024 cells; bug if the outline is too sharp for the smallest cells. O(n)
-/// field evaluations for n crossed cells.
+/// Traces the level set 0 of the field inside [lower, upper] (mm). Takes O(n) field evaluations for
+/// n crossed cells. Errors: (refused) the curve leaves that rectangle; (usage) an option is not
+/// positive or the rectangle is wider than 1024 cells; (bug) the outline is too sharp for the
+/// smallest cells.
 Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
                                    const SectionOptions& options);
 
@@ -61,9 +62,9 @@ Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upp
 Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
                                      const SectionOptions& options = {});
 
-/// Where a noiseless scanner reads iso_hu at height z (the middle of the slice).
-/// usage error unless iso_hu lies above all soft tissue (110 HU) and below the
-/// cancellous core (its mean less its texture): elsewhere the level set is texture.
+/// The curve on which a noiseless scanner reads iso_hu at height z (the middle of the slice).
+/// Errors: (usage) iso_hu does not lie above all soft tissue (110 HU) and below the cancellous core
+/// (its mean less its texture), so that the level set would follow the texture.
 Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
                                  double z_mm, double iso_hu = 226,
                                  const SectionOptions& options = {});

@@ -11,7 +11,7 @@
 namespace trocar::sample {
 namespace {
 
-/// Share of a solid at signed distance d from its surface: Phi(-d / sigma).
+/// Fraction of a solid at signed distance d from its surface: Phi(-d / sigma).
 double coverage(double d, double sigma) {
   if (sigma <= 0) return d < 0 ? 1.0 : 0.0;
   const double t = d / sigma;
@@ -73,7 +73,7 @@ BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample&
           coverage(bone.distance_mm + bone.cortical_mm, phantom.edge_sigma_mm)};
 }
 
-double edge_reach_mm(const PhantomOptions& phantom) {
+double blur_radius_mm(const PhantomOptions& phantom) {
   return 3.4 * phantom.edge_sigma_mm;
 }
 

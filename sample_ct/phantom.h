@@ -3,9 +3,8 @@
 // analytic (vertebra.h); soft tissue is made of simple solids; both get a faint
 // seeded texture. Pixels, slices and noise are added in render.h.
 //
-// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is
-// rotated about z and shifted a little in it (options), so that nothing is aligned
-// with the pixel grid by accident.
+// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is rotated about z
+// and shifted a little in it (options), so that nothing is aligned with the pixel grid by accident.
 //
 // The scanner's in-plane blur (point spread) is part of the field, analytically:
 // across a surface at signed distance d the HU follow the normal distribution's
@@ -37,11 +36,11 @@ struct TissueHu {
 };
 
 struct PhantomOptions {
-  std::uint64_t seed = 1;  ///< of the textures
+  std::uint64_t seed = 1;  ///< seed of the textures
   TissueHu tissue;
   double edge_sigma_mm = 0.4;   ///< in-plane point spread; 0 gives sharp edges
-  double rotation_rad = 0.045;  ///< of the anatomy about z in the scan frame
-  Vec2 shift_mm{1.7, -1.2};     ///< of the anatomy in the scan frame
+  double rotation_rad = 0.045;  ///< rotation of the anatomy about z in the scan frame
+  Vec2 shift_mm{1.7, -1.2};     ///< shift of the anatomy in the scan frame
 };
 
 /// A point of the scan frame in the anatomical frame, and back.
@@ -55,7 +54,7 @@ BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
 /// sample_bone(phantom, p_scan).distance_mm.
 double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan);
 
-/// Shares of bone and of cancellous core at a point after the in-plane blur: 0..1 each,
+/// Volume fractions of bone and of cancellous core at a point after the in-plane blur, 0..1;
 /// core <= bone.
 struct BoneFractions {
   double bone = 0;
@@ -67,9 +66,9 @@ BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample&
 
 /// Beyond this distance from a surface, its blurred edge differs from 0 or 1 by less
 /// than 4e-4 (0.3 HU) and may be taken as 0 or 1.
-double edge_reach_mm(const PhantomOptions& phantom);
+double blur_radius_mm(const PhantomOptions& phantom);
 
-/// HU at a point of the scan frame if there were no bone, and if all were core.
+/// HU at a point of the scan frame if everything were soft tissue, and if everything were core.
 double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan);
 double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan);
 

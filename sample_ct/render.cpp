@@ -18,12 +18,12 @@ constexpr double kKernelSide = 1, kKernelMiddle = 4;
 // because the shell's thickness varies.
 constexpr double kInnerLipschitz = 1.4;
 
-/// Radius within which surfaces influence a pixel: of its aperture and the blur.
+/// Radius within which surfaces influence a pixel: aperture radius plus blur radius.
 double reach_mm(const PhantomOptions& phantom, const ScanGeometry& scan) {
-  return edge_reach_mm(phantom) + kInnerLipschitz * aperture_radius_mm(scan);
+  return blur_radius_mm(phantom) + kInnerLipschitz * aperture_radius_mm(scan);
 }
 
-/// A pixel's share of bone, given the bone at its centre.
+/// A pixel's fraction of bone, given the bone at its centre.
 BoneFractions pixel_fractions(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre,
                               const BoneSample& bone, double reach) {
   const double inner = bone.distance_mm + bone.cortical_mm;
@@ -87,8 +87,8 @@ std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeomet
       const Vec3 centre = pixel_centre_mm(scan, i, j, k);
       if (i >= known_until) {
         bone = sample_bone(phantom, centre);
-        // Distances change by at most the distance moved. So if a pixel is far from any
-        // surface, a number of further pixels of the row are, too.
+        // Distances change by at most the distance moved. So if a pixel is far from every surface,
+        // the next few pixels of the row are far from it, too.
         const double spare =
             std::max(bone.distance_mm - reach,
                      (-bone.distance_mm - bone.cortical_mm - reach) / kInnerLipschitz);

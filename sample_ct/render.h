@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scanner: samples the phantom's field as slices of integer HU.
 //
-// A pixel holds the mean of the bone's share over the pixel's area and the slice's
-// thickness (partial volume): by supersampling near the bone's outer or inner surface,
-// by one sample elsewhere. Textures vary little over a pixel and are taken at its
-// centre. Then noise is added, mildly correlated in the plane as by a reconstruction
-// kernel. The sum is rounded to an integer once.
+// A pixel holds the mean of the bone's volume fraction over the pixel's area and the slice's
+// thickness (partial volume). Near the bone's outer or inner surface this is computed by
+// supersampling, elsewhere from one sample. Textures vary little over a pixel and are sampled at
+// its centre. Then noise is added, mildly correlated in the plane as by a reconstruction kernel.
+// The sum is rounded to an integer once.
 //
 // Results are a pure function of the arguments: they do not depend on the number of
 // threads or the order of the slices.
+// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <atomic>
@@ -58,9 +59,9 @@ double aperture_radius_mm(const ScanGeometry& scan);
 /// One slice of noiseless, unrounded HU, rows * columns values, row by row.
 std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeometry& scan, int k);
 
-/// Noise of mean 0 and standard deviation sigma_hu, rows * columns values. The
-/// correlation of neighbours in a row or column is 4/9, at a distance of two pixels
-/// 1/18, farther out and between slices 0.
+/// Noise of mean 0 and standard deviation sigma_hu, rows * columns values. The correlation of
+/// pixels in a row or column is 4/9 for neighbours and 1/18 at a distance of two; it is 0 at larger
+/// distances and between slices.
 std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, double sigma_hu,
                                 int k);
 

@@ -47,7 +47,8 @@ struct Scratch {
   }
 };
 
-/// Removes the folder when it goes out of scope, if it is empty then. An empty path: none.
+/// Removes the folder when it goes out of scope, if it is empty then. An empty path means no
+/// folder.
 struct EmptyFolder {
   fs::path path;
   explicit EmptyFolder(fs::path folder) : path(std::move(folder)) {}
@@ -59,7 +60,7 @@ struct EmptyFolder {
   }
 };
 
-/// The error of a file in the scratch folder, with the name that the file would have got.
+/// The error of a file in the scratch folder, with the final name of the file.
 Error named_after(Error error, const fs::path& scratch, const fs::path& folder) {
   const std::size_t at = error.message.find(scratch.string());
   if (at != std::string::npos) error.message.replace(at, scratch.string().size(), folder.string());
@@ -93,20 +94,21 @@ Result<void> check_replaceable(const fs::path& folder, const char* pattern) {
   return {};
 }
 
-/// Moves `made` to `place`; an existing file or folder there is exchanged with it.
-Result<void> put_in_place(const fs::path& made, const fs::path& place) {
-  if (::rename(made.c_str(), place.c_str()) == 0) return {};
-  // A folder that is not empty must be exchanged; the old one is removed with the scratch folder.
-  if (errno != ENOTEMPTY && errno != EEXIST) return failed(place, last_error());
-  if (::renameat2(AT_FDCWD, made.c_str(), AT_FDCWD, place.c_str(), RENAME_EXCHANGE) == 0) return {};
-  if (errno != EINVAL && errno != ENOSYS) return failed(place, last_error());
-  // The file system cannot exchange: move the old one away, then the new one into place.
+/// Moves `made` to `target`; exchanges it with an existing file or folder.
+Result<void> move_or_exchange(const fs::path& made, const fs::path& target) {
+  if (::rename(made.c_str(), target.c_str()) == 0) return {};
+  // A folder that is not empty must be exchanged. The old one is removed with the scratch folder.
+  if (errno != ENOTEMPTY && errno != EEXIST) return failed(target, last_error());
+  if (::renameat2(AT_FDCWD, made.c_str(), AT_FDCWD, target.c_str(), RENAME_EXCHANGE) == 0)
+    return {};
+  if (errno != EINVAL && errno != ENOSYS) return failed(target, last_error());
+  // If the file system cannot exchange, move the old one away, then rename the new one.
   const fs::path old = made.string() + ".old";
-  if (::rename(place.c_str(), old.c_str()) != 0) return failed(place, last_error());
-  if (::rename(made.c_str(), place.c_str()) == 0) return {};
+  if (::rename(target.c_str(), old.c_str()) != 0) return failed(target, last_error());
+  if (::rename(made.c_str(), target.c_str()) == 0) return {};
   const std::error_code reason = last_error();
-  ::rename(old.c_str(), place.c_str());
-  return failed(place, reason);
+  ::rename(old.c_str(), target.c_str());
+  return failed(target, reason);
 }
 
 }  // namespace
@@ -142,7 +144,7 @@ Result<void> check_sample_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::exists(folder, error) && !fs::is_directory(folder, error))
     return unwritable(folder.string() + ": exists and is not a folder");
-  fs::path existing = folder;  // or the one in which it will be made
+  fs::path existing = folder;  // or the nearest existing folder above it
   while (!existing.empty() && !fs::exists(existing, error))
     existing = existing.parent_path();
   if (existing.empty()) existing = ".";
@@ -189,7 +191,7 @@ Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, con
     if (Result<void> r = sync_folder(made); !r) return r;
 
   for (const char* name : {"png", "dicom", "sample.nii.gz", "sample.json"})
-    if (Result<void> r = put_in_place(scratch.path / name, folder / name); !r) return r;
+    if (Result<void> r = move_or_exchange(scratch.path / name, folder / name); !r) return r;
   return sync_folder(folder);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // All outputs of the program: OUTDIR/png/, OUTDIR/dicom/, OUTDIR/sample.nii.gz and
 // OUTDIR/sample.json. Each appears complete or not at all.
+// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <atomic>
@@ -14,16 +15,15 @@
 
 namespace trocar::sample {
 
-/// Whether a scan could be written to `folder`, as far as this can be known without writing:
-/// programs ask before they render. (Unwritable) if not.
+/// Checks before rendering whether a scan can be written to `folder`, as far as this is known
+/// without writing. Errors: (unwritable).
 Result<void> check_sample_folder(const std::filesystem::path& folder);
 
-/// Writes everything to a hidden folder inside `folder` (created if needed), then moves
-/// the four outputs into place, replacing those of an earlier run. On failure
-/// (unwritable, naming the file) existing outputs are unchanged and the hidden folder is
-/// removed. It also fails if an existing png/ or dicom/ has other files than slices of an
-/// earlier run, and once `stop`, if given, is set. `progress`, if given, is called with
-/// the name of the next step.
+/// Writes everything to a hidden folder inside `folder` (created if needed), then moves the four
+/// outputs to their final names, replacing those of an earlier run. Calls `progress`, if given,
+/// with the name of the next step. Errors: (unwritable) with the file; also if an existing png/ or
+/// dicom/ has other files than slices of an earlier run, or once `stop`, if given, is set. On
+/// failure existing outputs are unchanged and the hidden folder is removed.
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::filesystem::path& folder,
                                  const std::function<void(const std::string&)>& progress = {},

@@ -10,6 +10,7 @@
 //
 // Source: the closed forms collected by Inigo Quilez (iquilezles.org, "Distance
 // functions", "Smooth minimum"; the round cone and the polygon).
+// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -18,8 +18,8 @@ constexpr double kCorticalArch_mm = 1.3;
 // vertebra above, which it encloses.
 constexpr double kJointSpace_mm = 1.9;
 
-/// The body's outline in a transverse plane: round in front, flat and slightly
-/// concave behind. 45 mm wide, 33 mm deep.
+/// The body's outline in an axial plane: round in front, flat and slightly concave behind; 45 mm
+/// wide, 33 mm deep.
 double body_outline(Vec2 p) {
   const double front = norm(p - Vec2{std::clamp(p.x, -2.5, 2.5), 2.0}) - 20.3;
   const double rear = smooth_max(p.y - 16.5, 29.5 - norm(p - Vec2{0, 45.0}), 1.0);
@@ -49,20 +49,21 @@ BodySample sample_body(Vec3 p) {
           std::clamp(0.5 + 0.5 * (end - side), 0.0, 1.0)};
 }
 
-/// A ball that contains a part, to skip the part where it is too far away to matter.
-/// The part's distance is max(its own, the ball's): the same solid, still 1-Lipschitz,
-/// and never below the ball's, so that skipping it does not change the result.
+/// A ball that contains a solid, so that the solid can be skipped if it is too far away to matter.
+/// The solid's distance is max(its own, the ball's): the same solid, still 1-Lipschitz, and never
+/// below the ball's distance, so that skipping it does not change the result.
 struct Ball {
   Vec3 centre;
   double radius;
   double distance(Vec3 p) const { return sphere_distance(p, centre, radius); }
 };
 
-/// Adds a part to the union d, blended over k. `part` gives its distance; called only if near.
-template <typename Part>
-double add(double d, Vec3 p, Ball ball, double k, const Part& part) {
+/// Adds a solid to the union d, blended over k. `solid` gives its distance; it is called only if
+/// near.
+template <typename Solid>
+double add(double d, Vec3 p, Ball ball, double k, const Solid& solid) {
   const double bound = ball.distance(p);
-  return bound >= d + k ? d : smooth_min(d, std::max(part(), bound), k);
+  return bound >= d + k ? d : smooth_min(d, std::max(solid(), bound), k);
 }
 
 /// p in a frame rotated about the z axis through the centre, with x along (c, s).
@@ -71,7 +72,7 @@ Vec3 rotated(Vec3 p, Vec3 centre, double c, double s) {
   return {c * w.x + s * w.y, -s * w.x + c * w.y, w.z};
 }
 
-/// Direction of the facet joints in the transverse plane (x >= 0), front to rear.
+/// Direction of the facet joints in the axial plane (x >= 0), front to rear.
 constexpr Vec2 kFacetAlong{0.450, 0.893};
 
 /// The inferior articular process (x >= 0): down from the lamina, oblong along the
@@ -93,7 +94,7 @@ double pedicle(Vec3 p) {
 
 double lamina(Vec3 p) {
   constexpr Vec2 kStart{14.6, 27.4};
-  constexpr Vec2 kAlong{-0.80, 0.60};  // in the transverse plane, length 1
+  constexpr Vec2 kAlong{-0.80, 0.60};  // in the axial plane, length 1
   constexpr std::array<Vec2, 4> kPlate{{{0, 5.0}, {18.0, 0.5}, {18.0, -13.0}, {0, -10.5}}};
   const Vec2 w = Vec2{p.x, p.y} - kStart;
   return plate_distance(polygon_distance({dot(w, kAlong), p.z}, kPlate), cross(kAlong, w), 0.9,
@@ -165,7 +166,7 @@ BoneSample sample_vertebra(Vec3 p) {
   return {d, shell + (kCorticalArch_mm - shell) * to_arch};
 }
 
-/// Bound of a whole vertebra: a ball between two planes. Used like the ball of a part.
+/// Bound of a whole vertebra: a ball between two planes. It serves like the ball of a solid.
 double vertebra_bound(Vec3 p) {
   constexpr Ball kBall{{0, 27, -4}, 56};
   return std::max({kBall.distance(p), -32.0 - p.z, p.z - 24.0});
@@ -184,7 +185,7 @@ double disc_column_distance_mm(Vec3 p) {
 }
 
 BoneSample sample_bone(Vec3 p) {
-  // The nearest vertebra first; another one only if its bound is nearer.
+  // Evaluate the nearest vertebra first, and another one only if its bound is nearer.
   const double level = std::clamp(std::round(p.z / kVertebraPitch_mm), -1.0, 1.0);
   BoneSample best{std::numeric_limits<double>::infinity(), kCorticalBody_mm};
   for (const double other : {0.0, -1.0, 1.0}) {

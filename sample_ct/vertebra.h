@@ -6,6 +6,7 @@
 // Anatomical frame (mm): x to the patient's left, y to the back, z up; origin
 // at the middle of the vertebral body of the middle vertebra. Left and right are
 // mirror images. Proportions follow a clinical CT of an L3 (see README.md).
+// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include "sample_ct/sdf.h"

@@ -17,7 +17,7 @@
 
 #include "sample_ct/random.h"
 
-// DCMTK last: its configuration header defines names of its own.
+// DCMTK comes last, because its configuration header defines names of its own.
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scan as a DICOM series: CT Image Storage, explicit VR little endian, one file for
 // each slice, stored values = HU + 1024 in 12 of 16 bits.
+// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <filesystem>

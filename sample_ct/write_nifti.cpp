@@ -84,7 +84,8 @@ Result<std::vector<std::uint8_t>> gzip(const std::vector<std::uint8_t>& bytes) {
 Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file) {
   const Result<nifti_1_header> header = make_header(scan);
   if (!header) return header.error();
-  constexpr std::size_t kDataOffset = 352;  // the header and four bytes: no extension
+  constexpr std::size_t kDataOffset =
+      352;  // the header, and four bytes that state that there is no extension
   static_assert(sizeof(nifti_1_header) == 348);
   std::vector<std::uint8_t> bytes(kDataOffset + scan.hu.size() * sizeof(std::int16_t));
   std::memcpy(bytes.data(), &*header, sizeof(nifti_1_header));

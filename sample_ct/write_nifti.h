@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scan as one NIfTI-1 file: int16 HU, qform and sform to RAS in mm, agreeing with
 // the DICOM series' LPS geometry.
+// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <filesystem>
@@ -11,8 +12,8 @@
 
 namespace trocar::sample {
 
-/// Writes a .nii.gz, whole or not at all. The same scan gives the same bytes: the
-/// gzip header has no name and no time.
+/// Writes a .nii.gz atomically. The same scan gives the same bytes: the gzip header has no name and
+/// no time.
 Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file);
 
 std::string nifti_library_version();

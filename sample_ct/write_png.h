@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scan as images like the paper's: one 24-bit colour PNG for each slice, grey in all
-// channels.
+// The scan as images like the paper's: for each slice one 24-bit PNG, grey in all three channels.
+// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <filesystem>

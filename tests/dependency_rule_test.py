@@ -1,31 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""dependency_rule_test.py SOURCE BUILD [PROGRAM]: which folder may include which.
+"""Which folder may include which.
 
 Read from the compiler's dependency files (`ninja -t deps`), from the sources'
-#include lines, and from what the dynamic linker loads for PROGRAM (trocar-run):
+#include lines, from the list of libraries that CMake writes (library_links.txt), and from
+what the dynamic linker loads for trocar-run:
 
  1. formats includes neither pipeline nor runtime; pipeline and runtime never include
     each other; none of the three includes sample_ct or tests.
  2. formats and runtime include neither OpenCV nor CGAL nor GMP/MPFR nor Boost
-    (runtime/console alone may use Boost); PROGRAM loads none of their libraries. No header
+    (runtime/console alone may use Boost); trocar-run loads none of their libraries. No header
     of runtime reaches nlohmann/json, and of formats only FORMATS_JSON_HEADERS do.
  3. Only formats (and tests that look inside files) include tinygltf or Draco.
  4. Every source file carries the SPDX line of its folder: Apache-2.0, but
     GPL-3.0-or-later in pipeline/ and in tests that include pipeline or CGAL.
- 5. A room (sub-folder) of formats, pipeline and runtime includes only rooms that stand
-    before it in scripts/lib/rooms.py, so that no include runs back up; the picture of
-    the rooms in ARCHITECTURE.md is up to date.
+ 5. A sub-folder of formats, pipeline and runtime includes only folders that stand
+    before it in scripts/lib/folders.py, so that no include runs back up; the picture of
+    the folders in ARCHITECTURE.md is up to date.
+ 6. No file includes itself through others, and no library links itself through others.
 
-A self-check first shows that every rule fails on a made-up tree that breaks it.
+For each rule, a test shows that it fails on a made-up tree that breaks it.
 """
 import pathlib
 import re
 import subprocess
-import sys
-import tempfile
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "scripts" / "lib"))
-import rooms  # noqa: E402
+import folders
+import pytest
+from programs import BUILD, PROGRAMS, SOURCE
 
 OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
 MAY_NOT_INCLUDE_FOLDER = {
@@ -52,16 +53,19 @@ MAY_NOT_INCLUDE_LIBRARY = {
     "tests": set(),
 }
 # The headers of formats that are for .cpp files that work on JSON.
-FORMATS_JSON_HEADERS = {"formats/asset/gltf_writer.h", "formats/asset/slice_payload.h",
-                        "formats/base/json_text.h", "formats/base/strict_json.h"}
+FORMATS_JSON_HEADERS = {"formats/asset/decode_surfaces.h", "formats/asset/gltf_document.h",
+                        "formats/asset/gltf_elements.h", "formats/asset/gltf_writer.h",
+                        "formats/asset/slice_payload.h", "formats/asset/stated_entries.h",
+                        "formats/base/json_text.h", "formats/base/strict_json.h",
+                        "formats/session/scene_readers.h"}
 FORBIDDEN_SHARED = re.compile(r"lib(opencv_\w+|gmp|gmpxx|mpfr|boost_\w+|CGAL\w*)\.so")
 APACHE, GPL = "Apache-2.0", "GPL-3.0-or-later"
 LICENSED = ("*.h", "*.cpp", "*.py", "*.mjs", "*.js", "*.cmake", "CMakeLists.txt")
 
 
-def folder_of(path, source):
+def top_folder_of(path, source):
     """The folder of OURS that an absolute path lies in, or None."""
-    first = rooms.top_folder(path, source)
+    first = folders.top_folder(path, source)
     return first if first in OURS else None
 
 
@@ -81,7 +85,7 @@ def check_units(units, source):
         name = str(unit.relative_to(source))
         owner = name.split("/")[0]
         for path in included:
-            theirs = folder_of(path, source)
+            theirs = top_folder_of(path, source)
             if theirs in MAY_NOT_INCLUDE_FOLDER[owner]:
                 broken.append(f"{name} includes {path.relative_to(source)}")
             if theirs is None:
@@ -96,7 +100,7 @@ def check_include_lines(source):
     for folder in OURS:
         for pattern in ("*.h", "*.cpp"):
             for path in sorted((source / folder).rglob(pattern)):
-                for name in rooms.INCLUDE.findall(path.read_text(encoding="utf-8", errors="replace")):
+                for name in folders.INCLUDE.findall(path.read_text(encoding="utf-8", errors="replace")):
                     if name.split("/")[0] in MAY_NOT_INCLUDE_FOLDER[folder]:
                         broken.append(f'{path.relative_to(source)} includes "{name}"')
     return broken
@@ -134,8 +138,8 @@ def check_licences(source, units):
     """Rule 4. `units` shows which tests include pipeline or CGAL, directly or not."""
     broken = []
     gpl_tests = {unit for unit, included in units.items()
-                 if folder_of(unit, source) == "tests" and any(
-                     folder_of(path, source) == "pipeline" or "CGAL" in libraries_of(str(path))
+                 if top_folder_of(unit, source) == "tests" and any(
+                     top_folder_of(path, source) == "pipeline" or "CGAL" in libraries_of(str(path))
                      for path in included)}
     scripts = [p for p in sorted((source / "scripts").rglob("*")) if p.is_file() and p.suffix == ""]
     files = scripts + [source / "CMakeLists.txt"]
@@ -164,160 +168,197 @@ def check_program(ldd_output, program):
             if FORBIDDEN_SHARED.search(line)]
 
 
-def units_from(deps_text, commands, source, build):
-    """{our translation unit: [what it includes]}, and our units that have not been built."""
-    return rooms.units_of(deps_text, commands, source, build, OURS)
-
-
-def check_rooms(source, units):
+def check_folders(source, units):
     """Rule 5."""
-    broken = rooms.check(rooms.include_lines(source), {unit: paths for unit, paths in units.items() if folder_of(unit, source) in rooms.FOLDERS}, source)
+    lines = folders.include_lines(source)
+    product = {unit: paths for unit, paths in units.items() if top_folder_of(unit, source) in folders.PRODUCT}
+    broken = folders.check(lines, product, source)
     page = source / "ARCHITECTURE.md"
-    text = page.read_text(encoding="utf-8") if page.exists() else ""
-    if not broken and rooms.replaced(text, rooms.edges_of(rooms.include_lines(source))) != text:
-        broken.append("ARCHITECTURE.md: the picture of the rooms is missing or out of date; scripts/rooms renews it")
+    if not broken and folders.replaced(page.read_text(encoding="utf-8"), folders.edges_of(lines)) != page.read_text(encoding="utf-8"):
+        broken.append("ARCHITECTURE.md: the picture of the folders is missing or out of date; scripts/folders renews it")
     return broken
 
 
-def self_check_rooms():
-    """A made-up tree with an include upwards, one in a circle, a file in no room and an include by a relative path."""
-    with tempfile.TemporaryDirectory() as folder:
-        source = pathlib.Path(folder).resolve()
-        files = {
-            "formats/base/result.h": "",
-            "formats/geometry/lattice.h": '#include "formats/base/result.h"\n',
-            "formats/asset/asset.h": '#include "formats/geometry/lattice.h"\n#include "formats/base/result.h"\n',
-            "runtime/mesh/sheet.cpp": '#include "formats/asset/asset.h"\n#include <vector>\n',
-        }
-
-        def write(more):
-            for name, text in {**files, **more}.items():
-                path = source / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(text)
-            return rooms.include_lines(source)
-
-        unit = source / "runtime/mesh/sheet.cpp"
-        units = {unit: [unit, source / "formats/asset/asset.h", source / "formats/base/result.h", pathlib.Path("/usr/include/vector")]}
-        lines = write({})
-        assert rooms.check(lines, units, source) == []
-        edges = rooms.edges_of(lines)
-        assert len(edges) == 4
-        assert rooms.reduced(edges) == [("runtime/mesh", "formats/asset"), ("formats/asset", "formats/geometry"), ("formats/geometry", "formats/base")]
-        picture = rooms.mermaid(edges)
-        assert picture.count(" --> ") == 3 and "  runtime_mesh --> formats_asset\n" in picture
-        page = f"before\n{rooms.BEGIN}\nold\n{rooms.END}\nafter\n"
-        renewed = rooms.replaced(page, edges)
-        assert picture in renewed and renewed.startswith("before\n") and renewed.endswith("\nafter\n") and "old" not in renewed
-        assert rooms.replaced(renewed, edges) == renewed and rooms.replaced("no marks", edges) is None
-
-        broken = rooms.check(write({"formats/base/result.h": '#include "formats/asset/asset.h"\n'}), units, source)
-        assert len(broken) == 1 and broken[0].startswith("formats/base must not include formats/asset"), broken
-        broken = rooms.check(write({"formats/geometry/lattice.h": '#include "formats/asset/asset.h"\n'}), {}, source)
-        assert len(broken) == 1 and broken[0].startswith("formats/geometry must not include formats/asset"), broken
-        broken = rooms.check(write({"runtime/mesh/sheet.cpp": '#include "../../formats/asset/asset.h"\n'}), units, source)
-        assert broken and all(line.startswith("runtime/mesh/sheet.cpp depends on formats/") for line in broken), broken
-        broken = rooms.check(write({"runtime/elsewhere/x.h": ""}), {}, source)
-        assert broken == ["runtime/elsewhere/x.h is in no room of scripts/lib/rooms.py"], broken
+def check_circles(source, library_links):
+    """Rule 6. `library_links` has a line "LIBRARY: ITEM ..." for each library; an item may be a generator expression."""
+    links = dict(line.split(": ", 1) for line in library_links.splitlines())
+    libraries = {name: [item for item in re.findall(r"[\w.+-]+", items) if item in links] for name, items in links.items()}
+    return [f"circle of {kind}: {' -> '.join(circle)}" for kind, graph in (("includes", folders.include_lines(source)), ("libraries", libraries))
+            for circle in folders.circles(graph)]
 
 
-def self_check():
-    """A made-up project that breaks rules 1 to 4 once each; each must be found, and nothing else."""
-    with tempfile.TemporaryDirectory() as folder:
-        source = pathlib.Path(folder).resolve()
-        build = source / "build" / "x"
-        build.mkdir(parents=True)
-        cases = {  # unit: (what it includes, the complaint it must raise or None)
-            "formats/a.cpp": (["../../runtime/r.h"], "formats/a.cpp includes runtime/r.h"),
-            "formats/b.cpp": (["/usr/include/gmp.h"], "formats/b.cpp includes GMP/MPFR"),
-            "formats/ok.cpp": (["../../formats/f.h", "/usr/include/draco/x.h",
-                                "/usr/include/tiny_gltf.h"], None),
-            "pipeline/a.cpp": (["../../runtime/r.h"], "pipeline/a.cpp includes runtime/r.h"),
-            "pipeline/b.cpp": (["/usr/include/draco/x.h"], "pipeline/b.cpp includes Draco"),
-            "pipeline/ok.cpp": (["/usr/include/CGAL/x.h", "/usr/include/boost/x.hpp"], None),
-            "runtime/a.cpp": (["../../pipeline/p.h"], "runtime/a.cpp includes pipeline/p.h"),
-            "runtime/b.cpp": (["/usr/include/opencv4/opencv2/core.hpp"], "runtime/b.cpp includes OpenCV"),
-            "runtime/c.cpp": (["/usr/include/CGAL/x.h"], "runtime/c.cpp includes CGAL"),
-            "runtime/d.cpp": (["/usr/include/boost/x.hpp"], "runtime/d.cpp includes Boost"),
-            "runtime/e.cpp": (["/usr/include/tiny_gltf.h"], "runtime/e.cpp includes tinygltf"),
-            "runtime/console/ok.cpp": (["/usr/include/boost/beast.hpp"], None),
-            "tests/ok.cpp": (["../../pipeline/p.h", "../../runtime/r.h"], None),
-        }
-        listing, commands = "", []
-        for name, (included, _) in cases.items():
-            path = source / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(f"// SPDX-License-Identifier: {APACHE}\n")
-            commands.append({"file": str(path), "output": f"{name}.o"})
-            listing += f"{name}.o: #deps {len(included)}, deps mtime 1 (VALID)\n"
-            listing += "".join(f"    {f}\n" for f in included) + "\n"
-        commands.append({"file": str(source / "formats/unbuilt.cpp"), "output": "unbuilt.o"})
-        (source / "pipeline/p.h").write_text(f"// SPDX-License-Identifier: {GPL}\n")
-        (source / "runtime/r.h").write_text('#include "pipeline/p.h"\n')
-        (source / "scripts").mkdir()
-        (source / "CMakeLists.txt").write_text(f"# SPDX-License-Identifier: {APACHE}\n")
+def broken_rules(lines):
+    """Fails with the broken rules, one a line."""
+    assert not lines, "\n" + "\n".join(lines)
 
-        units, unbuilt = units_from(listing, commands, source, build)
-        assert unbuilt == ["formats/unbuilt.cpp"], unbuilt
-        found = check_units(units, source)
-        for complaint in filter(None, (c for _, c in cases.values())):
-            assert sum(f.startswith(complaint) for f in found) == 1, (complaint, found)
-        assert len(found) == sum(c is not None for _, c in cases.values()), found
-        assert check_include_lines(source) == ['runtime/r.h includes "pipeline/p.h"']
 
-        (source / "formats/base").mkdir()
-        (source / "formats/base/json_text.h").write_text("#include <nlohmann/json.hpp>\n")
-        (source / "formats/asset.h").write_text("#include <nlohmann/json_fwd.hpp>\n")
-        (source / "formats/f.h").write_text('#include "formats/g.h"\n')
-        (source / "formats/g.h").write_text('#include "formats/f.h"\n')
-        (source / "runtime/s.h").write_text('#include "runtime/t.h"\n')
-        (source / "runtime/t.h").write_text('#include "formats/f.h"\n'
-                                            '#include "formats/base/json_text.h"\n')
-        assert check_json_headers(source) == [
-            "runtime/s.h reaches nlohmann/json: runtime/s.h -> runtime/t.h -> "
-            "formats/base/json_text.h -> nlohmann/json.hpp",
-            "runtime/t.h reaches nlohmann/json: runtime/t.h -> "
-            "formats/base/json_text.h -> nlohmann/json.hpp",
-            "formats/asset.h reaches nlohmann/json: formats/asset.h -> nlohmann/json_fwd.hpp"]
-        for name in ("s", "t"):
-            (source / f"runtime/{name}.h").unlink()
-        for name in ("base/json_text", "asset", "f", "g"):
-            (source / f"formats/{name}.h").unlink()
+@pytest.fixture(scope="module", name="units")
+def units_of_build():
+    """{translation unit of ours: [what it includes]}."""
+    units, unbuilt = folders.units_of(*folders.read_build(BUILD), SOURCE, BUILD, OURS)
+    assert not unbuilt, f"build everything first: {len(unbuilt)} translation units have not been built, such as {unbuilt[0]}"
+    for folder in folders.PRODUCT:
+        assert any(top_folder_of(unit, SOURCE) == folder for unit in units), f"no translation unit of {folder}/: the check would be empty"
+    return units
 
-        licences = check_licences(source, units)
-        assert any(f.startswith("pipeline/a.cpp is marked Apache-2.0") for f in licences), licences
-        assert any(f.startswith("runtime/r.h has no SPDX line") for f in licences), licences
-        assert any(f.startswith("tests/ok.cpp is marked Apache-2.0") for f in licences), licences
-        assert not any(f.startswith("formats/") for f in licences), licences
+
+def test_includes_of_units(units):
+    broken_rules(check_units(units, SOURCE))
+
+
+def test_include_lines():
+    broken_rules(check_include_lines(SOURCE))
+
+
+def test_json_headers():
+    broken_rules(check_json_headers(SOURCE))
+
+
+def test_licences(units):
+    broken_rules(check_licences(SOURCE, units))
+
+
+def test_order_of_folders(units):
+    broken_rules(check_folders(SOURCE, units))
+
+
+def test_circles():
+    broken_rules(check_circles(SOURCE, (BUILD / "library_links.txt").read_text()))
+
+
+def test_loaded_libraries():
+    program = PROGRAMS / "trocar-run"
+    broken_rules(check_program(subprocess.run(["ldd", program], check=True, stdout=subprocess.PIPE, text=True).stdout, program))
+
+
+# Made-up trees that break the rules.
+
+
+def write_tree(source, files):
+    for name, text in files.items():
+        path = source / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+ORDERED = {
+    "formats/base/result.h": "",
+    "formats/geometry/lattice.h": '#include "formats/base/result.h"\n',
+    "formats/asset/asset.h": '#include "formats/geometry/lattice.h"\n#include "formats/base/result.h"\n',
+    "runtime/sheet_mesh/sheet.cpp": '#include "formats/asset/asset.h"\n#include <vector>\n',
+}
+
+
+def test_picture_of_folders(tmp_path):
+    write_tree(tmp_path, ORDERED)
+    edges = folders.edges_of(folders.include_lines(tmp_path))
+    assert len(edges) == 4
+    assert folders.reduced(edges) == [("runtime/sheet_mesh", "formats/asset"), ("formats/asset", "formats/geometry"), ("formats/geometry", "formats/base")]
+    picture = folders.mermaid(edges)
+    assert picture.count(" --> ") == 3 and "  runtime_sheet_mesh --> formats_asset\n" in picture
+    page = f"before\n{folders.BEGIN}\noutdated\n{folders.END}\nafter\n"
+    renewed = folders.replaced(page, edges)
+    assert picture in renewed and renewed.startswith("before\n") and renewed.endswith("\nafter\n") and "outdated" not in renewed
+    assert folders.replaced(renewed, edges) == renewed and folders.replaced("no marks", edges) is None
+
+
+@pytest.mark.parametrize("file, text, complaint", [
+    ("formats/base/result.h", '#include "formats/asset/asset.h"\n', "formats/base must not include formats/asset"),
+    ("formats/geometry/lattice.h", '#include "formats/base/result.h"\n#include "formats/asset/asset.h"\n', "formats/geometry must not include formats/asset"),
+    ("pipeline/contour/x.h", '#include "pipeline/scan/y.h"\n', "pipeline/contour must not include pipeline/scan"),
+    ("runtime/elsewhere/x.h", "", "runtime/elsewhere/x.h: its folder is missing"),
+])
+def test_broken_order_of_folders(tmp_path, file, text, complaint):
+    write_tree(tmp_path, ORDERED)
+    sheet = tmp_path / "runtime/sheet_mesh/sheet.cpp"
+    units = {sheet: [sheet, tmp_path / "formats/asset/asset.h", tmp_path / "formats/base/result.h", pathlib.Path("/usr/include/vector")]}
+    assert folders.check(folders.include_lines(tmp_path), units, tmp_path) == []
+    write_tree(tmp_path, {file: text})
+    broken = folders.check(folders.include_lines(tmp_path), units, tmp_path)
+    assert len(broken) == 1 and broken[0].startswith(complaint), broken
+    # An include by a relative path is an edge that the include lines do not show.
+    write_tree(tmp_path, {**ORDERED, file: ORDERED.get(file, ""), "runtime/sheet_mesh/sheet.cpp": '#include "../../formats/asset/asset.h"\n'})
+    broken = folders.check(folders.include_lines(tmp_path), units, tmp_path)
+    assert any(line.startswith("runtime/sheet_mesh/sheet.cpp depends on formats/") for line in broken), broken
+
+
+def test_circles_are_found(tmp_path):
+    write_tree(tmp_path, ORDERED)
+    assert check_circles(tmp_path, "a: b;$<LINK_ONLY:c> zlib\nb: c\nc: NOTFOUND\n") == []
+    write_tree(tmp_path, {"formats/base/a.h": '#include "formats/base/b.h"\n', "formats/base/b.h": '#include "formats/base/c.h"\n',
+                          "formats/base/c.h": '#include "formats/base/a.h"\n'})
+    broken = check_circles(tmp_path, "a: b;$<LINK_ONLY:c> zlib\nb: \nc: $<$<CONFIG:Release>:a>\n")
+    assert len(broken) == 2, broken
+    assert broken[0].startswith("circle of includes: ") and sorted(broken[0].split(" -> ")[1:]) == [f"formats/base/{x}.h" for x in "abc"], broken
+    assert broken[1] in ("circle of libraries: a -> c -> a", "circle of libraries: c -> a -> c"), broken
+
+
+CASES = {  # unit: (what it includes, the complaint it must raise or None)
+    "formats/a.cpp": (["../../runtime/r.h"], "formats/a.cpp includes runtime/r.h"),
+    "formats/b.cpp": (["/usr/include/gmp.h"], "formats/b.cpp includes GMP/MPFR"),
+    "formats/ok.cpp": (["../../formats/f.h", "/usr/include/draco/x.h",
+                        "/usr/include/tiny_gltf.h"], None),
+    "pipeline/a.cpp": (["../../runtime/r.h"], "pipeline/a.cpp includes runtime/r.h"),
+    "pipeline/b.cpp": (["/usr/include/draco/x.h"], "pipeline/b.cpp includes Draco"),
+    "pipeline/ok.cpp": (["/usr/include/CGAL/x.h", "/usr/include/boost/x.hpp"], None),
+    "runtime/a.cpp": (["../../pipeline/p.h"], "runtime/a.cpp includes pipeline/p.h"),
+    "runtime/b.cpp": (["/usr/include/opencv4/opencv2/core.hpp"], "runtime/b.cpp includes OpenCV"),
+    "runtime/c.cpp": (["/usr/include/CGAL/x.h"], "runtime/c.cpp includes CGAL"),
+    "runtime/d.cpp": (["/usr/include/boost/x.hpp"], "runtime/d.cpp includes Boost"),
+    "runtime/e.cpp": (["/usr/include/tiny_gltf.h"], "runtime/e.cpp includes tinygltf"),
+    "runtime/console/ok.cpp": (["/usr/include/boost/beast.hpp"], None),
+    "tests/ok.cpp": (["../../pipeline/p.h", "../../runtime/r.h"], None),
+}
+
+
+@pytest.fixture(name="made_up")
+def made_up_project(tmp_path):
+    """The folder of a project of CASES, and its units."""
+    build = tmp_path / "build" / "x"
+    build.mkdir(parents=True)
+    listing, commands = "", []
+    for name, (included, _) in CASES.items():
+        write_tree(tmp_path, {name: f"// SPDX-License-Identifier: {APACHE}\n"})
+        commands.append({"file": str(tmp_path / name), "output": f"{name}.o"})
+        listing += f"{name}.o: #deps {len(included)}, deps mtime 1 (VALID)\n"
+        listing += "".join(f"    {f}\n" for f in included) + "\n"
+    commands.append({"file": str(tmp_path / "formats/unbuilt.cpp"), "output": "unbuilt.o"})
+    write_tree(tmp_path, {"pipeline/p.h": f"// SPDX-License-Identifier: {GPL}\n", "runtime/r.h": '#include "pipeline/p.h"\n',
+                          "scripts/nothing.py": f"# SPDX-License-Identifier: {APACHE}\n",
+                          "CMakeLists.txt": f"# SPDX-License-Identifier: {APACHE}\n"})
+    units, unbuilt = folders.units_of(listing, commands, tmp_path, build, OURS)
+    assert unbuilt == ["formats/unbuilt.cpp"]
+    return tmp_path, units
+
+
+def test_broken_includes(made_up):
+    source, units = made_up
+    found = check_units(units, source)
+    for complaint in filter(None, (c for _, c in CASES.values())):
+        assert sum(f.startswith(complaint) for f in found) == 1, (complaint, found)
+    assert len(found) == sum(c is not None for _, c in CASES.values()), found
+    assert check_include_lines(source) == ['runtime/r.h includes "pipeline/p.h"']
+
+
+def test_broken_json_headers(tmp_path):
+    write_tree(tmp_path, {
+        "formats/base/json_text.h": "#include <nlohmann/json.hpp>\n", "formats/asset.h": "#include <nlohmann/json_fwd.hpp>\n",
+        "formats/f.h": '#include "formats/g.h"\n', "formats/g.h": '#include "formats/f.h"\n',
+        "runtime/s.h": '#include "runtime/t.h"\n', "runtime/t.h": '#include "formats/f.h"\n#include "formats/base/json_text.h"\n'})
+    assert check_json_headers(tmp_path) == [
+        "runtime/s.h reaches nlohmann/json: runtime/s.h -> runtime/t.h -> formats/base/json_text.h -> nlohmann/json.hpp",
+        "runtime/t.h reaches nlohmann/json: runtime/t.h -> formats/base/json_text.h -> nlohmann/json.hpp",
+        "formats/asset.h reaches nlohmann/json: formats/asset.h -> nlohmann/json_fwd.hpp"]
+
+
+def test_broken_licences(made_up):
+    licences = check_licences(*made_up)
+    assert any(f.startswith("pipeline/a.cpp is marked Apache-2.0") for f in licences), licences
+    assert any(f.startswith("runtime/r.h has no SPDX line") for f in licences), licences
+    assert any(f.startswith("tests/ok.cpp is marked Apache-2.0") for f in licences), licences
+    assert not any(f.startswith("formats/") for f in licences), licences
+
+
+def test_forbidden_loaded_libraries():
     loaded = "\tlibc.so.6 => x\n\tlibgmp.so.10 => x\n\tlibopencv_core.so.406 => x\n\tlibboost_log.so.1 => x\n"
     assert len(check_program(loaded, "p")) == 3
-
-
-def main():
-    if len(sys.argv) not in (3, 4):
-        print("usage: dependency_rule_test.py SOURCE BUILD [PROGRAM]", file=sys.stderr)
-        return 2
-    self_check()
-    self_check_rooms()
-    source, build = (pathlib.Path(a).resolve() for a in sys.argv[1:3])
-    listing, commands = rooms.read_build(build)
-    units, unbuilt = units_from(listing, commands, source, build)
-    broken = [f"{name} has not been built: build everything first" for name in unbuilt]
-    for folder in ("formats", "pipeline", "runtime"):
-        if not any(folder_of(unit, source) == folder for unit in units):
-            broken.append(f"no translation unit of {folder}/ found: the check would be empty")
-    broken += check_units(units, source) + check_include_lines(source)
-    broken += check_rooms(source, units) + check_licences(source, units)
-    if len(sys.argv) == 4:
-        program = sys.argv[3]
-        loaded = subprocess.run(["ldd", program], check=True, stdout=subprocess.PIPE, text=True)
-        broken += check_program(loaded.stdout, program)
-    broken += check_json_headers(source)
-    for line in broken:
-        print(line)
-    print(f"{len(units)} translation units, {len(broken)} broken rules")
-    return 1 if broken else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,8 +11,10 @@ set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # made once (e2e/CMakeLists.
 
 # trocar_test(NAME LABEL LIBS...): NAME.cpp of this folder as a GoogleTest program, run as
 # one ctest test with the label (unit, property, golden, fuzz or e2e).
-function(trocar_test name label)
-  add_executable(${name} ${name}.cpp)
+# trocar_test(PATH LABEL LIBRARIES...): the test PATH.cpp, named after the file.
+function(trocar_test path label)
+  get_filename_component(name ${path} NAME)
+  add_executable(${name} ${path}.cpp)
   target_link_libraries(${name} PRIVATE ${ARGN} trocar_flags GTest::gtest GTest::gtest_main)
   target_compile_definitions(${name} PRIVATE TROCAR_CORPUS="${CMAKE_SOURCE_DIR}/tests/corpus")
   if(TROCAR_SANITIZE)
@@ -24,17 +26,54 @@ endfunction()
 
 # trocar_asset_test(NAME LABEL LIBS...): as trocar_test, with the assets of the scans in the folder of the
 # environment variable TROCAR_ASSETS.
-function(trocar_asset_test name label)
-  trocar_test(${name} ${label} ${ARGN})
+function(trocar_asset_test path label)
+  get_filename_component(name ${path} NAME)
+  trocar_test(${path} ${label} ${ARGN})
   set_tests_properties(${name} PROPERTIES FIXTURES_REQUIRED scan_assets
     ENVIRONMENT "TROCAR_ASSETS=${TROCAR_TEST_ASSETS}")
 endfunction()
 
-# trocar_script_test(NAME LABEL SCRIPT ARGUMENTS...): a Python test; exit code 77 means skipped.
+# trocar_script_test(NAME LABEL SCRIPT OPTIONS...): a Python test, run by pytest with OPTIONS. Exit code 77 means that all its
+# tests were skipped. support/programs.py reads the environment.
 function(trocar_script_test name label script)
+  add_test(NAME ${name} COMMAND ${TROCAR_PYTHON} -B -m pytest ${CMAKE_CURRENT_SOURCE_DIR}/${script} ${ARGN})
+  trocar_script_properties(${name} ${label})
+endfunction()
+
+set(TROCAR_PYTHON_FOLDERS tests/support tests/e2e tests/formats/session tests/pipeline/read/dicom scripts/lib)
+# trocar_plain_script_test(NAME LABEL SCRIPT ARGUMENTS...): a Python program as a test.
+function(trocar_plain_script_test name label script)
   add_test(NAME ${name} COMMAND ${TROCAR_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/${script} ${ARGN})
-  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 SKIP_RETURN_CODE 77
-    ENVIRONMENT "TROCAR_REAL_CT=${TROCAR_REAL_CT};TROCAR_SANITIZE=${TROCAR_SANITIZE}")
+  trocar_script_properties(${name} ${label})
+  # The folders of pytest.ini's pythonpath.
+  list(TRANSFORM TROCAR_PYTHON_FOLDERS PREPEND ${CMAKE_SOURCE_DIR}/ OUTPUT_VARIABLE folders)
+  list(JOIN folders ":" path)
+  set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT "PYTHONPATH=${path}")
+endfunction()
+
+function(trocar_script_properties name label)
+  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 SKIP_RETURN_CODE 77 ENVIRONMENT
+    "TROCAR_REAL_CT=${TROCAR_REAL_CT};TROCAR_SANITIZE=${TROCAR_SANITIZE};TROCAR_BUILD=${CMAKE_BINARY_DIR};TROCAR_WORK=${TROCAR_E2E}/${name}")
+endfunction()
+
+# trocar_write_links(FILE): writes a line "LIBRARY: ITEM ..." for each target of the product, with what it links privately
+# or passes on, for dependency_rule_test.py.
+function(trocar_write_links file)
+  set(folders formats pipeline runtime)
+  set(lines "")
+  while(folders)
+    list(POP_FRONT folders folder)
+    get_property(inner DIRECTORY ${CMAKE_SOURCE_DIR}/${folder} PROPERTY SUBDIRECTORIES)
+    list(TRANSFORM inner REPLACE "^${CMAKE_SOURCE_DIR}/" "")
+    list(APPEND folders ${inner})
+    get_property(targets DIRECTORY ${CMAKE_SOURCE_DIR}/${folder} PROPERTY BUILDSYSTEM_TARGETS)
+    foreach(target ${targets})
+      get_target_property(links ${target} LINK_LIBRARIES)
+      get_target_property(passed_on ${target} INTERFACE_LINK_LIBRARIES)
+      string(APPEND lines "${target}: ${links} ${passed_on}\n")
+    endforeach()
+  endwhile()
+  file(WRITE ${file} "${lines}")
 endfunction()
 
 # trocar_wall_clock(NAMES...): labels tests of this folder that run in real time or compare times. A machine that stands

@@ -27,14 +27,14 @@ bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t whole) 
   return offset <= whole && size <= whole - offset;
 }
 
-// CRC-32, continued from `before`. No bytes leave it unchanged: crc32_z() would take a null pointer
-// for the start of a new checksum.
+// CRC-32, continued from `before`. Empty input is handled here because crc32_z() takes a null
+// pointer for the start of a new checksum.
 std::uint32_t checksum_of(std::span<const std::uint8_t> bytes, std::uint32_t before = 0) {
   if (bytes.empty()) return before;
   return static_cast<std::uint32_t>(crc32_z(before, bytes.data(), bytes.size()));
 }
 
-// The record as the file has it, with this checksum.
+// The record's bytes in the file, with this checksum.
 std::vector<std::uint8_t> record_bytes(const IndexedFile& file, const SliceRecord& r,
                                        std::uint32_t checksum) {
   std::vector<std::uint8_t> out(file.record_bytes());
@@ -54,8 +54,8 @@ std::vector<std::uint8_t> record_bytes(const IndexedFile& file, const SliceRecor
 std::uint32_t checksum_of(const IndexedFile& file, const SliceRecord& record,
                           const SliceBytes& bytes) {
   std::uint32_t sum = checksum_of(record_bytes(file, record, 0));
-  for (const auto* part : {&bytes.node, &bytes.draco, &bytes.outline, &bytes.segments})
-    sum = checksum_of(*part, sum);
+  for (const auto* section : {&bytes.node, &bytes.draco, &bytes.outline, &bytes.segments})
+    sum = checksum_of(*section, sum);
   return sum;
 }
 
@@ -66,7 +66,7 @@ Result<std::vector<std::uint8_t>> read_bytes(ByteSource& source, std::uint64_t o
   return bytes;
 }
 
-// `r` is consistent: all its bytes lie in the file.
+// Expects a consistent record: all its bytes lie in the file.
 Result<SliceBytes> unchecked_bytes(ByteSource& source, const IndexedFile& file,
                                    const SliceRecord& r) {
   SliceBytes out;
@@ -101,8 +101,8 @@ std::uint32_t checksum_of(const DocumentTexts& texts) {
   return checksum_of(texts.frame, checksum_of(texts.extras));
 }
 
-std::uint64_t record_at(const IndexedFile& file, std::uint32_t place) {
-  return file.binary_at + file.header_bytes() + place * file.record_bytes();
+std::uint64_t record_at(const IndexedFile& file, std::uint32_t i) {
+  return file.binary_at + file.header_bytes() + i * file.record_bytes();
 }
 
 bool is_consistent(const SliceRecord& r, const IndexedFile& file) {
@@ -150,11 +150,11 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source) {
   if (!found) return found.error();
   IndexHeader& h = file.header;
   std::memcpy(&h, found->header.data(), found->header.size());
-  const bool ours = found->binary_type == kGlbBinary && h.magic == kIndexMagic &&
-                    (h.version == kIndexVersion || h.version == kIndexVersion1) &&
-                    h.json_bytes == *json_bytes && h.binary_bytes == found->binary_bytes &&
-                    file.binary_at + found->binary_bytes == source.size();
-  if (!ours) return std::optional<IndexedFile>();
+  const bool is_current = found->binary_type == kGlbBinary && h.magic == kIndexMagic &&
+                          (h.version == kIndexVersion || h.version == kIndexVersion1) &&
+                          h.json_bytes == *json_bytes && h.binary_bytes == found->binary_bytes &&
+                          file.binary_at + found->binary_bytes == source.size();
+  if (!is_current) return std::optional<IndexedFile>();
   const Error misfit = refused("its slice index does not fit in the file");
   if (!file.is_schema_1()) {
     if (!lies_within(0, sizeof h, h.binary_bytes)) return misfit;
@@ -170,14 +170,14 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source) {
   return std::optional(file);
 }
 
-Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t place) {
+Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i) {
   SliceRecord out;
   if (file.is_schema_1()) {
-    const auto record = read_as<SliceRecord1>(source, record_at(file, place));
+    const auto record = read_as<SliceRecord1>(source, record_at(file, i));
     if (!record) return record.error();
     static_cast<SliceRecord1&>(out) = *record;
   } else {
-    const auto record = read_as<EntryRecord>(source, record_at(file, place));
+    const auto record = read_as<EntryRecord>(source, record_at(file, i));
     if (!record) return record.error();
     out.index = record->index;
     out.node_offset = record->node_offset;
@@ -194,30 +194,30 @@ Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std
   return out;
 }
 
-// The slices of one material mostly follow each other without a gap, so that the first place tried
-// is the right one. After that: bisection. From any record of the slice its others are next to it.
+// Usually a scan has one material and no gap, so the first guess is right; otherwise bisection
+// finds a record of the slice. The slice's other records are adjacent to it.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index) {
   const IndexHeader& h = file.header;
   const std::int64_t end = h.entries;
   std::int64_t low = 0, high = end - 1;
-  std::int64_t place = std::int64_t{index} - h.first_index;
+  std::int64_t at = std::int64_t{index} - h.first_index;
   std::vector<SliceRecord> found;
   while (found.empty() && low <= high) {
-    place = std::clamp(place, low, high);
-    const auto record = read_record(source, file, static_cast<std::uint32_t>(place));
+    at = std::clamp(at, low, high);
+    const auto record = read_record(source, file, static_cast<std::uint32_t>(at));
     if (!record) return record.error();
     if (record->index == index) {
       found.push_back(*record);
     } else {
-      (record->index < index ? low : high) = record->index < index ? place + 1 : place - 1;
-      place = low + (high - low) / 2;
+      (record->index < index ? low : high) = record->index < index ? at + 1 : at - 1;
+      at = low + (high - low) / 2;
     }
   }
   if (found.empty() || file.is_schema_1()) return found;
   for (const int step : {-1, 1}) {
-    for (std::int64_t at = place + step; at >= 0 && at < end; at += step) {
-      const auto record = read_record(source, file, static_cast<std::uint32_t>(at));
+    for (std::int64_t i = at + step; i >= 0 && i < end; i += step) {
+      const auto record = read_record(source, file, static_cast<std::uint32_t>(i));
       if (!record) return record.error();
       if (record->index != index) break;
       found.push_back(*record);
@@ -249,13 +249,13 @@ void write_index_checksums(std::span<std::uint8_t> glb) {
   IndexedFile file = **found;
   if (const auto texts = unchecked_texts(source, file)) file.header.checksum = checksum_of(*texts);
   std::memcpy(glb.data() + file.binary_at, &file.header, file.header_bytes());
-  for (std::uint32_t place = 0; place < file.header.entries; ++place) {
-    const auto record = read_record(source, file, place);
+  for (std::uint32_t i = 0; i < file.header.entries; ++i) {
+    const auto record = read_record(source, file, i);
     if (!record) continue;
     const auto bytes = unchecked_bytes(source, file, *record);
     if (!bytes) continue;
     const auto sealed = record_bytes(file, *record, checksum_of(file, *record, *bytes));
-    std::memcpy(glb.data() + record_at(file, place), sealed.data(), sealed.size());
+    std::memcpy(glb.data() + record_at(file, i), sealed.data(), sealed.size());
   }
 }
 

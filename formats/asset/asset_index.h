@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slice index of an asset: where in the file each slice's bytes are, so that a reader can read
-// the slices of a scene and nothing else. Internal to formats/. Layout to the byte: asset.md.
+// The slice index of an asset locates each slice's bytes in the file, so that a reader can read the
+// slices of a scene and nothing else. Internal to formats/. asset.md has the layout to the byte.
 //
-// It is at the start of the binary chunk: a header, then one record for each entry (a slice, or a
-// material of a slice), all of fixed size. A reader finds any slice with a few short reads: the
-// file's first 20 bytes give the start of the binary chunk, the index header the number of records,
-// and entries ascend. Records hold offsets only. Places and names stay in the JSON; a record
+// The index is at the start of the binary chunk: a header, then one record of fixed size for each
+// entry (one material of one slice). A reader finds any slice with a few short reads: the file's
+// first 20 bytes give the start of the binary chunk, the index header gives the number of records,
+// and records ascend. Records hold offsets only. Planes and names stay in the JSON, and a record
 // locates the text of its node there. Other glTF readers ignore bytes that no buffer view covers.
-// (glTF also allows a further chunk behind the binary one, but validators warn of it and tools
-// that rewrite a file drop it.)
+// (glTF also allows a further chunk after the binary one, but validators warn of it, and tools that
+// rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
-//  1. An index whose header does not state the file's own chunk sizes, or of another version,
-//     counts as absent: another tool has rewritten the file since.
-//  2. If there is an index, decode_asset() refuses the file unless every record and every text
-//     that it points to agrees with the JSON. So reading a part gives what was verified.
+//  1. An index of another version, or whose header does not state the actual chunk sizes, counts as
+//     absent, because another tool has rewritten the file.
+//  2. If there is an index, decode_asset() refuses the file unless every record and every text that
+//     it points to agrees with the JSON. So some slices, read by the index, are those verified.
 //  3. Every offset and size of a record is compared with the chunks' sizes before it is used.
 //  4. A checksum (CRC-32) covers all bytes of an entry: a changed byte is refused, even if the
 //     slice would still decode. The lines that an asset may hold for viewers are not covered.
+// Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
 #include <array>
@@ -38,37 +39,40 @@ namespace trocar {
 inline constexpr std::size_t kGlbHeader = 20;
 /// Bytes before a further chunk's data.
 inline constexpr std::size_t kGlbChunkHeader = 8;
-/// The size of a .glb's JSON chunk. Refused (without the file's name) if it is not binary glTF, or
-/// its sizes are not the file's.
+/// The size of a .glb's JSON chunk. Errors, without the file's name: (refused) the file is not
+/// binary glTF, or its size differs from the stated one.
 Result<std::uint32_t> json_bytes_of(ByteSource& source);
 
 inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', 'I', 'X'};
-/// Of assets of schema 2; those of schema 1 have kIndexVersion1.
+/// Version of the index in assets of schema 2, and in those of schema 1.
 inline constexpr std::uint32_t kIndexVersion = 3, kIndexVersion1 = 2;
 inline constexpr std::size_t kMaxSlices = 100'000;
 
-// The bytes of the file, little-endian.
+// The next three structures are the bytes of the file, little-endian.
 
 struct IndexHeader {
   std::array<char, 8> magic = kIndexMagic;
   std::uint32_t version = kIndexVersion;
   std::uint32_t entries = 0;
   std::uint32_t json_bytes = 0, binary_bytes = 0;     ///< the chunks' sizes
-  std::uint32_t extras_offset = 0, extras_bytes = 0;  ///< text of the extras, in the JSON text
-  std::uint32_t checksum = 0;                         ///< of these two texts
-  std::int32_t first_index = 0, last_index = 0;       ///< of the first and last record; 0 if none
-  std::uint32_t frame_offset = 0, frame_bytes = 0;  ///< text of the frame's node; not in version 2
+  std::uint32_t extras_offset = 0, extras_bytes = 0;  ///< the extras in the JSON text
+  std::uint32_t checksum = 0;                         ///< CRC-32 of the extras and the frame
+  std::int32_t first_index = 0,
+               last_index = 0;  ///< index in the first and last record; 0 if there is none
+  std::uint32_t frame_offset = 0,
+                frame_bytes = 0;  ///< the frame's node in the JSON text; not in version 2
 };
 
-/// Where an entry's bytes are. Offsets of the node are from the start of the JSON text, those of
-/// the payload from the start of the binary chunk's data. The payload is 0, 0 if the slice has no
-/// material.
+/// Locates an entry's bytes. Offsets of the node count from the start of the JSON text, those of
+/// the payload from the start of the binary chunk's data. Both payload fields are 0 if the slice is
+/// empty.
 struct EntryRecord {
   std::int32_t index = 0;         ///< AssetSlice::index
-  std::uint32_t node_offset = 0;  ///< text of its node, in the JSON text
+  std::uint32_t node_offset = 0;  ///< its node in the JSON text
   std::uint16_t node_bytes = 0, material = 0;
   std::uint32_t draco_offset = 0, draco_bytes = 0;
-  std::uint32_t checksum = 0;  ///< of this record without it, the node's text, and the payload
+  std::uint32_t checksum =
+      0;  ///< CRC-32 of this record with checksum 0, the node's text and the payload
 };
 
 /// The record of a slice in schema 1.
@@ -77,9 +81,9 @@ struct SliceRecord1 {
   std::uint32_t node_offset = 0, node_bytes = 0;
   std::uint32_t draco_offset = 0, draco_bytes = 0;
   std::uint32_t vertices = 0, triangles = 0;
-  LatticePoint low, high;                                      ///< box of the vertices
+  LatticePoint low, high;                                      ///< box around the vertices
   std::uint32_t outline_offset = 0, outline_vertices = 0;      ///< 12 bytes each
-  std::uint32_t segments_offset = 0, segment_index_bytes = 0;  ///< of one index: 2 or 4
+  std::uint32_t segments_offset = 0, segment_index_bytes = 0;  ///< bytes of one index: 2 or 4
   std::uint32_t checksum = 0;
 };
 inline constexpr std::size_t kIndexHeader1Bytes = 44;  ///< without the frame
@@ -98,10 +102,10 @@ struct SliceRecord : SliceRecord1 {
   }
 };
 
-/// A file whose index was found.
+/// A file that has an index.
 struct IndexedFile {
   IndexHeader header;
-  std::uint64_t json_at = 0, binary_at = 0;  ///< where the chunks' data begin
+  std::uint64_t json_at = 0, binary_at = 0;  ///< offsets of the chunks' data in the file
 
   bool is_schema_1() const { return header.version == kIndexVersion1; }
   std::uint64_t header_bytes() const {
@@ -112,33 +116,33 @@ struct IndexedFile {
   }
   std::uint64_t bytes() const { return header_bytes() + header.entries * record_bytes(); }
 };
-/// Nothing if the file has no index (contract 1). Refused as json_bytes_of().
+/// Nothing if the file has no index (contract 1). Errors: those of json_bytes_of().
 Result<std::optional<IndexedFile>> find_index(ByteSource& source);
 
-/// The record at a place, 0 <= place < header.entries; refused if it is not consistent
+/// Record number i, 0 <= i < header.entries. Errors: (refused) an offset or size is inconsistent
 /// (contract 3).
-Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t place);
+Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
 
-/// The records of the slice `index`, none if there is no such slice. O(log slices) reads, one more
-/// than records where the slices of one material follow each other without a gap.
+/// The records of the slice `index`; none if there is no such slice. Takes O(log slices) reads, but
+/// only one read more than records if the scan has one material and no gap.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index);
 
-/// The bytes that a record locates.
+/// The bytes to which a record points.
 struct SliceBytes {
   std::vector<std::uint8_t> node, draco, outline, segments;
 };
-/// Refused if their checksum is not the record's (contract 4).
+/// Errors: (refused) the checksum differs from the record's (contract 4).
 Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
                                     const SliceRecord& record);
-/// What the header locates; refused if their checksum is not the header's.
+/// The texts to which the header points. Errors: (refused) the checksum differs from the header's.
 struct DocumentTexts {
   std::vector<std::uint8_t> extras, frame;
 };
 Result<DocumentTexts> read_document_texts(ByteSource& source, const IndexedFile& file);
 
-/// Writes the checksums into the slice index of a .glb, if it has one. Records that are not
-/// consistent keep theirs.
+/// Writes the checksums into the slice index of a .glb, if it has one. Inconsistent records keep
+/// theirs.
 void write_index_checksums(std::span<std::uint8_t> glb);
 
 }  // namespace trocar

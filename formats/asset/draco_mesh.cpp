@@ -16,8 +16,8 @@ namespace trocar {
 namespace {
 
 // Draco allocates 24 bytes for each triangle that a payload states before it reads on. These limits
-// bound what a few hostile bytes can cost. Refined meshes have 0.2 to 0.4 triangles a byte; a
-// perfect grid can have a hundred, a large one more.
+// bound the memory that a few hostile bytes can allocate. Refined meshes have 0.2 to 0.4 triangles
+// for each byte; a perfect grid can have a hundred, a large grid more.
 constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 << 22;
 
 }  // namespace
@@ -64,7 +64,7 @@ Result<std::vector<float>> decode_hu(const draco::Mesh& in) {
     if (at.value() >= hu->size()) return refused("Draco: attribute index out of range");
     const int value = kHuStep * hu->GetValue<std::int16_t, 1>(at)[0];
     out[v] = static_cast<float>(value);
-    if (value < kHuLow || value > kHuHigh)
+    if (value < kMinHu || value > kMaxHu)
       return refused("Draco: HU of vertex " + std::to_string(v) + " are out of their range");
   }
   return out;
@@ -90,11 +90,11 @@ Result<void> check_colours(const draco::Mesh& in, const std::vector<float>& hu) 
 
 float stored_hu(float hu) {
   const double stored = kHuStep * std::rint(static_cast<double>(hu) / kHuStep);
-  return static_cast<float>(std::clamp<double>(stored, kHuLow, kHuHigh));
+  return static_cast<float>(std::clamp<double>(stored, kMinHu, kMaxHu));
 }
 
 HuColour hu_colour(float hu) {
-  // viridis at eighths (https://bids.github.io/colormap/), in linear light as glTF wants it.
+  // viridis at eighths (https://bids.github.io/colormap/), in linear light, which glTF prescribes.
   constexpr std::array<std::array<int, 3>, 9> kColours{{{15, 0, 23},
                                                         {16, 6, 50},
                                                         {11, 21, 65},

@@ -2,6 +2,7 @@
 // Includes tinygltf, which reads assets. Internal to formats/. Debian's libdraco exports a tinygltf
 // built with other options; to keep the two apart, every file that includes this one is compiled
 // with hidden visibility.
+// Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
 #define TINYGLTF_NO_STB_IMAGE

@@ -55,7 +55,7 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras)
                                     {"accessors", &accessors_},
                                     {"meshes", &meshes_},
                                     {"nodes", &nodes_}}) {
-    if (array->count == 0) continue;  // glTF has no empty arrays
+    if (array->count == 0) continue;  // glTF forbids empty arrays
     texts.push_back(std::string(",\"") + name + "\":[");
     if (array == &nodes_) {
       std::uint64_t at = 0;
@@ -64,7 +64,7 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras)
       std::size_t begin = 0;
       for (const std::size_t end : nodes_.ends) {
         out.nodes.push_back({at + begin, end - begin});
-        begin = end + 1;  // after the comma
+        begin = end + 1;  // skips the comma
       }
     }
     texts.push_back(std::move(array->text));
@@ -82,14 +82,14 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras)
   const std::size_t size = 12 + 8 + json_size + (buffer_.empty() ? 0 : 8 + buffer_.size());
   if (size > std::numeric_limits<std::uint32_t>::max())
     return refused("an asset of more than 4 GiB; mesh fewer slices at a time");
-  // Header and JSON go in front of the buffer; without a new allocation if reserve() was enough.
+  // Header and JSON precede the buffer. Nothing is allocated here if reserve() was sufficient.
   out.json_bytes = json_size;
   out.binary_offset = size - buffer_.size();
   out.bytes = std::move(buffer_);
   const std::size_t binary = out.bytes.size();
   out.bytes.insert(out.bytes.begin(), size - binary, 0);
   std::size_t at = 0;
-  const auto put = [&out, &at](std::size_t number) {  // this machine is little-endian, as the file
+  const auto put = [&out, &at](std::size_t number) {  // machine and file are little-endian
     const auto value = static_cast<std::uint32_t>(number);
     std::memcpy(out.bytes.data() + at, &value, 4);
     at += 4;

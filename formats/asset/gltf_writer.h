@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a binary glTF 2.0 file piece by piece. Internal to formats/. Pieces are kept as the text
-// and bytes of the file: JSON values take many times the memory, and a scan has thousands.
+// Writes a binary glTF 2.0 file element by element. Internal to formats/. Elements are kept as the
+// text and bytes of the file, because JSON values take many times the memory and a scan has
+// thousands of them.
+// Tests: tests/formats/asset/asset_page_test.py
 #pragma once
 
 #include <cstddef>
@@ -19,14 +21,14 @@ class GltfWriter {
   /// glTF's buffer view targets.
   static constexpr int kNoTarget = 0, kVertices = 34962, kIndices = 34963;
 
-  /// About how many bytes the file will have; saves copies while the buffer grows.
+  /// Reserves memory for about this many bytes, which saves copies while the buffer grows.
   void reserve(std::size_t bytes) { buffer_.reserve(bytes); }
 
-  /// Bytes of the buffer, or of the JSON text.
+  /// A range of bytes in the buffer or in the JSON text.
   struct Range {
     std::uint64_t offset = 0, size = 0;
   };
-  /// Bytes at the start of the buffer that no view covers.
+  /// Appends bytes that no view covers.
   void add_bytes(const std::vector<std::uint8_t>& bytes) {
     buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
@@ -34,11 +36,11 @@ class GltfWriter {
     int number = 0;
     Range bytes;
   };
-  /// 4-byte aligned if it has a target: other views are no numbers that a GPU reads.
+  /// Appends a view. Views with a target are 4-byte aligned; no GPU reads the numbers of others.
   View add_view(const void* data, std::size_t size, int target);
 
-  // Each returns the index of the new element. Equal accessors are one: those of Draco's payloads
-  // state counts only.
+  // Each function returns the index of the new element. Equal accessors are merged: those of Draco
+  // payloads state counts only.
   int add_accessor(const nlohmann::json& accessor);
   int add_mesh(const nlohmann::json& mesh) { return meshes_.add(mesh); }
   int add_node(const nlohmann::json& node) { return nodes_.add(node); }
@@ -46,12 +48,13 @@ class GltfWriter {
   struct File {
     std::vector<std::uint8_t> bytes;
     std::size_t json_bytes = 0;     ///< size of the JSON text
-    std::size_t binary_offset = 0;  ///< of the buffer in `bytes`
-    std::vector<Range> nodes;       ///< where each node is in the JSON text
-    Range extras;                   ///< where the document's extras are in the JSON text
+    std::size_t binary_offset = 0;  ///< offset of the buffer in `bytes`
+    std::vector<Range> nodes;       ///< each node in the JSON text
+    Range extras;                   ///< the document's extras in the JSON text
   };
   /// The file, made of `top` (an object: asset, extensionsUsed, materials, scenes, ...), the
-  /// document's extras and the pieces. Refused beyond the 4 GiB that its header can state.
+  /// document's extras and the elements. Errors: (refused) more than the 4 GiB that its header can
+  /// state.
   Result<File> finish(const nlohmann::json& top, const nlohmann::json& extras) &&;
 
  private:

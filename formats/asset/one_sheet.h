@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An asset with one mesh per slice, whatever its materials: what a needle meets.
+// Joins the materials of each slice into one sheet, since a needle meets all materials alike.
+// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <string>
@@ -8,13 +9,12 @@
 
 namespace trocar {
 
-/// Makes the materials of each slice one mesh, with the outline of all of them (weld_regions.h).
-/// The HU of vertices that become one are averaged; they are left out unless every material has
-/// them, and `mean_hu` is then the mean by area, if that of every material is known. Slices of one
-/// material stay as they are, and so does an asset without any other. Refused, naming the file and
-/// the slice: materials whose meshes are not valid (check_mesh_against_pslg()), that overlap
-/// (check_shared_borders()) or lie in different planes.
-/// O(n log n).
+/// Joins the materials of each slice into one mesh with the outline of their union
+/// (weld_regions.h). The HU of merged vertices are averaged. Unless every material has HU, the mesh
+/// has none, and `mean_hu` is the mean weighted by area if it is known for every material. Slices
+/// of one material are unchanged. O(n log n). Errors: (refused) with the file and the slice: a mesh
+/// is not valid (check_mesh_against_pslg()), or materials overlap (check_shared_borders()) or lie
+/// in different planes.
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
 }  // namespace trocar

@@ -42,7 +42,7 @@ Result<SliceMesh> decode_triangles(const SliceRecord& record, std::span<const st
   return std::move(out->mesh);
 }
 
-// In units of 2^-bits mm, at z.
+// Coordinates have the unit 2^-bits mm, and all have the height z.
 Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes, int bits,
                           float z) {
   const std::size_t count = record.outline_vertices;
@@ -56,7 +56,7 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   }
   if (xyz.size() != 3 * count || indices.size() != 2 * count)
     return refused("outline data outside the buffer or of the wrong size");
-  // The segments of a ring: (f, f+1) (f+1, f+2) ... (l, f).
+  // The segments of a ring are (f, f+1) (f+1, f+2) ... (l, f).
   Pslg pslg;
   Ring ring;
   std::size_t first = 0;
@@ -109,8 +109,8 @@ std::optional<double> mean_hu_of(const AssetSlice& slice) {
     const nlohmann::json mean_hu = value_of(slice.measures_json, "mean_hu");
     return mean_hu.is_number() ? std::optional(mean_hu.get<double>()) : std::nullopt;
   }
-  // The mean of a linear function over a triangle is the mean of its corners. The sums are of
-  // integers, and exact for slices of a metre: they do not depend on the order of the triangles.
+  // The mean of a linear function over a triangle is the mean of its corners. The sums are sums of
+  // integers, exact for slices up to a metre, so they do not depend on the order of the triangles.
   double sum = 0, area = 0;
   for (const Triangle& t : slice.mesh.triangles) {
     const auto& p = slice.mesh.vertices;

@@ -16,7 +16,7 @@
 namespace trocar {
 namespace {
 
-/// What is wrong with the first empty value, or nothing.
+/// The message about the first empty value, or nothing.
 std::string empty_value(int argc, const char* const* argv) {
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i], before = argv[i - 1];
@@ -28,7 +28,7 @@ std::string empty_value(int argc, const char* const* argv) {
   return {};
 }
 
-/// Names the first argument that no option took, and the option that may have been meant.
+/// The message about the first argument that no option took, with the option that may be meant.
 std::string unexpected_argument(const CLI::App& app) {
   const std::vector<std::string> rest = app.remaining(true);
   const std::string argument = rest.empty() ? "" : rest.front();
@@ -41,7 +41,12 @@ std::string unexpected_argument(const CLI::App& app) {
   return "not expected: " + argument + did_you_mean(argument.substr(0, argument.find('=')), names);
 }
 
-/// What is wrong with the first value that should be a number and is none, or nothing.
+std::string not_a_number(const std::string& option, const std::string& text, bool is_whole) {
+  return option + ": " + text + " is not a " + (is_whole ? "whole " : "") + "number";
+}
+
+/// The message about the first value that is no number although its option's type is one, or
+/// nothing.
 std::string no_number(const CLI::App& app) {
   const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
   for (const CLI::Option* option : command.get_options()) {
@@ -51,8 +56,7 @@ std::string no_number(const CLI::App& app) {
     for (const std::string& text : option->results()) {
       double value = 0;
       if (!CLI::detail::lexical_cast(text, value) || (is_whole && value != std::floor(value)))
-        return option->get_name() + ": " + text + " is not a " + (is_whole ? "whole " : "") +
-               "number";
+        return not_a_number(option->get_name(), text, is_whole);
     }
   }
   return {};
@@ -75,8 +79,8 @@ std::string without_zeros(std::string number) {
   return number;
 }
 
-/// CLI11's message of a missing value, a number out of range, or a word that is none of several, in
-/// the words of all other messages. Its form is that of CLI11 2.1; others are left as they are.
+/// CLI11's message about a missing value, a number out of range or a word outside a list, in the
+/// style of the programs' own messages. Messages in another form than CLI11 2.1's stay unchanged.
 std::string plain_words(const std::string& message) {
   static const std::regex missing(R"((-[^ :]+): 1 required .* missing)");
   static const std::regex range(R"((-[^ :]+): Value (.*) not in range (\S+) to (\S+))");
@@ -86,13 +90,18 @@ std::string plain_words(const std::string& message) {
   if (std::regex_match(message, part, word))
     return part.str(1) + " " + part.str(2) + ": must be " + alternatives(part.str(3));
   if (std::regex_match(message, part, range)) {
+    double value = 0;  // whole numbers have a range without decimals
+    const bool is_whole = part.str(3).find_first_of(".e") == std::string::npos;
+    const bool is_number = CLI::detail::lexical_cast(part.str(2), value);
+    if (!is_number || (is_whole && value != std::floor(value)))
+      return not_a_number(part.str(1), part.str(2), is_whole);
     return part.str(1) + " " + part.str(2) + ": must be within " + without_zeros(part.str(3)) +
            " and " + without_zeros(part.str(4));
   }
   return message;
 }
 
-/// Whether an option was given that there is not: the required one, mistyped.
+/// Whether an unknown option was given, which may be the required one with a typing error.
 bool has_unknown_option(const CLI::App& app) {
   const std::vector<std::string> rest = app.remaining(true);
   return !rest.empty() && rest.front().starts_with("--");
@@ -119,6 +128,10 @@ void add_help_and_version(CLI::App& app, const std::string& version) {
   app.set_version_flag("--version", version, "print the versions of the program and its libraries");
 }
 
+void add_help_for_diagnostics(CLI::App& app) {
+  app.set_help_all_flag("--help-all", "print this help with the options for diagnostics");
+}
+
 Result<void> parse_words(CLI::App& app, int argc, const char* const* argv) {
   try {
     app.parse(argc, argv);
@@ -143,6 +156,12 @@ std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const
     if (auto ok = parse_words(app, argc, argv); !ok)
       return report_error(program, usage(ok.error().message + " (see " + program + " --help)"));
   } catch (const CLI::CallForHelp&) {
+    for (CLI::Option* option : app.get_options()) {
+      if (option->get_group() == kDiagnostics) option->group("");
+    }
+    std::fputs(app.help().c_str(), stdout);
+    return 0;
+  } catch (const CLI::CallForAllHelp&) {
     std::fputs(app.help().c_str(), stdout);
     return 0;
   } catch (const CLI::CallForVersion& version) {

@@ -20,14 +20,14 @@ class DisjointSets {
 
   std::size_t size() const noexcept { return parent_.size(); }
 
-  /// The least number of i's set, unless put_under() was used.
+  /// The root of i's set, which is its least number unless put_under() was used.
   std::uint32_t root(std::uint32_t i) noexcept {
     while (parent_[i] != i)
       i = parent_[i] = parent_[parent_[i]];
     return i;
   }
 
-  /// Makes one set of two; false if they were one.
+  /// Merges two sets; false if they were already one.
   bool join(std::uint32_t a, std::uint32_t b) noexcept {
     a = root(a);
     b = root(b);
@@ -35,7 +35,7 @@ class DisjointSets {
     return a != b;
   }
 
-  /// Makes one set of two, whose root is the first one's; both must be roots.
+  /// Merges the sets of two roots; the first root becomes that of the result.
   void put_under(std::uint32_t root, std::uint32_t other) noexcept { parent_[other] = root; }
 
  private:

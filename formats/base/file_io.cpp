@@ -76,7 +76,7 @@ class FileSource : public ByteSource {
 }  // namespace
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
-  // O_NONBLOCK: if it is a pipe, do not wait for its other end.
+  // O_NONBLOCK avoids waiting for the other end if the file is a pipe.
   Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
   struct stat status {};
@@ -173,7 +173,7 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
     if (put < 0) return fail();
     done += static_cast<std::size_t>(put);
   }
-  // mkostemp makes the file private; give it the permissions that open() would have given.
+  // mkostemp makes the file private. Set the permissions that open() would have set.
   const mode_t mask = ::umask(0);
   ::umask(mask);
   if (::fchmod(fd.get(), 0666 & ~mask) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||

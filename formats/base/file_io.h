@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading files, whole or piece by piece, and writing them. Outputs appear whole or not at all.
+// Reading files, completely or in sections, and writing them atomically: an output appears complete
+// or not at all.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +15,11 @@
 
 namespace trocar {
 
-/// The file's bytes; refused if it cannot be read or is larger than `max_bytes`.
+/// The file's bytes. Errors: (refused) it cannot be read or is larger than `max_bytes`.
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
                                             std::uint64_t max_bytes = std::uint64_t{1} << 32);
 
-/// Bytes of known size that are read piece by piece.
+/// Bytes of known size that are read in sections.
 class ByteSource {
  public:
   ByteSource() = default;
@@ -27,9 +28,10 @@ class ByteSource {
   virtual ~ByteSource() = default;
 
   virtual std::uint64_t size() const = 0;
-  /// Reads `into.size()` bytes from `offset` on. Refused if there are fewer.
+  /// Reads `into.size()` bytes from `offset` on. Errors: (refused) there are fewer.
   Result<void> read(std::uint64_t offset, std::span<std::uint8_t> into);
-  std::uint64_t bytes_read() const { return bytes_read_; }  ///< by all calls of read()
+  /// The total of all calls of read().
+  std::uint64_t bytes_read() const { return bytes_read_; }
 
  private:
   virtual Result<void> fetch(std::uint64_t offset, std::span<std::uint8_t> into) = 0;
@@ -47,29 +49,30 @@ class MemorySource : public ByteSource {
   std::span<const std::uint8_t> bytes_;
 };
 
-/// A regular file, open while this lives; refused if it cannot be opened.
+/// Opens a regular file for the lifetime of the result. Errors: (refused) it cannot be opened.
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file);
 
-/// Whether `file` could be written, as far as this can be known without writing: programs ask
-/// before long work. (Unwritable) if not. An empty path means that no output is wanted.
+/// Checks before long work whether `file` can be written, as far as this is known without writing.
+/// An empty path means that no output is wanted. Errors: (unwritable).
 Result<void> check_writable(const std::filesystem::path& file);
 
-/// An output file and the command-line option that names it. An empty path: no output is wanted.
+/// An output file and the command-line option that names it. An empty path means no output.
 struct OutputFile {
   std::string option;
   std::filesystem::path file;
 };
 
-/// check_writable() of each. Fails (usage) if an output is also an input, or another output.
+/// Calls check_writable() for each. Errors: also (usage) an output is also an input or another
+/// output.
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs);
 
-/// The path in a report that is passed on, which holds no absolute paths: a relative one as it is,
-/// the last name of an absolute one.
+/// A path for reports that are passed on and must not show absolute paths: a relative path
+/// unchanged, of an absolute path only the file name.
 std::string without_folder(const std::filesystem::path& file);
 
-/// Writes a temporary file beside the target, syncs it and renames it to the target. On failure
-/// (unwritable) the target is unchanged and the temporary file is removed.
+/// Writes a temporary file in the target's folder, syncs it and renames it to the target. Errors:
+/// (unwritable); the target is unchanged and the temporary file is removed.
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes);
 Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text);

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
+// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <string>
 
 namespace trocar {
 
-/// Text for HTML, SVG and the values of attributes, whatever bytes it has: what is not UTF-8
-/// becomes U+FFFD, a control character a space.
+/// Escapes text for HTML, SVG and the values of attributes. Bytes that are not UTF-8 become U+FFFD,
+/// a control character becomes a space.
 std::string html_text(const std::string& text);
 
 }  // namespace trocar

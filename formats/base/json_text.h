@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A JSON value as text, also if its strings are not UTF-8. For .cpp files: it includes
-// nlohmann/json, which no header of runtime/ may reach.
+// A JSON value as text, even if its strings are not UTF-8. Include it in .cpp files only, because
+// nlohmann/json must not be reachable from headers of runtime/.
+// Tests: tests/pipeline/scan/label_names_test.cpp
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -8,13 +9,13 @@
 
 namespace trocar {
 
-/// Bytes that are not UTF-8 (in file names, in text from scans) become U+FFFD; nothing is thrown.
-/// `indent` as in nlohmann::json::dump(); -1 is one line.
+/// Replaces bytes that are not UTF-8 (in file names, in text from scans) by U+FFFD; never throws.
+/// `indent` has the meaning of nlohmann::json::dump(); -1 gives one line.
 inline std::string json_text(const nlohmann::json& value, int indent = -1) {
   return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-/// The names of an enumeration's first `count` values, by its to_string().
+/// The to_string() names of an enumeration's first `count` values.
 template <typename Enumeration>
 nlohmann::json names_of(int count) {
   nlohmann::json list = nlohmann::json::array();

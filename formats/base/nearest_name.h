@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Suggestions for misspelt names: "--treshold": did you mean --threshold?
+// Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
 #include <string>
@@ -8,11 +9,11 @@
 
 namespace trocar {
 
-/// The candidate with the smallest edit distance (Levenshtein) to `name`; empty if all are farther
-/// than a third of the name's length (at least 1) or the name has more than 64 bytes.
+/// The candidate with the smallest edit distance (Levenshtein) to `name`. Empty if all distances
+/// exceed a third of the name's length (at least 1), or the name has more than 64 bytes.
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
 
-/// ", did you mean X?" or nothing.
+/// ", did you mean X?", or an empty text.
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);
 
 }  // namespace trocar

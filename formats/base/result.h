@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A value, or an error with its message and the exit code of the program.
+// Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
 #include <cassert>
@@ -21,7 +22,7 @@ enum class ExitCode : int {
 
 struct Error {
   ExitCode code = ExitCode::kBug;
-  std::string message;  ///< one line: file, slice, place, why
+  std::string message;  ///< one line: file, slice, position, reason
 };
 
 /// Holds a T or an Error. Accessing the one that is absent is a bug (assert).

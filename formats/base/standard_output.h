@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Errors in writing standard output.
+// Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 namespace trocar {
 
-/// To be called last in main(): flushes standard output and returns the exit code. That is `code`,
+/// Flushes standard output and returns the exit code; call it last in main(). The result is `code`,
 /// or 4 (unwritable, with a line on stderr) if `code` is 0 and not everything printed could be
 /// written, as on a full disk. A closed pipe is not an error.
 int finish_output(const char* program, int code);

@@ -21,7 +21,7 @@ std::string range_message(double lowest, double highest) {
   return "must be within " + as_text(lowest) + " and " + as_text(highest);
 }
 
-/// nlohmann's message, "parse error at line 1, column 2: ...", in plain words.
+/// Shortens nlohmann's message "parse error at line 1, column 2: ...".
 std::string why_no_json(std::string_view text, const std::string& what) {
   if (text.find_first_not_of(" \t\r\n") == std::string_view::npos) return "not JSON: it is empty";
   constexpr std::string_view kFront = "parse error at ";
@@ -112,11 +112,33 @@ double StrictObject::number(const char* key, double lowest, double highest,
   return x;
 }
 
+void StrictObject::read(const char* key, double& value, double lowest, double highest) {
+  value = number(key, lowest, highest, value);
+}
+
+void StrictObject::read(const char* key, std::optional<double>& value, double lowest,
+                        double highest) {
+  if (find(key, false) != nullptr) value = number(key, lowest, highest);
+}
+
+std::size_t StrictObject::choice(const char* key, std::span<const char* const> names) {
+  if (find(key, false) == nullptr) return 0;
+  const auto found = std::find(names.begin(), names.end(), string(key));
+  if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
+  std::string list;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    list.append(i == 0 ? "" : i + 1 < names.size() ? ", " : " or ");
+    list.append("\"").append(names[i]).append("\"");
+  }
+  error(key, "must be " + list);
+  return 0;
+}
+
 std::int64_t StrictObject::integer(const char* key, std::int64_t lowest, std::int64_t highest,
                                    std::optional<std::int64_t> otherwise) {
   const nlohmann::json* found = find(key, !otherwise);
   if (found == nullptr) return otherwise.value_or(lowest);
-  // An unsigned value above int64's range would wrap in get<int64_t>().
+  // An unsigned value above the range of int64 would wrap in get<int64_t>().
   const bool fits =
       found->is_number_integer() &&
       !(found->is_number_unsigned() && found->get<std::uint64_t>() > std::uint64_t{INT64_MAX});

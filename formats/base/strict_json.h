@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Strict reading of JSON documents: each key is read with its type and range, unknown keys are
-// refused, and the first error is reported with file and JSON path. For .cpp files, as json_text.h.
+// refused, and the first error is reported with file and JSON path. Include it in .cpp files only,
+// like json_text.h.
+// Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
 #include <array>
@@ -11,6 +13,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "formats/base/result.h"
 
@@ -20,43 +23,78 @@ namespace trocar {
 /// key that occurs twice in an object, numbers beyond double's range and nesting deeper than 64.
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
-/// Keeps the first error of a document; its readers continue with defaults.
+/// Keeps the first error of a document, whose readers continue with defaults.
 struct JsonErrors {
-  std::string file;  ///< for the message
+  std::string file;  ///< name of the file in messages
   std::optional<Error> first;
   void add(const std::string& path, const std::string& why);
 };
 
-/// Reads one object. A getter returns the value; if it is missing or wrong, it adds an error and
-/// returns `lowest` or an empty value. Call finish() after the last getter.
+/// Reads one object. A getter returns the value. If the value is missing or wrong, the getter adds
+/// an error and returns `lowest` or an empty value. Call finish() after the last getter.
 class StrictObject {
  public:
   /// `value` and `errors` must outlive the reader.
   StrictObject(const nlohmann::json& value, std::string path, JsonErrors& errors);
 
   bool has(const char* key) const;
+  /// Adds an error of this object, or of the value under `key`.
+  void error(const std::string& why) { errors_.add(path_, why); }
+  void error(const char* key, const std::string& why) { errors_.add(path(key), why); }
   /// Finite and lowest <= x <= highest. Without `otherwise` the key is required.
   double number(const char* key, double lowest, double highest,
                 std::optional<double> otherwise = std::nullopt);
   std::int64_t integer(const char* key, std::int64_t lowest, std::int64_t highest,
                        std::optional<std::int64_t> otherwise = std::nullopt);
-  /// False if the key is missing.
+  /// Like number(), but a missing key leaves `value` unchanged.
+  void read(const char* key, double& value, double lowest, double highest);
+  void read(const char* key, std::optional<double>& value, double lowest, double highest);
+  /// The index of a string among `names`; 0 if the key is missing.
+  std::size_t choice(const char* key, std::span<const char* const> names);
+  /// A missing key means false.
   bool boolean(const char* key);
   /// 1 to 4096 bytes without control characters.
   std::string string(const char* key);
-  /// `result.size()` numbers. A missing key leaves `result` as it is, if `required` is not set.
+  /// Reads `result.size()` numbers. If `required` is not set, a missing key leaves `result`
+  /// unchanged.
   void numbers(const char* key, std::span<double> result, double lowest, double highest,
                bool required);
-  /// The array under `key`; null, with an error, if it is missing, not an array, or its length is
-  /// out of bounds.
+  /// The array under `key`. If it is missing, not an array, or its length is out of bounds, adds an
+  /// error and returns null.
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
   /// The value under `key`, or null if it is missing; the key counts as known.
   const nlohmann::json* optional_value(const char* key);
+  /// Calls read(object) for the object under `key` and then finishes it. False if the key is
+  /// missing.
+  template <typename Read>
+  bool section(const char* key, const Read& read) {
+    const nlohmann::json* value = find(key, false);
+    if (value != nullptr) read_object(*value, path(key), read);
+    return value != nullptr;
+  }
+  /// The same, but a missing key is an error.
+  template <typename Read>
+  void required_section(const char* key, const Read& read) {
+    if (const nlohmann::json* value = find(key, true)) read_object(*value, path(key), read);
+  }
+  /// Calls read(object) for each object in the array() under `key` and then finishes it.
+  template <typename Read>
+  void elements(const char* key, std::size_t shortest, std::size_t longest, const Read& read) {
+    const nlohmann::json* list = array(key, shortest, longest);
+    for (std::size_t i = 0; list != nullptr && i < list->size(); ++i)
+      read_object((*list)[i], path(key) + "/" + std::to_string(i), read);
+  }
   std::string path(const char* key) const { return path_ + "/" + key; }
   /// Adds an error if the object has a key that no getter has read.
   void finish();
 
  private:
+  template <typename Read>
+  void read_object(const nlohmann::json& value, std::string path, const Read& read) {
+    StrictObject inner(value, std::move(path), errors_);
+    read(inner);
+    inner.finish();
+  }
   const nlohmann::json* find(const char* key, bool required);
 
   const nlohmann::json& value_;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // list_slices ASSET.glb: the slices of an asset, a line each, as an example of how to read one.
+// Tests: tests/install/install_test.py
 #include <cstdio>
 
 #include "formats/asset/asset.h"

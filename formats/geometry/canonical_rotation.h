@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rotation of the plane by right angles that brings a set of points into a canonical
-// orientation. All that depends on the order of points, on ties or on rounding is decided in the
-// rotated plane. So the same points, moved by lattice steps or rotated by right angles, give the
-// same result, moved and rotated.
+// orientation. Every decision that depends on the order of points, on ties or on rounding is made
+// in the rotated plane. So if the points are moved by lattice steps or rotated by right angles, the
+// result is the same, moved and rotated.
+// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,7 @@ namespace trocar {
 class CanonicalRotation {
  public:
   CanonicalRotation() = default;
-  /// The one that brings the vector (x, y) to x > 0, y >= 0; the identity for (0, 0).
+  /// The rotation that brings the vector (x, y) to x > 0, y >= 0; the identity for (0, 0).
   template <typename Number>
   static CanonicalRotation of(Number x, Number y) noexcept {
     CanonicalRotation out;
@@ -27,8 +28,9 @@ class CanonicalRotation {
 
   bool is_identity() const noexcept { return quarters_ == 0; }
   LatticePoint operator()(LatticePoint p) const noexcept { return rotated(p, quarters_); }
+  /// The inverse rotation.
   LatticePoint back(LatticePoint p) const noexcept { return rotated(p, 4 - quarters_); }
-  /// The same for a vector that is not on the lattice, with members x() and y().
+  /// The inverse rotation of a vector with members x() and y(), which need not be on the lattice.
   template <typename Vector>
   Vector back(const Vector& v) const noexcept {
     Vector out = v;
@@ -36,8 +38,8 @@ class CanonicalRotation {
       out = {-out.y(), out.x()};
     return out;
   }
-  /// Of a box's corners, 0..3 counter-clockwise from the lower left, the one that becomes the lower
-  /// left.
+  /// The corner of a box that the rotation moves to the lower left. Corners are numbered 0..3
+  /// counter-clockwise from the lower left.
   int lower_left() const noexcept { return (4 - quarters_) % 4; }
 
  private:
@@ -57,8 +59,8 @@ class CanonicalRotation {
   int quarters_ = 0;  // 0 .. 3
 };
 
-/// Twice the number of points times (their mean less the middle of their box). Exact; the order of
-/// the points, and a translation of all of them, does not matter.
+/// 2 n (mean of the n points - centre of their box). Exact, and independent of the order of the
+/// points and of a translation of all points.
 class CentroidOffset {
  public:
   void add(LatticePoint p) noexcept {
@@ -81,8 +83,8 @@ class CentroidOffset {
   std::int64_t sum_x_ = 0, sum_y_ = 0, count_ = 0;
 };
 
-/// Brings the points' CentroidOffset to x > 0, y >= 0. The identity where the offset is zero, as it
-/// is wherever a rotation by 90 or 180 degrees maps the points onto themselves.
+/// Brings the points' CentroidOffset to x > 0, y >= 0. If the offset is zero, which includes all
+/// sets that a rotation by 90 or 180 degrees maps onto themselves, the result is the identity.
 inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> points) noexcept {
   CentroidOffset offset;
   for (const LatticePoint p : points)
@@ -98,9 +100,9 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
   return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
 }
 
-/// The same, and where the offset is zero by the first of two third moments about the middle of the
-/// box that is not zero: (x^3, y^3), then (x y^2, y x^2). The identity where all are zero, which
-/// hardly happens unless a rotation maps the points onto themselves. Exact.
+/// The same rotation, but if the offset is zero, a third moment about the centre of the box
+/// decides: (x^3, y^3), or if that is zero (x y^2, y x^2). If all are zero, which hardly happens
+/// unless a rotation maps the points onto themselves, the result is the identity. Exact.
 /// `for_each(visit)` calls visit(point) for all points, in the same way each time.
 template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
@@ -111,7 +113,7 @@ CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   const LatticeBox box = offset.box();
   Int128 x3 = 0, y3 = 0, xyy = 0, yxx = 0;
   for_each([&](LatticePoint p) {
-    // Twice the place relative to the middle.
+    // Twice the position relative to the centre.
     const Int128 x = (std::int64_t{p.x} - box.low.x) - (std::int64_t{box.high.x} - p.x);
     const Int128 y = (std::int64_t{p.y} - box.low.y) - (std::int64_t{box.high.y} - p.y);
     x3 += x * x * x, y3 += y * y * y, xyy += x * y * y, yxx += y * x * x;

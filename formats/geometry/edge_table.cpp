@@ -10,7 +10,7 @@ struct Ends {
   std::uint32_t low, high;
 };
 Ends ends(const Triangle& t, std::size_t i) {
-  // (Which one is lower cannot be predicted.)
+  // This is free of branches because the order cannot be predicted.
   const std::uint32_t a = t[i], b = t[i == 2 ? 0 : i + 1], difference = a ^ b,
                       mask = -static_cast<std::uint32_t>(a < b);
   return {b ^ (difference & mask), a ^ (difference & mask)};
@@ -19,8 +19,7 @@ Ends ends(const Triangle& t, std::size_t i) {
 }  // namespace
 
 EdgeTable edge_table(const SliceMesh& mesh) {
-  // By counting, first by the higher vertex and then by the lower one: no comparisons, which could
-  // not be predicted.
+  // Counting sort by the higher vertex, then by the lower one. It needs no unpredictable branches.
   EdgeTable out;
   std::vector<std::uint32_t> next(mesh.vertices.size() + 1, 0);
   out.first.assign(mesh.vertices.size() + 1, 0);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The directed edges of a mesh, sorted so that the two directions of an edge are next to each
-// other: the start of every walk over neighbours.
+// other. Every walk over neighbours starts from this table.
+// Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -11,19 +12,19 @@
 
 namespace trocar {
 
-/// All three edges of every triangle. Edge 3 t + i of the mesh runs from corner i of triangle t to
-/// corner i + 1.
+/// All three edges of every triangle. Edge 3 t + i of the mesh is edge i of triangle t
+/// (triangle_edge.h).
 struct EdgeTable {
   struct Entry {
     std::uint32_t high;  ///< the higher of its two vertices
     std::uint32_t edge;
   };
-  std::vector<Entry> entries;        ///< by the lower vertex, then `high`, then `edge`
-  std::vector<std::uint32_t> first;  ///< in `entries`, by lower vertex; and the end
+  std::vector<Entry> entries;        ///< sorted by the lower vertex, then `high`, then `edge`
+  std::vector<std::uint32_t> first;  ///< index of each lower vertex's first entry, then the end
 
   /// Calls visit(low, high, edges) for every pair of vertices with an edge, ascending by low and
-  /// high; `edges` has the entries from one to the other in either direction: in a valid mesh two
-  /// for an inner edge, one for the boundary's. Ends when visit() returns false.
+  /// high. `edges` has the entries of both directions: in a valid mesh two for an interior edge,
+  /// one for a boundary edge. Stops when visit() returns false.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
     for (std::uint32_t low = 0; low + 1 < first.size(); ++low) {
@@ -36,8 +37,7 @@ struct EdgeTable {
   }
 };
 
-/// Every index of `mesh` is in range, and every triangle has three different vertices.
-/// O(n).
+/// Expects that every index is in range and every triangle has three different vertices. O(n).
 EdgeTable edge_table(const SliceMesh& mesh);
 
 }  // namespace trocar

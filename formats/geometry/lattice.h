@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The integer lattice in the slice plane, on which every coordinate lies that is stored or enters a
-// decision, and the exact predicates on it.
+// The integer lattice in the slice plane and the exact predicates on it. Every coordinate that is
+// stored or enters a decision lies on the lattice.
 //
 // Laws (tests/formats/geometry/lattice_test.cpp compares with a wide-integer reference):
 //  1. orient2d(a,b,c) > 0 iff a,b,c turn counter-clockwise; 0 iff collinear;
@@ -13,6 +13,7 @@
 #include <bit>
 #include <compare>
 #include <cstdint>
+#include <string>
 
 namespace trocar {
 
@@ -25,11 +26,14 @@ struct LatticePoint {
   friend auto operator<=>(const LatticePoint&, const LatticePoint&) = default;
 };
 
+/// "lattice point (x, y)", for messages.
+std::string to_text(LatticePoint p);
+
 /// Largest admissible |coordinate|: keeps orient2d within 64 and in_circle
 /// within 128 bits. Assets are narrower still: see kMaxAssetExtent in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
 
-/// Are the coordinates admissible? Beyond, the predicates below would overflow.
+/// Are the coordinates admissible? Larger ones would overflow the predicates below.
 inline bool is_on_lattice(LatticePoint p) {
   return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
          p.y <= kMaxCoordinate;
@@ -51,7 +55,8 @@ struct Lattice {
   friend bool operator==(const Lattice&, const Lattice&) = default;
 
  private:
-  // std::ldexp(1, exponent) without a call: products with it are exact. Of exponents from -1022 on.
+  // std::ldexp(1, exponent) without a function call, for exponents of at least -1022. Products with
+  // the result are exact.
   static double power_of_two(int exponent) {
     return std::bit_cast<double>(static_cast<std::uint64_t>(1023 + exponent) << 52);
   }
@@ -92,7 +97,7 @@ inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p
 }
 
 /// Do the open segments ab and cd share a point, or does an end of one lie in the other's interior?
-/// Shared end points alone do not count. Exact.
+/// Segments that only share end points do not cross. Exact.
 bool segments_cross(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d);
 
 }  // namespace trocar

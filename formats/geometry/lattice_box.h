@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // An axis-parallel box on the lattice.
+// Tests: tests/formats/geometry/lattice_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -23,7 +24,7 @@ inline void widen(LatticeBox& box, std::span<const LatticePoint> points) noexcep
     widen(box, p);
 }
 
-/// The smallest box around the points, of which there is at least one.
+/// The smallest box around at least one point.
 inline LatticeBox box_around(std::span<const LatticePoint> points) noexcept {
   LatticeBox box{points[0], points[0]};
   widen(box, points);
@@ -41,7 +42,7 @@ inline bool contains(const LatticeBox& outer, const LatticeBox& inner) noexcept 
 
 /// Have the boxes no point in common?
 inline bool apart(const LatticeBox& a, const LatticeBox& b) noexcept {
-  // (Without branches, as it cannot be predicted.)
+  // This is free of branches because the result cannot be predicted.
   return (a.low.x > b.high.x) | (a.high.x < b.low.x) | (a.low.y > b.high.y) | (a.high.y < b.low.y);
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A grid of square cells over a box on the lattice.
+// Tests: tests/properties/properties_meshing_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -13,11 +14,11 @@ namespace trocar {
 
 struct LatticeCells {
   LatticePoint low{};
-  double size = 1;  ///< of a cell, lattice steps
+  double size = 1;  ///< side length of a cell, lattice steps
   std::int32_t columns = 1, rows = 1;
 
   LatticeCells() = default;
-  /// About `count` cells (at least 1), however flat the box is.
+  /// Makes about `count` cells (at least 1), even if the box is flat.
   LatticeCells(const LatticeBox& box, double count) : low(box.low) {
     const double width = 1.0 + static_cast<double>(box.high.x) - box.low.x,
                  height = 1.0 + static_cast<double>(box.high.y) - box.low.y;

@@ -15,26 +15,22 @@ namespace {
 
 constexpr std::uint32_t kNone = kNotOnBoundary;
 
-std::string place(LatticePoint p) {
-  return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
-}
-
-// Of each ring alone.
+// Checks each ring by itself.
 Result<void> check_rings(const Pslg& pslg) {
   for (const Ring& ring : pslg.rings) {
     if (ring.size() < 3) return refused("a ring of fewer than three vertices");
     for (const LatticePoint p : ring) {
-      if (!is_on_lattice(p)) return refused("outline outside the lattice's range " + place(p));
+      if (!is_on_lattice(p)) return refused("outline outside the lattice's range at " + to_text(p));
     }
     Ring sorted = ring;
     std::sort(sorted.begin(), sorted.end());
     const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
-    if (twice != sorted.end()) return refused("a ring with a vertex twice " + place(*twice));
+    if (twice != sorted.end()) return refused("a ring with a vertex twice at " + to_text(*twice));
   }
   return {};
 }
 
-// Of rings whose edges do not cross. `first` has the first edge of each.
+// Checks how rings whose edges do not cross nest. `first` has the first edge of each ring.
 Result<void> check_nesting(const Pslg& pslg, const EdgeLoops& loops,
                            const std::vector<std::uint32_t>& first,
                            const std::vector<std::uint32_t>& order) {
@@ -43,20 +39,21 @@ Result<void> check_nesting(const Pslg& pslg, const EdgeLoops& loops,
   for (std::size_t r = 0; r < pslg.rings.size(); ++r) {
     if (right_of[first[r]] == 0) continue;
     const bool is_outer = doubled_area(pslg.rings[r]) > 0;
-    return refused((is_outer ? "an outer ring inside material " : "a hole outside material ") +
-                   place(pslg.rings[r][0]));
+    return refused(
+        (is_outer ? "an outer ring inside material at " : "a hole outside material at ") +
+        to_text(pslg.rings[r][0]));
   }
-  // The rings nest as far as their first edges tell.
+  // Every ring nests correctly at its first edge, but rings that touch may cross farther along.
   const auto bad = std::find_if(right_of.begin(), right_of.end(),
                                 [](std::int32_t winding) { return winding != 0; });
   if (bad == right_of.end()) return {};
-  return refused("rings that touch and overlap, near an edge " +
-                 place(loops.points[static_cast<std::size_t>(bad - right_of.begin())]));
+  return refused("rings that touch and overlap, near an edge at " +
+                 to_text(loops.points[static_cast<std::size_t>(bad - right_of.begin())]));
 }
 
-// A mesh whose triangles and edges are valid.
+// Neighbours in a mesh whose triangles and edges are valid.
 struct Manifold {
-  std::vector<std::uint32_t> next;  // by vertex, along the boundary; kNotOnBoundary: not on it
+  std::vector<std::uint32_t> next;  // next vertex along the boundary, or kNotOnBoundary
   std::int64_t doubled_area = 0;
   bool is_delaunay = true;
 };
@@ -71,22 +68,23 @@ std::uint32_t previous_edge(std::uint32_t edge) {
   return edge % 3 == 0 ? edge + 2 : edge - 1;
 }
 
-// The edge lies between its triangle abc, from b to c, and another one, dcb.
+// The edge bc between the triangles abc and dcb.
 bool is_edge_delaunay(const SliceMesh& mesh, std::uint32_t edge, std::uint32_t other) {
   return is_locally_delaunay(corner(mesh, previous_edge(edge)), corner(mesh, edge),
                              corner(mesh, next_edge(edge)), corner(mesh, previous_edge(other)));
 }
 
-// All that check_mesh() proves, except that the boundary does not cross itself. `is_delaunay` is
-// only found where `delaunay_too`.
+// Proves what check_mesh() does, except that the boundary does not cross itself. Determines
+// `is_delaunay` only if `delaunay_too` is set.
 Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
   const std::size_t n = mesh.vertices.size();
   Manifold out;
   for (LatticePoint p : mesh.vertices) {
-    if (!is_on_lattice(p)) return refused("vertex outside the lattice's range " + place(p));
+    if (!is_on_lattice(p)) return refused("vertex outside the lattice's range at " + to_text(p));
   }
-  std::vector<std::uint32_t> degree(n, 0), any_edge(n, kNone);  // by vertex; one that starts there
-  std::uint64_t area = 0;                                       // modulo 2^64
+  std::vector<std::uint32_t> degree(n, 0),
+      any_edge(n, kNone);  // degree of each vertex, and an edge that starts there
+  std::uint64_t area = 0;  // modulo 2^64
   for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
     const Triangle& t = mesh.triangles[k];
     for (std::size_t i = 0; i < 3; ++i) {
@@ -100,15 +98,15 @@ Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
     const std::int64_t doubled =
         orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]);
     if (doubled <= 0)
-      return refused("triangle without positive area " + place(mesh.vertices[t[0]]));
+      return refused("triangle without positive area at " + to_text(mesh.vertices[t[0]]));
     area += static_cast<std::uint64_t>(doubled);
   }
   out.doubled_area = static_cast<std::int64_t>(area);
   for (std::size_t v = 0; v < n; ++v) {
-    if (degree[v] == 0) return refused("unused vertex " + place(mesh.vertices[v]));
+    if (degree[v] == 0) return refused("unused vertex at " + to_text(mesh.vertices[v]));
   }
 
-  // By edge: the same one of the triangle beyond it.
+  // beyond[e] is the same edge in the triangle on its other side.
   std::vector<std::uint32_t> beyond(mesh.triangles.size() * 3, kNone);
   out.next.assign(n, kNone);
   Result<void> ok;
@@ -117,7 +115,7 @@ Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
     const std::uint32_t edge = edges[0].edge, from = starts_at(edge);
     if (edges.size() == 1) {
       if (out.next[from] != kNone) {
-        ok = refused("two fans of triangles share a vertex " + place(mesh.vertices[from]));
+        ok = refused("two fans of triangles share a vertex at " + to_text(mesh.vertices[from]));
         return false;
       }
       out.next[from] = from == low ? high : low;
@@ -128,8 +126,8 @@ Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
     if (edges.size() > 2 || from == starts_at(other)) {
       const bool from_low = std::any_of(edges.begin(), edges.end(),
                                         [&](const auto& e) { return starts_at(e.edge) == low; });
-      ok = refused("edge used twice in one direction " +
-                   place(mesh.vertices[from_low ? low : high]));
+      ok = refused("edge used twice in one direction at " +
+                   to_text(mesh.vertices[from_low ? low : high]));
       return false;
     }
     beyond[edge] = other;
@@ -138,9 +136,9 @@ Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
     return true;
   });
   if (!ok) return ok.error();
-  // One fan at each vertex: the triangles at it, from one to the next across the edge between them,
-  // from the boundary's edge on if there is one. (Comparing the numbers of triangles and edges at a
-  // vertex would miss a closed fan beside another fan.)
+  // The triangles at each vertex form one fan: a walk from one to the next across their common
+  // edge, starting at the boundary edge if there is one, meets all of them. (Comparing the numbers
+  // of triangles and edges at a vertex would miss a closed fan beside another fan.)
   for (std::size_t v = 0; v < n; ++v) {
     std::uint32_t in_fan = 0, edge = any_edge[v];
     do {
@@ -148,7 +146,7 @@ Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
       edge = beyond[previous_edge(edge)];
     } while (edge != kNone && edge != any_edge[v]);
     if (in_fan != degree[v])
-      return refused("several fans of triangles share a vertex " + place(mesh.vertices[v]));
+      return refused("several fans of triangles share a vertex at " + to_text(mesh.vertices[v]));
   }
   return out;
 }
@@ -173,8 +171,8 @@ std::vector<Edge> sorted_edges(const std::vector<Ring>& rings) {
   return edges;
 }
 
-// Are the boundary's edges the outline's, each once? Where the outline is boundary_rings(mesh),
-// which is usual, its rings in that order; else its edges sorted.
+// Has the boundary exactly the outline's edges, each once? Usually the outline is
+// boundary_rings(mesh), and its rings are compared in order; otherwise sorted edges are compared.
 Result<void> check_same_edges(const SliceMesh& mesh, const Manifold& manifold, const Pslg& pslg) {
   const Pslg boundary = rings_along(mesh, manifold.next);
   if (boundary.rings == pslg.rings) return {};
@@ -182,8 +180,8 @@ Result<void> check_same_edges(const SliceMesh& mesh, const Manifold& manifold, c
                           of_pslg = sorted_edges(pslg.rings);
   if (of_mesh == of_pslg) return {};
   const auto [m, p] = std::mismatch(of_mesh.begin(), of_mesh.end(), of_pslg.begin(), of_pslg.end());
-  return refused("the mesh's boundary and the outline differ " +
-                 place(m != of_mesh.end() ? m->first : p->first));
+  return refused("the mesh's boundary and the outline differ at " +
+                 to_text(m != of_mesh.end() ? m->first : p->first));
 }
 
 Result<void> check_areas(const Manifold& manifold, const Pslg& pslg) {
@@ -198,7 +196,7 @@ Result<void> check_against_outline(const SliceMesh& mesh, const ProvedOutline& o
   const auto manifold = check_manifold(mesh, delaunay_too);
   if (!manifold) return manifold.error();
   if (auto differ = check_same_edges(mesh, *manifold, outline.pslg()); !differ) {
-    // Edges that cross are the graver defect; those of the outline do not.
+    // Crossing edges are the graver defect and are reported first; the outline has none.
     if (auto ok = check_boundary(mesh, *manifold); !ok) return ok;
     return differ;
   }
@@ -230,7 +228,7 @@ Result<void> check_mesh(const SliceMesh& mesh) {
 
 Result<void> check_pslg(const Pslg& pslg) {
   EdgeLoops loops;
-  std::vector<std::uint32_t> first;  // by ring
+  std::vector<std::uint32_t> first;  // first edge of each ring
   for (const Ring& ring : pslg.rings) {
     if (ring.size() < 3 || !std::all_of(ring.begin(), ring.end(), is_on_lattice))
       return check_rings(pslg);
@@ -261,7 +259,7 @@ Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg) {
   if (!manifold) return manifold.error();
   auto same = check_same_edges(mesh, *manifold, pslg);
   auto valid = check_pslg(pslg);
-  // A boundary with the edges of a valid outline does not cross itself.
+  // The boundary has the edges of a valid outline, so it does not cross itself.
   if (!same || !valid) {
     if (auto ok = check_boundary(mesh, *manifold); !ok) return ok;
   }

@@ -11,14 +11,14 @@
 
 namespace trocar {
 
-/// Proves the following of a mesh, or names the first property that fails and where:
+/// Proves that a mesh is valid, or names the first property that fails and the position:
 ///  - every index is in range and every vertex is used;
 ///  - every triangle is strictly counter-clockwise;
 ///  - every directed edge occurs once (so at most two triangles share an edge,
 ///    in opposite directions), and every vertex's triangles form one fan
 ///    (manifold; a pinch is two vertices at one point);
 ///  - no two boundary edges cross.
-/// The triangles then tile without overlap wherever the boundary winds once, which
+/// Then the triangles tile without overlap every region around which the boundary winds once, which
 /// check_mesh_against_pslg() proves. O(n log n).
 Result<void> check_mesh(const SliceMesh& mesh);
 
@@ -26,21 +26,22 @@ Result<void> check_mesh(const SliceMesh& mesh);
 /// direction, and their areas are equal. O(n log n).
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 
-/// The same of an outline that is proved already. One pass over the mesh.
+/// The same for an outline that is proved already. One pass over the mesh.
 Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutline& outline);
-/// And every interior edge is locally Delaunay, in the same pass. Where that alone does not hold,
+/// In the same pass also proves that every interior edge is locally Delaunay. If only this fails,
 /// the message is "not constrained Delaunay".
 Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline);
 
 /// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
 /// at most kMaxCoordinate), that no two edges cross or coincide (touching in vertices is allowed),
-/// and that they nest: every outer ring lies in nothing or in a hole, every hole directly in an
-/// outer ring, and rings that touch do not pass into each other there. Then every point of the
-/// plane is either material once or not at all. One sweep (outline_sweep.h). O(n log n).
+/// and that they nest: every outer ring lies in no ring or directly in a hole, every hole lies
+/// directly in an outer ring, and rings that touch do not cross at the common vertex. Then every
+/// point of the plane is covered by material once or not at all. One sweep (outline_sweep.h).
+/// O(n log n).
 Result<void> check_pslg(const Pslg& pslg);
 
-/// Is the point inside the simple ring? It must not lie on the ring. Exact. It is given in doubled
-/// coordinates, so that the middle of an edge can be asked for. O(n).
+/// Is the point inside the simple ring? It must not lie on the ring. Its coordinates are doubled,
+/// so that the midpoint of an edge can be tested. Exact. O(n).
 bool is_inside_ring(std::int64_t doubled_x, std::int64_t doubled_y, const Ring& ring);
 
 /// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.

@@ -14,29 +14,28 @@
 namespace trocar {
 namespace {
 
-// Left and right are meant by LatticePoint's order: of two points above each other, the lower one
-// is to the left. So no edge is vertical.
+// Left and right follow LatticePoint's order: of two points above each other, the lower one is to
+// the left. So no edge is vertical.
 //
-// The line that sweeps from left to right meets edges in an order from below to above. Until it
-// reaches the first point where two edges cross, that order is the same at every place where both
-// are met, and the two are neighbours in it just before that point, or begin there. Therefore it is
-// enough to look at pairs of edges when they become neighbours, and at the edges that are next to a
-// point where edges begin.
+// The sweep line moves from left to right and meets edges, ordered from below to above. Until it
+// reaches the first point where two edges cross, the order of any two edges does not change, and
+// those two edges are neighbours just before that point, or begin there. Therefore it is enough to
+// test pairs of edges when they become neighbours, and the edges next to a point where edges begin.
 
-// An edge that the line meets. Where it ends and another one begins, that takes its place in the
-// set, and the order stays.
+// An edge that the sweep line meets. If it ends where another edge begins, that edge replaces it in
+// the set, and the order stays.
 struct Met {
   mutable LatticePoint left, right;
-  mutable const Met *below = nullptr, *above = nullptr;  // its neighbours
+  mutable const Met *below = nullptr, *above = nullptr;  // neighbours on the sweep line
   mutable std::uint32_t edge;
   mutable std::int32_t winding_below;
-  mutable bool is_forwards;  // it runs from left to right: the material is above it
+  mutable bool is_forwards;  // the edge runs from left to right, with the material above it
 
   std::int32_t winding_above() const { return winding_below + (is_forwards ? 1 : -1); }
   std::int32_t winding_right() const { return is_forwards ? winding_below : winding_below - 1; }
 };
 
-// From below to above. A point on an edge is neither.
+// The order from below to above. A point on an edge is neither below nor above it.
 class Below {
  public:
   using is_transparent = void;
@@ -53,17 +52,17 @@ class Below {
     return e.left < f.left ? side(e, f.left) > 0 : side(f, e.left) < 0;
   }
   // Are the two in this order at the right end of the one that ends first? They do not end in one
-  // point. (Which one it is cannot be predicted.)
+  // point. This is free of branches because it cannot be predicted which ends first.
   bool is_in_order_at_end(const Met& lower, const Met& upper) const {
-    const bool lower_ends = place_of(lower.right) < place_of(upper.right);
+    const bool lower_ends = sort_key(lower.right) < sort_key(upper.right);
     const std::array<const Met*, 2> both{&lower, &upper};
     const std::int64_t turn = side(*both[lower_ends ? 1 : 0], both[lower_ends ? 0 : 1]->right);
     return (lower_ends ? -turn : turn) > 0;
   }
 
  private:
-  // In the order of the points.
-  static std::int64_t place_of(LatticePoint p) {
+  // A number whose order is that of the points.
+  static std::int64_t sort_key(LatticePoint p) {
     return static_cast<std::int64_t>(static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x))
                                          << 32 |
                                      (static_cast<std::uint32_t>(p.y) ^ 0x80000000U));
@@ -71,23 +70,23 @@ class Below {
   std::uint64_t* tests_;
 };
 
-// An edge that the line begins to meet, not in the place of another one, and the edge just below it
-// or kNoEdge.
+// An edge that the sweep line begins to meet and that replaces no other edge, and the edge just
+// below it or kNoEdge.
 constexpr std::uint32_t kNoEdge = 0xffffffff;
 struct Beginning {
   std::uint32_t edge, below;
 };
 
-// What is set in passing, where it is not null.
+// Optional outputs of the sweep.
 struct Wanted {
-  std::vector<std::int32_t>* right_of = nullptr;  // by edge
+  std::vector<std::int32_t>* right_of = nullptr;  // for each edge
   std::vector<Beginning>* beginnings = nullptr;
 };
 
 class Sweeper {
  public:
   Sweeper(const EdgeLoops& loops, std::span<const char> is_swept, const Wanted& wanted)
-      : loops_(loops), is_swept_(is_swept), wanted_(wanted), place_(loops.points.size()) {
+      : loops_(loops), is_swept_(is_swept), wanted_(wanted), position_(loops.points.size()) {
     if (wanted.right_of != nullptr) wanted.right_of->assign(loops.points.size(), 0);
   }
 
@@ -108,13 +107,13 @@ class Sweeper {
 
   bool is_swept(std::uint32_t edge) const { return is_swept_.empty() || is_swept_[edge] != 0; }
 
-  // Where one edge ends and one begins: true if it is so.
+  // Handles a point where one edge ends and one begins; false if the point is of another kind.
   bool pass_on(std::uint32_t vertex) {
     const std::uint32_t in = loops_.previous[vertex];
     const LatticePoint p = loops_.points[vertex], from = loops_.points[in], to = loops_.to(vertex);
     if ((from < p) != (p < to) || !is_swept(in) || !is_swept(vertex)) return false;
     const bool is_forwards = from < p;
-    const Line::iterator at = place_[is_forwards ? in : vertex];
+    const Line::iterator at = position_[is_forwards ? in : vertex];
     replace(at, p, is_forwards ? to : from, is_forwards ? vertex : in);
     if (at->below != nullptr) look_at(*at->below, *at);
     if (at->above != nullptr) look_at(*at, *at->above);
@@ -143,10 +142,10 @@ class Sweeper {
       if (above != line_.end() && line_.key_comp().side(*above, p) == 0)
         return found(*above, begin_.front());
     } else {
-      // What ends in one point is side by side.
+      // Edges that end in one point are neighbours.
       for (const std::uint32_t edge : ends_) {
-        join(place_[edge]->below, place_[edge]->above);
-        above = line_.erase(place_[edge]);
+        join(position_[edge]->below, position_[edge]->above);
+        above = line_.erase(position_[edge]);
       }
     }
     std::sort(begin_.begin(), begin_.end(),
@@ -174,7 +173,7 @@ class Sweeper {
       join(below, &*at);
       join(&*at, above == line_.end() ? nullptr : &*above);
       below = &*at;
-      place_[met.edge] = at;
+      position_[met.edge] = at;
       note(*at);
     }
   }
@@ -188,7 +187,7 @@ class Sweeper {
     at->left = left;
     at->right = right;
     at->edge = edge;
-    place_[edge] = at;
+    position_[edge] = at;
     note(*at);
   }
 
@@ -198,8 +197,8 @@ class Sweeper {
     if (wanted_.right_of != nullptr) (*wanted_.right_of)[met.edge] = winding;
   }
 
-  // Of neighbours: the lower one must stay below the other to the end of either, but for a common
-  // end.
+  // Tests two neighbours: until one of them ends, the lower one must stay below the other, except
+  // in a common end.
   void look_at(const Met& lower, const Met& upper) {
     if (lower.right == upper.right) return;
     if (!line_.key_comp().is_in_order_at_end(lower, upper)) found(lower, upper);
@@ -216,13 +215,13 @@ class Sweeper {
   Wanted wanted_;
   SweepResult result_;
   Line line_{Below(result_.tests)};
-  std::vector<Line::iterator> place_;  // in line_, by edge
-  std::vector<Met> begin_;             // of pass()
+  std::vector<Line::iterator> position_;  // position of each edge in line_
+  std::vector<Met> begin_;                // workspace of pass()
   std::vector<std::uint32_t> ends_;
 };
 
-// Counts of digits of so many bits stay in the nearest cache.
-constexpr int kMostDigitBits = 11;
+// Digits of this many bits: their counts fit the L1 cache.
+constexpr int kMaxDigitBits = 11;
 
 }  // namespace
 
@@ -243,8 +242,8 @@ void EdgeLoops::add(std::span<const LatticePoint> ring) {
 }
 
 std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) {
-  // By counting, from the lowest digits on: no comparisons, which could not be predicted. Digits in
-  // which all points agree are left out.
+  // Radix sort, beginning with the lowest digits: it needs no unpredictable branches. Digits in
+  // which all points agree are skipped.
   struct Key {
     std::uint64_t point;
     std::uint32_t number;
@@ -261,8 +260,8 @@ std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) 
   for (std::uint32_t i = 0; i < points.size(); ++i)
     keys[i] = {
         std::uint64_t{above(points[i].x, box.low.x)} << y_bits | above(points[i].y, box.low.y), i};
-  // About as many digits as points, as they are counted too.
-  const int most_bits = std::clamp(width(points.size()), 6, kMostDigitBits),
+  // Counting costs time for each digit value, so there are about as many values as points.
+  const int most_bits = std::clamp(width(points.size()), 6, kMaxDigitBits),
             passes = std::max(1, (bits + most_bits - 1) / most_bits),
             digit_bits = (bits + passes - 1) / passes;
   const std::uint64_t digits = (std::uint64_t{1} << digit_bits) - 1;
@@ -287,9 +286,9 @@ SweepResult sweep(const EdgeLoops& loops, std::span<const std::uint32_t> order,
   return Sweeper(loops, is_swept, {right_of, nullptr}).run(order);
 }
 
-std::optional<std::vector<std::uint32_t>> rings_around(const std::vector<Ring>& rings) {
+std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings) {
   EdgeLoops loops;
-  std::vector<std::uint32_t> ring_of;  // by edge
+  std::vector<std::uint32_t> ring_of;  // ring of each edge
   for (const Ring& ring : rings) {
     ring_of.insert(ring_of.end(), ring.size(), static_cast<std::uint32_t>(&ring - rings.data()));
     loops.add(ring);
@@ -299,13 +298,13 @@ std::optional<std::vector<std::uint32_t>> rings_around(const std::vector<Ring>& 
   const SweepResult swept =
       Sweeper(loops, {}, {&right_of, &beginnings}).run(in_sweep_order(loops.points));
   if (swept.crosses) return std::nullopt;
-  // Along a ring that no other one passes into, the windings are the same.
+  // Along a ring that no other ring crosses, the winding number is constant.
   for (std::size_t e = 0; e < right_of.size(); ++e) {
     if (right_of[e] != right_of[loops.next[e]]) return std::nullopt;
   }
   constexpr std::uint32_t kUnknown = kNoRing - 1;
   std::vector<std::uint32_t> out(rings.size(), kUnknown);
-  // Of a ring, the lower edge at its first point comes first; so do those of the ring below.
+  // The lower edge at its first point comes first in a ring, and likewise in the ring below.
   for (const auto& [edge, below] : beginnings) {
     std::uint32_t& around = out[ring_of[edge]];
     if (around != kUnknown) continue;
@@ -322,7 +321,7 @@ std::optional<std::vector<std::uint32_t>> rings_around(const std::vector<Ring>& 
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what) {
   if (!swept.crosses) return {};
-  // The shortest part of this list, from its start, in which any two edges cross.
+  // Find the shortest prefix of this list in which two edges cross.
   std::vector<std::uint32_t> edges(loops.points.size());
   std::iota(edges.begin(), edges.end(), 0U);
   std::sort(edges.begin(), edges.end(), [&loops](std::uint32_t e, std::uint32_t f) {
@@ -339,7 +338,7 @@ Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint
   const auto last_of = [&rank](const SweepResult& s) {
     return std::max(rank[s.first], rank[s.second]);
   };
-  std::uint32_t last = last_of(swept);  // the list up to here has two that cross
+  std::uint32_t last = last_of(swept);  // the list up to here has two edges that cross
   for (std::uint32_t low = 1; low < last;) {
     const std::uint32_t middle = low + (last - low) / 2;
     for (std::size_t e = 0; e < edges.size(); ++e)
@@ -352,8 +351,7 @@ Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint
     }
   }
   const LatticePoint p = loops.points[edges[last]];
-  return refused(std::string(what) + " cross near lattice point (" + std::to_string(p.x) + ", " +
-                 std::to_string(p.y) + ")");
+  return refused(std::string(what) + " cross near " + to_text(p));
 }
 
 }  // namespace trocar

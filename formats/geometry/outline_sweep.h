@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One sweep over closed loops of edges: does any of them cross another, and how often do the loops
-// wind around the points beside each edge? After Shamos and Hoey (1976), exact in integers.
+// One sweep over closed loops of edges: do any two edges cross, and how often do the loops wind
+// around the points next to each edge? After Shamos and Hoey (1976), exact in integers.
 #pragma once
 
 #include <cstdint>
@@ -29,30 +29,30 @@ struct EdgeLoops {
 std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points);
 
 struct SweepResult {
-  bool crosses = false;  ///< two edges, by segments_cross(); if so, the sweep stopped there
-  std::uint32_t first = 0, second = 0;  ///< these two
-  /// Do the loops wind 0 times around the points just right of every edge, and so once around those
-  /// just left of it? Then they wind 0 times or once around every point of the plane. Not if some
-  /// edges were left out.
+  bool crosses = false;  ///< two edges cross by segments_cross(), and the sweep stopped there
+  std::uint32_t first = 0, second = 0;  ///< the two edges that cross
+  /// The loops wind 0 times around the points just right of every edge, and therefore once around
+  /// those just left of it. Then they wind 0 times or once around every point of the plane.
+  /// Meaningless if some edges were not swept.
   bool winds_once = true;
   std::uint64_t tests = 0;  ///< orientation tests: at most 10 n + 3 n log2(n)
 };
 
-/// Sweeps over all edges, or only over those for which `is_swept` is not 0. `order` is that of
-/// in_sweep_order(). `right_of`, if not null, is set to how often the loops wind around the points
-/// just right of each edge; only if nothing crosses. O(n log n).
+/// Sweeps over all edges, or only over those for which `is_swept` is not 0. `order` comes from
+/// in_sweep_order(). If no edges cross, sets `right_of`, if not null, to the number of times that
+/// the loops wind around the points just right of each edge. O(n log n).
 SweepResult sweep(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                   std::span<const char> is_swept = {},
                   std::vector<std::int32_t>* right_of = nullptr);
 
-/// By ring, the number of the smallest ring around it, or kNoRing. Each ring has 3 different points
-/// at least. None if edges cross, or rings that touch pass into each other there. O(n log n).
 inline constexpr std::uint32_t kNoRing = 0xffffffff;
-std::optional<std::vector<std::uint32_t>> rings_around(const std::vector<Ring>& rings);
+/// The number of the smallest ring around each ring, or kNoRing. Each ring has at least 3
+/// different points. Nothing if edges cross, or rings cross at a common vertex. O(n log n).
+std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings);
 
-/// Proves that no two edges cross by segments_cross(). Refused as "`what` cross near lattice
-/// point (x, y)": the start of the first edge, by its least x and then its two ends, that crosses
-/// one before it in this order. O(n log n); O(n log^2 n) if it is refused.
+/// Proves that no two edges cross by segments_cross(). O(n log n). Errors: (refused) "`what` cross
+/// near lattice point (x, y)". Edges are ordered by their least x and then their two ends; the
+/// point is the start of the first edge that crosses an earlier one. This takes O(n log^2 n).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An outline that check_pslg() has accepted: who is given one need not prove it again.
+// An outline that check_pslg() has accepted. The type documents that it need not be proved again.
+// Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
 #include <utility>
@@ -11,7 +12,7 @@ namespace trocar {
 
 class ProvedOutline {
  public:
-  /// Of nothing.
+  /// The empty outline.
   ProvedOutline() = default;
   /// Errors: those of check_pslg() (mesh_validity.h). O(n log n).
   static Result<ProvedOutline> of(Pslg pslg);

@@ -12,28 +12,24 @@
 namespace trocar {
 namespace {
 
-std::string place(LatticePoint p) {
-  return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
-}
-
-// An edge of a region, and the stored edges that it became.
+// An edge of a region, and the stored edges into which it was divided.
 struct Border {
   LatticePoint from, to;
   std::size_t region;
   const Ring* stored;
-  std::size_t first, edges;  // in the stored ring
+  std::size_t first, edges;  // first edge in the stored ring, and count
   std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
-  // From 0, the start, to `edges`, the end.
+  // Point i along the divided edge: 0 is its start, `edges` its end.
   LatticePoint point(std::size_t i) const { return (*stored)[(first + i) % stored->size()]; }
 };
 
 Result<void> add_borders(std::size_t region, const Ring& ring, const Ring& stored,
                          std::vector<Border>& out) {
-  std::size_t at = 0;  // in `stored`
+  std::size_t at = 0;  // position in `stored`
   for (std::size_t i = 0; i < ring.size(); ++i) {
     const LatticePoint from = ring[i], to = ring[(i + 1) % ring.size()];
     if (at == stored.size() || stored[at] != from)
-      return refused("the stored outline does not pass an input vertex " + place(from));
+      return refused("the stored outline does not pass an input vertex at " + to_text(from));
     const std::size_t first = at++;
     while (at < stored.size() && (i + 1 == ring.size() || stored[at] != to))
       ++at;
@@ -49,8 +45,8 @@ struct Edge {
   }
 };
 
-// Seen from p, does the direction of a come before that of b when turning clockwise from that of
-// `start`?
+// When turning clockwise around p from the direction of `start`, does the direction of a come
+// before that of b?
 bool is_before_clockwise(LatticePoint p, LatticePoint start, LatticePoint a, LatticePoint b) {
   const auto half = [p, start](LatticePoint q) {
     const std::int64_t side = orient2d(p, start, q);
@@ -59,8 +55,8 @@ bool is_before_clockwise(LatticePoint p, LatticePoint start, LatticePoint a, Lat
   return half(a) != half(b) ? half(a) < half(b) : orient2d(p, a, b) < 0;
 }
 
-// Closed paths from directed edges with the material on their left. Where several meet in a point,
-// each stays with the material that it has come along.
+// Joins directed edges with the material on their left into closed paths. If several paths meet in
+// a point, each continues along the same material.
 Result<Pslg> rings_of(std::vector<Edge> edges) {
   std::sort(edges.begin(), edges.end());
   std::vector<char> is_used(edges.size(), 0);
@@ -72,7 +68,7 @@ Result<Pslg> rings_of(std::vector<Edge> edges) {
       const auto [from, to] = edges[e];
       path.push_back(from);
       if (to == edges[first].from) {
-        // Back at the start: the first edge is as good a continuation as any.
+        // The path is back at its start, where the first edge is a valid continuation.
         e = first;
         continue;
       }
@@ -85,7 +81,7 @@ Result<Pslg> rings_of(std::vector<Edge> edges) {
             (best == edges.size() || is_before_clockwise(to, from, edges[k].to, edges[best].to)))
           best = k;
       }
-      if (best == edges.size()) return refused("the union's outline is open " + place(to));
+      if (best == edges.size()) return refused("the union's outline is open at " + to_text(to));
       e = best;
     }
     if (!path.empty()) split_at_pinches(path, out.rings);
@@ -103,7 +99,7 @@ Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const
     return refused(std::to_string(stored.size()) + " stored outlines of " +
                    std::to_string(regions.size()) + " regions");
   std::vector<Border> borders;
-  std::uint64_t area = 0;  // modulo 2^64, as that of each region
+  std::uint64_t area = 0;  // modulo 2^64, like the area of each region
   for (std::size_t k = 0; k < regions.size(); ++k) {
     if (regions[k].rings.size() != stored[k].rings.size())
       return refused("region " + std::to_string(k) + " has " +
@@ -121,7 +117,7 @@ Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const
   for (std::size_t i = 0; i < borders.size(); ++i) {
     const Border& b = borders[i];
     if (i > 0 && b.ends() == borders[i - 1].ends())
-      return refused("two regions lie on the same side of an edge " + place(b.from));
+      return refused("two regions lie on the same side of an edge at " + to_text(b.from));
     const auto twin =
         std::lower_bound(borders.begin(), borders.end(), std::pair{b.to, b.from},
                          [](const Border& c, const auto& ends) { return c.ends() < ends; });
@@ -131,11 +127,11 @@ Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const
       continue;
     }
     if (twin->region == b.region)
-      return refused("a region lies on both sides of an edge " + place(b.from));
+      return refused("a region lies on both sides of an edge at " + to_text(b.from));
     for (std::size_t j = 0; j <= b.edges; ++j) {
       if (j > twin->edges || b.point(j) != twin->point(twin->edges - j))
-        return refused("two regions divide the edge that they share differently " +
-                       place(b.point(j)));
+        return refused("two regions divide the edge that they share differently at " +
+                       to_text(b.point(j)));
     }
   }
   auto outline = rings_of(std::move(outer));

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Regions (materials of one slice) that share borders: the proof that they leave no gap and do not
-// overlap, in exact integers.
+// The proof, in exact integers, that regions with common borders (the materials of one slice) leave
+// no gap and do not overlap.
 //
-// Two regions share an edge if both outlines have it, in opposite directions. Apart from that,
-// outlines of different regions only touch in vertices.
+// Two regions share an edge if both outlines have it, in opposite directions. Otherwise outlines of
+// different regions only touch in vertices.
 #pragma once
 
 #include <span>
@@ -15,14 +15,14 @@ namespace trocar {
 
 /// `stored[k]` is `regions[k]` with more vertices on its edges: ring by ring in the same order,
 /// each from the same first vertex. Both are valid by check_pslg(). Proves the following, or names
-/// the first property that fails and where:
-///  - every edge that two regions share is divided at the same points in both, so each of its parts
-///    occurs once in each direction, and none elsewhere: there is no gap;
-///  - the other edges are the outline of the union, which is valid by check_pslg(): it winds around
-///    every point at most once, and so do all regions together: none overlap;
+/// the first property that fails and the position:
+///  - both regions divide a shared edge at the same points, so each of its segments occurs once in
+///    each direction and nowhere else: there is no gap;
+///  - the other edges form the outline of the union, which is valid by check_pslg(): it winds
+///    around every point at most once, and so do all regions together: no two overlap;
 ///  - the areas of the regions sum to the area within that outline.
-/// Returns that outline, each ring from its smallest vertex, in ascending order.
-/// To prove the same of outlines themselves, give them twice. O(n log n) typically.
+/// Returns the outline of the union, each ring from its smallest vertex, in ascending order.
+/// To prove the same for the outlines themselves, pass them twice. Typically O(n log n).
 Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const Pslg> stored);
 
 }  // namespace trocar

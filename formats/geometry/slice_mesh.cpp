@@ -8,12 +8,12 @@
 namespace trocar {
 namespace {
 
-// By a hash table, which is faster than sorting. Points that collide in it too often are sorted.
+// Uses a hash table, which is faster than sorting. If points collide too often, they are sorted.
 bool has_a_point_twice(const Ring& ring) {
   std::size_t slots = 4;
   while (slots < 2 * ring.size())
     slots *= 2;
-  std::vector<std::uint32_t> table(slots, 0);  // index in the ring, from 1
+  std::vector<std::uint32_t> table(slots, 0);  // index in the ring plus 1; 0: free
   std::size_t probes = 16 * ring.size();
   for (std::uint32_t i = 0; i < ring.size(); ++i) {
     const std::uint64_t xy = std::uint64_t{static_cast<std::uint32_t>(ring[i].x)} << 32U |
@@ -32,12 +32,12 @@ bool has_a_point_twice(const Ring& ring) {
   return false;
 }
 
-// The next vertex along the boundary, of each vertex on it. Around a vertex of a valid mesh, the
-// second corners of its triangles are their third corners, except that on the boundary the next
-// vertex is only a second corner, and the one before only a third. So the sums over the triangles
-// of second - third and of their squares' difference are n - p and n^2 - p^2, which give n. One
-// pass without a search. In a mesh that is not valid, which check_mesh() finds, it may be any
-// vertex.
+// The next vertex n along the boundary for each boundary vertex, in one pass without a search. Each
+// triangle at a vertex has two further corners, its second and its third. In a valid mesh each
+// neighbour is the second corner of one triangle and the third of another, except that n is only a
+// second corner and the previous boundary vertex p only a third. So the sums over the triangles of
+// second - third and of second^2 - third^2 are n - p and n^2 - p^2, which give n. In an invalid
+// mesh, which check_mesh() detects, the result may be any vertex.
 std::vector<std::uint32_t> boundary_steps(const SliceMesh& mesh) {
   struct Sums {
     std::uint64_t difference = 0, squares = 0;  // modulo 2^64; indices are below 2^31
@@ -74,7 +74,7 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
     return;
   }
   Ring path;
-  std::map<LatticePoint, std::size_t> position;  // in path
+  std::map<LatticePoint, std::size_t> position;  // index in path
   for (const LatticePoint p : ring) {
     if (const auto it = position.find(p); it != position.end()) {
       const auto first = path.begin() + static_cast<std::ptrdiff_t>(it->second);
@@ -89,8 +89,8 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
   out.push_back(std::move(path));
 }
 
-// The sums are modulo 2^64: partial sums of a ring's area may leave the range of 64 bits although
-// the whole does not (a spiral over the whole lattice).
+// Sums are modulo 2^64, because partial sums may overflow 64 bits although the area does not (a
+// spiral over the whole lattice).
 
 std::int64_t doubled_area(const Ring& ring) {
   std::uint64_t sum = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The geometry of one slice: the PSLG (planar straight line graph) of its
 // outline and the triangle mesh of its material, both on the lattice.
+// Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
 #include <array>
@@ -27,23 +28,23 @@ struct SliceMesh {
   std::vector<Triangle> triangles;
 };
 
-/// Twice the signed area of a ring in steps^2. Exact for every simple ring; else modulo 2^64.
+/// Twice the signed area of a ring in steps^2. Exact for a simple ring, otherwise modulo 2^64.
 std::int64_t doubled_area(const Ring& ring);
 /// Sum over the rings; holes subtract. Exact.
 std::int64_t doubled_area(const Pslg& pslg);
 /// Sum over the triangles. Exact.
 std::int64_t doubled_area(const SliceMesh& mesh);
 
-/// Appends the closed path, split into simple rings where it returns to a point.
+/// Splits a closed path into simple rings at the points that it visits again, and appends them.
 void split_at_pinches(const Ring& path, std::vector<Ring>& out);
 
-/// The boundary of a valid mesh as simple rings with the material on the left (a boundary that
-/// meets itself in a pinch becomes rings that touch), each starting at its smallest vertex, in
-/// ascending order: they do not depend on the order of the triangles. O(n log n).
+/// The boundary of a valid mesh as simple rings with the material on the left. A boundary that
+/// touches itself becomes several rings. Each ring starts at its smallest vertex, and rings ascend,
+/// so the result does not depend on the order of the triangles. O(n log n).
 Pslg boundary_rings(const SliceMesh& mesh);
 
-/// The same from the next vertex along the boundary, by vertex.
 inline constexpr std::uint32_t kNotOnBoundary = 0xffffffff;
+/// The same rings, given the next vertex along the boundary for each vertex (or kNotOnBoundary).
 Pslg rings_along(const SliceMesh& mesh, std::vector<std::uint32_t> next);
 
 }  // namespace trocar

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The numbering of a triangle's edges, the same in every mesh of both programs:
+// The numbering of a triangle's edges in every mesh of both programs:
 //
 //   Edge i of a triangle runs from corner i to corner i + 1 (mod 3). The triangle lies on its left,
 //   and corner i + 2 (mod 3), its apex, lies opposite it.
@@ -9,6 +9,8 @@
 //   edge 2 /   \ edge 1             same edge with its two vertices in the other order.
 //         0-----1
 //          edge 0
+//
+// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -17,8 +19,8 @@
 
 namespace trocar {
 
-/// The next and the previous of a triangle's three corners, or of its three edges. (Digits of two
-/// bits: which corner it is cannot be predicted.)
+/// The next and the previous of a triangle's three corners, or of its three edges. A table of
+/// two-bit digits avoids a branch that cannot be predicted.
 constexpr std::uint32_t next_corner(std::uint32_t i) noexcept {
   return (0b00'10'01U >> (2 * i)) & 3;
 }
@@ -26,8 +28,8 @@ constexpr std::uint32_t previous_corner(std::uint32_t i) noexcept {
   return (0b01'00'10U >> (2 * i)) & 3;
 }
 
-/// The corner of the triangle that is vertex v, which is one of the three. It is also the number of
-/// the edge that starts at v.
+/// The corner of the triangle at its vertex v, which is also the number of the edge that starts at
+/// v.
 constexpr std::uint32_t corner_of(const Triangle& triangle, std::uint32_t v) noexcept {
   return triangle[0] == v ? 0 : triangle[1] == v ? 1 : 2;
 }
@@ -37,7 +39,7 @@ struct TriangleEdge {
   std::uint32_t triangle, edge;
 };
 
-/// The same as one number, for triangles below 2^29; kNoEdge is none.
+/// A TriangleEdge as one number, for triangles below 2^29; kNoEdge is no edge.
 using EdgeId = std::uint32_t;
 inline constexpr EdgeId kNoEdge = 0xffffffff;
 constexpr EdgeId edge_id(std::uint32_t triangle, std::uint32_t edge) noexcept {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shape of a counter-clockwise triangle, as far as refinement needs it. Squared lengths and
-// areas are exact integers; what follows from them is rounded once or twice.
+// Measures of a counter-clockwise triangle that refinement needs. Squared lengths and areas are exact
+// integers; values derived from them are rounded at most twice.
+// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -18,7 +19,7 @@ inline double edge_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
-/// Number (see triangle_edge.h) and squared length of the shortest edge; of equal ones the first.
+/// Number (triangle_edge.h) and squared length of the shortest edge; the first of equal ones.
 struct ShortestEdge {
   std::uint32_t edge;
   std::int64_t length2;
@@ -26,7 +27,7 @@ struct ShortestEdge {
 inline ShortestEdge shortest_edge(const TriangleCorners& v) noexcept {
   const std::array<std::int64_t, 3> d{distance2(v[0], v[1]), distance2(v[1], v[2]),
                                       distance2(v[2], v[0])};
-  // (Without branches, as it cannot be predicted.)
+  // This is free of branches because the result cannot be predicted.
   const std::uint32_t is_second = d[1] < d[0] ? 1 : 0,
                       is_third = ((d[2] < d[0]) & (d[2] < d[1])) ? 1 : 0;
   const std::uint32_t edge = (is_second & (is_third ^ 1)) | is_third << 1;
@@ -40,20 +41,21 @@ inline double circumradius2(const TriangleCorners& v) noexcept {
 }
 
 struct ShapeLimits {
-  double sine2;         ///< of the wanted smallest angle, squared
-  double doubled_area;  ///< largest, in squared steps
+  double sine2;         ///< squared sine of the smallest angle wanted
+  double doubled_area;  ///< largest doubled area allowed, steps^2
 };
 
 struct TriangleShape {
   std::int64_t doubled_area;
   double ca2;        ///< squared length of the edge from c to a
-  double shortest2;  ///< and of the shortest edge
+  double shortest2;  ///< squared length of the shortest edge
   bool is_sharp;     ///< the smallest angle is below the wanted one
   bool is_large;
   bool is_bad() const noexcept { return is_sharp | is_large; }
 };
 
-/// Of the triangle abc. The mesher's innermost function, so it is free of branches.
+/// The shape of the triangle abc. This is the mesher's innermost function, so it is free of
+/// branches.
 [[gnu::always_inline]] inline TriangleShape shape_of(LatticePoint a, LatticePoint b, LatticePoint c,
                                                      const ShapeLimits& limits) noexcept {
   const std::int64_t ab_x = std::int64_t{b.x} - a.x, ab_y = std::int64_t{b.y} - a.y;
@@ -70,9 +72,8 @@ struct TriangleShape {
           area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 
-/// Is the smallest angle below the one whose squared cosine is given (infinity: never)? The same
-/// question as TriangleShape::is_sharp; the two may differ where the angles agree to the last
-/// digit of a double.
+/// Is the smallest angle below the one whose squared cosine is given (infinity: never)? This may
+/// differ from TriangleShape::is_sharp if the two angles agree to the last digit of a double.
 inline bool is_angle_below_cosine(const TriangleCorners& v, double cos2) noexcept {
   // It lies opposite the shortest edge s, between l and m: l.m = (l^2 + m^2 - s^2) / 2.
   const auto [edge, s] = shortest_edge(v);

@@ -16,7 +16,7 @@ Vector3i64 difference(const SpacePoint& a, const SpacePoint& b) {
   return {std::int64_t{a[0]} - b[0], std::int64_t{a[1]} - b[1], std::int64_t{a[2]} - b[2]};
 }
 
-// Twice the triangle's area, along its normal.
+// The triangle's normal, with twice the area as its length.
 Vector3i64 doubled_normal(const TriangleSurface& s, const std::array<std::uint32_t, 3>& t) {
   return difference(s.vertices[t[1]], s.vertices[t[0]])
       .cross(difference(s.vertices[t[2]], s.vertices[t[0]]));
@@ -68,7 +68,7 @@ Result<void> check_triangle_surface(const TriangleSurface& surface) {
       ++end;
     const auto first = links.begin() + static_cast<std::ptrdiff_t>(begin);
     const auto last = links.begin() + static_cast<std::ptrdiff_t>(end);
-    // Each edge from the vertex starts one link edge; the walk along them must meet all.
+    // Each edge from the vertex starts one link edge. A walk along the link edges must visit all.
     for (auto at = first; at + 1 != last; ++at)
       if ((*at)[1] == (*(at + 1))[1])
         return refused(name("vertex", vertex) + " of the surface: two triangles pass its edge to " +

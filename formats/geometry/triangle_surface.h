@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A closed surface of triangles in space, on an integer lattice, for display.
+// Tests: tests/formats/asset/asset_surface_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +13,7 @@
 
 namespace trocar {
 
-/// In lattice steps.
+/// A point in space, lattice steps.
 using SpacePoint = std::array<std::int32_t, 3>;
 
 /// Largest admissible |coordinate|: a float32 carries it exactly, and no product below overflows.
@@ -25,18 +26,20 @@ struct TriangleSurface {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// Proves, in exact arithmetic, or names the first vertex or triangle where it does not hold:
+/// Proves the following in exact arithmetic, or names the first vertex or triangle that violates
+/// it:
 ///  - coordinates are admissible, indices in range, every vertex is used, no triangle has area 0;
-///  - closed, manifold and oriented: each edge has two triangles, which pass it in opposite
-///    directions, and the triangles at a vertex are one fan;
+///  - the surface is closed, manifold and oriented: each edge has two triangles, which traverse it
+///    in opposite directions, and the triangles at a vertex form one fan;
 ///  - it encloses a volume > 0: it is not inside out.
-/// It does not look for self-intersections. O(n log n). Errors (refused).
+/// Does not detect self-intersections. O(n log n). Errors: (refused).
 Result<void> check_triangle_surface(const TriangleSurface& surface);
 
-/// Of each vertex: the mean of its triangles' unit normals, weighted by their angles there.
+/// The normal at each vertex: the mean of its triangles' unit normals, weighted by their angles
+/// there.
 std::vector<Eigen::Vector3f> vertex_normals(const TriangleSurface& surface);
 
-/// Enclosed volume in steps^3, without rounding up to 2^53.
+/// The enclosed volume in steps^3, exact up to 2^53.
 double enclosed_volume(const TriangleSurface& surface);
 
 }  // namespace trocar

@@ -2,16 +2,17 @@
 #include "formats/geometry/weld_regions.h"
 
 #include <algorithm>
-#include <numeric>
 #include <string>
 #include <utility>
+
+#include "formats/base/disjoint_sets.h"
 
 namespace trocar {
 namespace {
 
 constexpr std::uint32_t kNone = 0xffffffff;
 
-// A boundary edge; vertices are numbered through all regions.
+// A boundary edge; the regions' vertices are numbered consecutively.
 struct Edge {
   LatticePoint from, to;
   std::uint32_t first, second;
@@ -49,45 +50,34 @@ Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions) {
   }
   std::sort(edges.begin(), edges.end(),
             [](const Edge& e, const Edge& f) { return e.ends() < f.ends(); });
-  std::vector<std::uint32_t> parent(vertices);
-  std::iota(parent.begin(), parent.end(), 0U);
-  const auto root = [&parent](std::uint32_t v) {
-    while (parent[v] != v)
-      v = parent[v] = parent[parent[v]];
-    return v;
-  };
-  const auto unite = [&](std::uint32_t v, std::uint32_t w) {
-    const std::uint32_t a = root(v), b = root(w);
-    parent[std::max(a, b)] = std::min(a, b);
-  };
+  DisjointSets sets(vertices);
   for (std::size_t i = 0; i < edges.size(); ++i) {
     const Edge& edge = edges[i];
     if (i > 0 && edges[i - 1].ends() == edge.ends())
-      return refused("two meshes lie on the same side of an edge at lattice point (" +
-                     std::to_string(edge.from.x) + ", " + std::to_string(edge.from.y) + ")");
+      return refused("two meshes lie on the same side of an edge at " + to_text(edge.from));
     const auto twin =
         std::lower_bound(edges.begin(), edges.end(), std::pair{edge.to, edge.from},
                          [](const Edge& e, const auto& ends) { return e.ends() < ends; });
     if (twin == edges.end() || twin->ends() != std::pair{edge.to, edge.from} ||
         twin->region == edge.region)
       continue;
-    unite(edge.first, twin->second);
-    unite(edge.second, twin->first);
+    sets.join(edge.first, twin->second);
+    sets.join(edge.second, twin->first);
   }
 
-  // A root is the first of its vertices.
+  // The root of a set is its first vertex.
   WeldedRegions out;
   std::vector<std::uint32_t> number(vertices, kNone);
   std::uint32_t first = 0;
   for (const SliceMesh* const region : regions) {
     std::vector<std::uint32_t>& vertex = out.vertex.emplace_back();
     for (std::uint32_t v = 0; v < region->vertices.size(); ++v) {
-      std::uint32_t& place = number[root(first + v)];
-      if (place == kNone) {
-        place = static_cast<std::uint32_t>(out.mesh.vertices.size());
+      std::uint32_t& merged = number[sets.root(first + v)];
+      if (merged == kNone) {
+        merged = static_cast<std::uint32_t>(out.mesh.vertices.size());
         out.mesh.vertices.push_back(region->vertices[v]);
       }
-      vertex.push_back(place);
+      vertex.push_back(merged);
     }
     for (const Triangle& t : region->triangles)
       out.mesh.triangles.push_back({vertex[t[0]], vertex[t[1]], vertex[t[2]]});

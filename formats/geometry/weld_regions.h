@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Regions (materials of one slice) that share borders (shared_borders.h), as one mesh.
+// Joins regions with common borders (the materials of one slice, shared_borders.h) into one mesh.
 #pragma once
 
 #include <cstdint>
@@ -13,16 +13,16 @@ namespace trocar {
 
 struct WeldedRegions {
   SliceMesh mesh;
-  /// By region and vertex of it: the mesh's vertex that it became.
+  /// vertex[r][v] is the vertex of `mesh` that vertex v of region r became.
   std::vector<std::vector<std::uint32_t>> vertex;
 };
 
-/// Where one region has a boundary edge from a to b and another one from b to a, the two edges
-/// become one, and so do the vertices at either end. Vertices that merely touch stay apart, as in a
-/// pinch. Triangles and vertices keep their order, region by region. Each region is valid by
-/// check_mesh(), and the outlines of all by check_shared_borders(); then the result is valid by
-/// check_mesh(), and its boundary is the outline of all. Refused: two boundary edges from a to b,
-/// and edges of a vertex that is not there. O(n log n).
+/// If one region has a boundary edge from a to b and another one from b to a, the two edges are
+/// merged, and so are the vertices at their ends. Vertices that merely coincide stay separate.
+/// Triangles and vertices keep their order, region by region. If each region is valid by
+/// check_mesh() and all outlines are by check_shared_borders(), the result is valid by
+/// check_mesh(), and its boundary is the outline of the union. O(n log n). Errors: (refused) two
+/// boundary edges from a to b, or an edge whose vertex does not exist.
 Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions);
 
 }  // namespace trocar

@@ -17,7 +17,7 @@ constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 20;
 constexpr std::array<const char*, kJointsPerLeg> kJointName = {"theta1", "theta2", "theta3",
                                                                "theta4", "theta5", "theta6"};
 
-// The only conversion, so that the built-in description equals the file's bit for bit.
+// All angles are converted here, so that the built-in description equals the file's bit for bit.
 double from_deg(double deg) {
   return deg * (std::numbers::pi / 180);
 }
@@ -26,112 +26,87 @@ JointLimit limit_from_deg(double min_deg, double max_deg) {
   return {from_deg(min_deg), from_deg(max_deg)};
 }
 
-// The object under `key`, for a further StrictObject.
-const Json& section(StrictObject& parent, const char* key, JsonErrors& errors) {
-  static const Json kNone;
-  const Json* found = parent.optional_value(key);
-  if (found == nullptr) errors.add(parent.path(key), "is missing");
-  return found == nullptr ? kNone : *found;
+int read_branch(StrictObject& branches, const char* key) {
+  branches.string(key);
+  return branches.choice(key, std::array{"plus", "minus"}) == 0 ? 1 : -1;
 }
 
-int read_branch(StrictObject& branches, const char* key, JsonErrors& errors) {
-  const std::string sign = branches.string(key);
-  if (sign != "plus" && sign != "minus") {
-    errors.add(branches.path(key), "must be \"plus\" or \"minus\"");
-  }
-  return sign == "minus" ? -1 : 1;
-}
-
-void read_geometry(StrictObject& root, DeviceGeometry& g, JsonErrors& errors) {
+void read_geometry(StrictObject& object, DeviceGeometry& g) {
   constexpr double kShortest_m = 1e-3, kLongest_m = 10;
-  StrictObject lengths(section(root, "geometry", errors), "/geometry", errors);
-  g.l1_m = lengths.number("l1_m", kShortest_m, kLongest_m);
-  g.l2_m = lengths.number("l2_m", kShortest_m, kLongest_m);
-  g.l3_m = lengths.number("l3_m", kShortest_m, kLongest_m);
-  g.l4_m = lengths.number("l4_m", kShortest_m, kLongest_m);
-  g.l5_m = lengths.number("l5_m", kShortest_m, kLongest_m);
-  g.R_T_m = lengths.number("R_T_m", kShortest_m, kLongest_m);
-  g.R_B1_m = lengths.number("R_B1_m", kShortest_m, kLongest_m);
-  g.R_B2_m = lengths.number("R_B2_m", kShortest_m, kLongest_m);
-  g.H_B_m = lengths.number("H_B_m", 0, kLongest_m);
-  g.z_A_m = lengths.number("z_A_m", -kLongest_m, kLongest_m);
-  g.d_rad = from_deg(lengths.number("d_deg", -180, 180));
-  lengths.finish();
-  if (g.l5_m >= g.l2_m) {
-    errors.add(lengths.path("l5_m"), "must be less than l2_m: D lies between E and C");
-  }
-  StrictObject branches(section(root, "branches", errors), "/branches", errors);
-  g.branch_theta1 = read_branch(branches, "theta1", errors);
-  g.branch_theta4 = read_branch(branches, "theta4", errors);
-  branches.finish();
+  const auto length = [&](const char* key) { return object.number(key, kShortest_m, kLongest_m); };
+  g.l1_m = length("l1_m");
+  g.l2_m = length("l2_m");
+  g.l3_m = length("l3_m");
+  g.l4_m = length("l4_m");
+  g.l5_m = length("l5_m");
+  g.R_T_m = length("R_T_m");
+  g.R_B1_m = length("R_B1_m");
+  g.R_B2_m = length("R_B2_m");
+  g.H_B_m = object.number("H_B_m", 0, kLongest_m);
+  g.z_A_m = object.number("z_A_m", -kLongest_m, kLongest_m);
+  g.d_rad = from_deg(object.number("d_deg", -180, 180));
+  if (g.l5_m >= g.l2_m) object.error("l5_m", "must be less than l2_m: D lies between E and C");
 }
 
-void read_motors_and_joints(StrictObject& root, DeviceDescription& device, JsonErrors& errors) {
-  StrictObject motors(section(root, "motors", errors), "/motors", errors);
-  device.motor_peak_torque_Nm = motors.number("peak_torque_Nm", 1e-3, 1e3);
-  device.motor_continuous_torque_Nm = motors.number("continuous_torque_Nm", 1e-3, 1e3);
-  device.motor_torque_constant_Nm_per_A = motors.number("torque_constant_Nm_per_A", 1e-4, 100);
-  device.motor_gear_ratio = motors.number("gear_ratio", 0.1, 1e3);
-  device.upper_bevel_ratio = motors.number("upper_bevel_ratio", 0.1, 10);
-  device.motor_peak_current_A = motors.number("peak_current_A", 1e-3, 1e3);
-  device.motor_continuous_current_A = motors.number("continuous_current_A", 1e-3, 1e3);
-  device.motor_peak_time_s = motors.number("peak_time_s", 0.1, 60);
-  device.joint_coulomb_friction_Nm = motors.number("joint_coulomb_friction_Nm", 0, 10);
-  motors.finish();
-  if (device.motor_continuous_torque_Nm > device.motor_peak_torque_Nm) {
-    errors.add(motors.path("continuous_torque_Nm"), "must not be above peak_torque_Nm");
-  }
-  if (device.motor_continuous_current_A > device.motor_peak_current_A) {
-    errors.add(motors.path("continuous_current_A"), "must not be above peak_current_A");
-  }
-  StrictObject limits(section(root, "joint_limits_deg", errors), "/joint_limits_deg", errors);
+void read_motors(StrictObject& object, DeviceDescription& device) {
+  device.motor_peak_torque_Nm = object.number("peak_torque_Nm", 1e-3, 1e3);
+  device.motor_continuous_torque_Nm = object.number("continuous_torque_Nm", 1e-3, 1e3);
+  device.motor_torque_constant_Nm_per_A = object.number("torque_constant_Nm_per_A", 1e-4, 100);
+  device.motor_gear_ratio = object.number("gear_ratio", 0.1, 1e3);
+  device.upper_bevel_ratio = object.number("upper_bevel_ratio", 0.1, 10);
+  device.motor_peak_current_A = object.number("peak_current_A", 1e-3, 1e3);
+  device.motor_continuous_current_A = object.number("continuous_current_A", 1e-3, 1e3);
+  device.motor_peak_time_s = object.number("peak_time_s", 0.1, 60);
+  device.joint_coulomb_friction_Nm = object.number("joint_coulomb_friction_Nm", 0, 10);
+  if (device.motor_continuous_torque_Nm > device.motor_peak_torque_Nm)
+    object.error("continuous_torque_Nm", "must not be above peak_torque_Nm");
+  if (device.motor_continuous_current_A > device.motor_peak_current_A)
+    object.error("continuous_current_A", "must not be above peak_current_A");
+}
+
+void read_joint_limits(StrictObject& object, DeviceDescription& device) {
   for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
     std::array<double, 2> deg{};
-    limits.numbers(kJointName[j], deg, -720, 720, true);
-    if (!(deg[0] < deg[1] && deg[1] - deg[0] <= 360)) {
-      errors.add(limits.path(kJointName[j]), "must be [min, max] with min < max <= min + 360");
-    }
+    object.numbers(kJointName[j], deg, -720, 720, true);
+    if (!(deg[0] < deg[1] && deg[1] - deg[0] <= 360))
+      object.error(kJointName[j], "must be [min, max] with min < max <= min + 360");
     device.joint_limit[j] = limit_from_deg(deg[0], deg[1]);
   }
-  limits.finish();
 }
 
-void read_plate_and_simulation(StrictObject& root, DeviceDescription& device, JsonErrors& errors) {
-  StrictObject plate(section(root, "plate", errors), "/plate", errors);
-  device.plate_mass_kg = plate.number("mass_kg", 1e-3, 1e3);
+void read_plate(StrictObject& object, DeviceDescription& device) {
+  device.plate_mass_kg = object.number("mass_kg", 1e-3, 1e3);
   auto& i = device.plate_inertia_kg_m2;
-  plate.numbers("inertia_kg_m2", i, 1e-8, 1e3, true);
-  plate.finish();
-  if (i[0] + i[1] < i[2] || i[1] + i[2] < i[0] || i[2] + i[0] < i[1]) {
-    errors.add(plate.path("inertia_kg_m2"),
-               "is impossible: one moment exceeds the sum of the others");
-  }
-  StrictObject simulation(section(root, "simulation", errors), "/simulation", errors);
+  object.numbers("inertia_kg_m2", i, 1e-8, 1e3, true);
+  if (i[0] + i[1] < i[2] || i[1] + i[2] < i[0] || i[2] + i[0] < i[1])
+    object.error("inertia_kg_m2", "is impossible: one moment exceeds the sum of the others");
+}
+
+void read_simulation(StrictObject& object, DeviceDescription& device) {
   device.joint_viscous_friction_Nms_per_rad =
-      simulation.number("joint_viscous_friction_Nms_per_rad", 0, 10);
+      object.number("joint_viscous_friction_Nms_per_rad", 0, 10);
   device.encoder_counts_per_revolution =
-      static_cast<int>(simulation.integer("encoder_counts_per_revolution", 0, 1 << 30));
-  device.gravity_m_per_s2 = simulation.number("gravity_m_per_s2", 0, 100);
-  device.minimum_substeps = static_cast<int>(simulation.integer("minimum_substeps", 10, 1000));
-  device.maximum_substep_s = simulation.number("maximum_substep_s", 1e-6, 1e-2);
-  simulation.finish();
+      static_cast<int>(object.integer("encoder_counts_per_revolution", 0, 1 << 30));
+  device.gravity_m_per_s2 = object.number("gravity_m_per_s2", 0, 100);
+  device.minimum_substeps = static_cast<int>(object.integer("minimum_substeps", 10, 1000));
+  device.maximum_substep_s = object.number("maximum_substep_s", 1e-6, 1e-2);
 }
 
 // "assumed" maps JSON pointers into this document to the reason: each must name a value.
-void check_assumed(StrictObject& root, const Json& document, JsonErrors& errors) {
-  const Json& assumed = section(root, "assumed", errors);
-  if (!assumed.is_object()) return errors.add("/assumed", "must be an object");
-  for (const auto& [pointer, reason] : assumed.items()) {
-    const std::string place =
+void check_assumed(const Json* assumed, const Json& document, JsonErrors& errors) {
+  if (assumed == nullptr) return errors.add("/assumed", "is missing");
+  if (!assumed->is_object()) return errors.add("/assumed", "must be an object");
+  for (const auto& [pointer, reason] : assumed->items()) {
+    const std::string path =
         "/assumed " +
         Json(pointer.substr(0, 64)).dump(-1, ' ', true, Json::error_handler_t::replace);
-    if (!reason.is_string()) errors.add(place, "must be a string");
+    if (!reason.is_string()) errors.add(path, "must be a string");
     bool names_a_value = false;
     try {
       names_a_value = document.contains(Json::json_pointer(pointer));
     } catch (const Json::exception&) {  // not a pointer
     }
-    if (!names_a_value) errors.add(place, "names no value of this file");
+    if (!names_a_value) errors.add(path, "names no value of this file");
   }
 }
 
@@ -185,10 +160,17 @@ Result<DeviceDescription> parse_device_description(std::string_view json_text,
     errors.add("/schema", "must be \"" + std::string(kSchema) + "\"");
   }
   device.name = root.string("name");
-  read_geometry(root, device.geometry, errors);
-  read_motors_and_joints(root, device, errors);
-  read_plate_and_simulation(root, device, errors);
-  check_assumed(root, *document, errors);
+  DeviceGeometry& geometry = device.geometry;
+  root.required_section("geometry", [&](StrictObject& o) { read_geometry(o, geometry); });
+  root.required_section("branches", [&](StrictObject& o) {
+    geometry.branch_theta1 = read_branch(o, "theta1");
+    geometry.branch_theta4 = read_branch(o, "theta4");
+  });
+  root.required_section("motors", [&](StrictObject& o) { read_motors(o, device); });
+  root.required_section("joint_limits_deg", [&](StrictObject& o) { read_joint_limits(o, device); });
+  root.required_section("plate", [&](StrictObject& o) { read_plate(o, device); });
+  root.required_section("simulation", [&](StrictObject& o) { read_simulation(o, device); });
+  check_assumed(root.optional_value("assumed"), *document, errors);
   root.finish();
   if (errors.first) return *errors.first;
   return device;

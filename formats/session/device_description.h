@@ -45,25 +45,25 @@ inline constexpr std::size_t kJointsPerLeg = 6;
 struct DeviceDescription {
   std::string name;
   DeviceGeometry geometry;
-  double motor_peak_torque_Nm = 0;            ///< at the joint, every motor
-  double motor_continuous_torque_Nm = 0;      ///< at the joint; not above the peak
-  double motor_torque_constant_Nm_per_A = 0;  ///< at the rotor
+  double motor_peak_torque_Nm = 0;            ///< torque at the joint, the same for every motor
+  double motor_continuous_torque_Nm = 0;      ///< torque at the joint; not above the peak
+  double motor_torque_constant_Nm_per_A = 0;  ///< torque at the rotor per current
   double motor_gear_ratio = 0;                ///< revolutions of the rotor for one of the joint
-  double upper_bevel_ratio = 0;               ///< of theta1's bevel gears, in series with the gear
-  double motor_peak_current_A = 0;            ///< of the drive
-  double motor_continuous_current_A = 0;      ///< of motor and drive; not above the peak
-  double motor_peak_time_s = 0;               ///< longest time at the peak current, from cold
-  double joint_coulomb_friction_Nm = 0;       ///< at each of the eight motor joints
+  double upper_bevel_ratio = 0;     ///< ratio of theta1's bevel gears, in series with the gear
+  double motor_peak_current_A = 0;  ///< limit of the drive
+  double motor_continuous_current_A = 0;  ///< lower limit of motor and drive; not above the peak
+  double motor_peak_time_s = 0;           ///< longest time at the peak current, from cold
+  double joint_coulomb_friction_Nm = 0;   ///< at each of the eight motor joints
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
   double plate_mass_kg = 0;                           ///< plate, sensor and grip
-  std::array<double, 3> plate_inertia_kg_m2{};        ///< principal, about {T}'s origin and axes
+  std::array<double, 3> plate_inertia_kg_m2{};  ///< principal moments about {T}'s origin and axes
 
   // The simulated device only.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
-  int encoder_counts_per_revolution = 0;  ///< 0: exact encoders; also what velocities of the
-                                          ///< loop are filtered to
-  double gravity_m_per_s2 = 0;            ///< along -z; 0: the mechanism is balanced
-  int minimum_substeps = 0;               ///< of the integration, in each simulation step
+  /// 0: exact encoders. The loop also derives the filter of its velocities from this resolution.
+  int encoder_counts_per_revolution = 0;
+  double gravity_m_per_s2 = 0;  ///< acceleration along -z; 0: the mechanism is balanced
+  int minimum_substeps = 0;     ///< least number of integration steps in each simulation step
   double maximum_substep_s = 0;
 
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
@@ -72,9 +72,9 @@ struct DeviceDescription {
 /// The device of the paper; equal to runtime/device/four_legs.json.
 DeviceDescription default_device_description();
 
-/// Reads a description from JSON text. `source` is its name in errors. Refused: text that is not
-/// JSON; unknown, repeated or missing keys; wrong types; numbers that are not finite or out of the
-/// schema's range; entries of "assumed" that name no value.
+/// Reads a description from JSON text; messages name it `source`. Errors: (refused) text that is
+/// not JSON; unknown, repeated or missing keys; wrong types; numbers outside the schema's range;
+/// entries of "assumed" that name no value.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

@@ -19,7 +19,7 @@ using Bytes = std::span<const std::uint8_t>;
 
 constexpr std::size_t kHeaderBytes = 32;
 
-/// Writes fields one after the other. The caller has checked the size.
+/// Writes fields consecutively. The caller has checked the size.
 class Writer {
  public:
   explicit Writer(std::uint8_t* at) : at_(at) {}
@@ -66,34 +66,24 @@ class Reader {
   const std::uint8_t* at_;
 };
 
+/// Kind and size of each packet.
+template <PacketKind kind, std::size_t bytes>
+struct FormatOf {
+  static constexpr PacketKind kKind = kind;
+  static constexpr std::size_t kBytes = bytes;
+};
 template <typename Packet>
 struct Format;
 template <>
-struct Format<HelloPacket> {
-  static constexpr PacketKind kKind = PacketKind::kHello;
-  static constexpr std::size_t kBytes = kHelloBytes;
-};
+struct Format<HelloPacket> : FormatOf<PacketKind::kHello, kHelloBytes> {};
 template <>
-struct Format<WelcomePacket> {
-  static constexpr PacketKind kKind = PacketKind::kWelcome;
-  static constexpr std::size_t kBytes = kWelcomeBytes;
-};
+struct Format<WelcomePacket> : FormatOf<PacketKind::kWelcome, kWelcomeBytes> {};
 template <>
-struct Format<CommandPacket> {
-  static constexpr PacketKind kKind = PacketKind::kCommand;
-  static constexpr std::size_t kBytes = kCommandBytes;
-};
+struct Format<CommandPacket> : FormatOf<PacketKind::kCommand, kCommandBytes> {};
 template <>
-struct Format<StatePacket> {
-  static constexpr PacketKind kKind = PacketKind::kState;
-  static constexpr std::size_t kBytes = kStateBytes;
-};
-
+struct Format<StatePacket> : FormatOf<PacketKind::kState, kStateBytes> {};
 template <>
-struct Format<DenialPacket> {
-  static constexpr PacketKind kKind = PacketKind::kDenial;
-  static constexpr std::size_t kBytes = kDenialBytes;
-};
+struct Format<DenialPacket> : FormatOf<PacketKind::kDenial, kDenialBytes> {};
 
 struct Header {
   std::uint64_t session = 0, sequence = 0;
@@ -128,7 +118,7 @@ std::size_t seal(const LinkKey& key, std::uint8_t* out) noexcept {
 /// Checks size, magic, version and kind.
 template <typename Packet>
 LinkRefusal open_header(Bytes bytes, Header& header) noexcept {
-  if (bytes.size() < kHeaderBytes || bytes.size() > kLargestPacketBytes) return LinkRefusal::kSize;
+  if (bytes.size() < kHeaderBytes || bytes.size() > kMaxPacketBytes) return LinkRefusal::kSize;
   if (!std::equal(kLinkMagic.begin(), kLinkMagic.end(), bytes.begin()) ||
       bytes[4] != kLinkVersion) {
     return LinkRefusal::kMagic;
@@ -144,7 +134,7 @@ LinkRefusal open_header(Bytes bytes, Header& header) noexcept {
   return LinkRefusal::kNone;
 }
 
-/// Checks everything except the contents. `any_session`: for hello and welcome, which belong to no
+/// Checks everything except the contents. Set `any_session` for hello and welcome, which belong to no
 /// known session.
 template <typename Packet>
 LinkRefusal open(Bytes bytes, const LinkKey& key, bool any_session, std::uint64_t session,
@@ -155,7 +145,7 @@ LinkRefusal open(Bytes bytes, const LinkKey& key, bool any_session, std::uint64_
   if (!any_session && header.session != session) return LinkRefusal::kSession;
   std::array<std::uint8_t, kLinkMacBytes> mac;
   mac_of(bytes.first(kBytes - kLinkMacBytes), key, mac.data());
-  // In constant time, so that the time does not reveal how much of a guess is right.
+  // This takes constant time, so that the time does not reveal how much of a guess is right.
   return sodium_memcmp(mac.data(), bytes.data() + kBytes - kLinkMacBytes, kLinkMacBytes) == 0
              ? LinkRefusal::kNone
              : LinkRefusal::kMac;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packets of the device link, the UDP protocol between the haptic loop's host and a drive. One
-// datagram is one packet of a fixed size. Layout to the byte and course of a session:
-// device_link.md.
+// Packets of the device link, the UDP protocol between the haptic loop's host and a drive. Each
+// datagram is one packet of a fixed size. device_link.md specifies the layout to the byte and the
+// course of a session.
 //
 // Contract (tests/formats/session/device_protocol_test.cpp):
-//  1. A packet that decode accepts was made with the key, and encode gives the same bytes again.
-//  2. A command or state is accepted once, in its own session and direction, and never after a
-//     newer one.
+//  1. A packet that decode accepts was made with the key, and encode reproduces its bytes.
+//  2. A command or state is accepted only once, in its own session and direction, and never after a
+//     newer packet was accepted.
 //  3. A refused packet changes nothing.
 // No function except start_link allocates, locks, throws or reads a clock.
 #pragma once
@@ -23,11 +23,11 @@ namespace trocar {
 inline constexpr std::size_t kLinkKeyBytes = 32, kLinkNonceBytes = 16, kLinkMacBytes = 32;
 inline constexpr std::size_t kHelloBytes = 96, kWelcomeBytes = 112, kCommandBytes = 144,
                              kStateBytes = 208, kDenialBytes = 56;
-inline constexpr std::size_t kLargestPacketBytes = kStateBytes;
+inline constexpr std::size_t kMaxPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
 inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
 inline constexpr std::uint8_t kLinkVersion = 1;
-/// Numbers beyond these are refused; no device of this kind reaches them.
+/// Larger numbers are refused; no device of this kind needs them.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMinPeriod_s = 1e-5, kLinkMaxPeriod_s = 0.1;
 
@@ -56,9 +56,9 @@ enum class CommandMode : std::uint8_t {
 enum class DriveMode : std::uint8_t {
   kReady = 1,          ///< torques are zero; a torque command is accepted
   kTorque = 2,         ///< the last command's torques are applied
-  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command arrives that
-                       ///< acknowledges this mode and whose torques are zero
-  kEmergencyStop = 4,  ///< pressed, or released and no such command has arrived yet:
+  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command with zero
+                       ///< torques acknowledges this mode
+  kEmergencyStop = 4,  ///< the stop is pressed, or no command has acknowledged its release yet:
                        ///< commands have no effect, torques are zero
 };
 
@@ -66,7 +66,7 @@ struct HelloPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};
   double period_s = 0;
-  bool fresh = true;  ///< a simulated world starts again from its initial state
+  bool fresh = true;  ///< the host requests that a simulated world restart from its initial state
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
 };
 struct WelcomePacket {
@@ -98,45 +98,46 @@ enum class DenialReason : std::uint8_t {
   kKey = 1,   ///< the hello was not made with the drive's key
   kBusy = 2,  ///< a session with another host is alive
 };
-/// Tells a host why its hello gets no welcome. Not authenticated, since the host may lack the key:
-/// a hint for the operator, on which nothing else may depend.
+/// The reason why a hello gets no welcome. It is not authenticated, since the host may lack the
+/// key. So it is a hint for the operator, and no decision may depend on it.
 struct DenialPacket {
   std::int64_t time_ns = 0;
-  LinkNonce host_nonce{};  ///< as in the hello
+  LinkNonce host_nonce{};  ///< the nonce in the hello
   DenialReason reason = DenialReason::kKey;
   friend bool operator==(const DenialPacket&, const DenialPacket&) = default;
 };
 
-/// Why a packet was refused: the first of these that applies.
+/// The reason why a packet was refused: the first of these that applies.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
-  kSize,      ///< not the size of this kind of packet, or not the size that it states
+  kSize,      ///< its size is wrong for this kind of packet, or differs from the stated size
   kMagic,     ///< another protocol or version
   kKind,      ///< another kind, such as the receiver's own packet sent back
   kSession,   ///< another session
-  kMac,       ///< not made with the key, or corrupted
+  kMac,       ///< made without the key, or corrupted
   kSequence,  ///< repeated, or overtaken by a newer one
   kContents,  ///< authentic, but with an unknown mode, a non-zero byte where zero is required, a
               ///< number that is not finite or out of bounds, or a nonce of another hello
 };
 inline constexpr std::size_t kLinkRefusals = 8;
-/// The name in summaries, such as "sequence".
+/// The reason's name in summaries, such as "sequence".
 const char* to_string(LinkRefusal refusal) noexcept;
 
-/// To be called before any other function of this header; may be repeated. Fails (bug) if the
-/// system has no source of randomness.
+/// Call this before any other function of this header; repeated calls are harmless. Errors: (bug)
+/// the system has no source of randomness.
 Result<void> start_link();
 
-/// New ones from the system's random numbers.
+/// A new key and a new nonce from the system's random numbers.
 LinkKey random_link_key() noexcept;
 LinkNonce random_nonce() noexcept;
 
-/// The key of a session's commands and states, and the session's number in their headers.
+/// The key for a session's commands and states, and the session's number in their headers.
 LinkKey session_key(const LinkKey& shared, const LinkNonce& host, const LinkNonce& drive) noexcept;
 std::uint64_t session_number(const LinkNonce& drive) noexcept;
 
-/// Returns the bytes written, the size of this kind of packet; 0 if `out` is shorter or decode
-/// would refuse the contents. `key`: the shared key for hello and welcome, else the session's.
+/// Returns the number of bytes written, which is the size of this kind of packet; 0 if `out` is
+/// shorter or decode would refuse the contents. `key` is the shared key for hello and welcome, and
+/// the session's key for the others.
 std::size_t encode(const HelloPacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
 std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
@@ -148,31 +149,31 @@ std::size_t encode(const StatePacket& packet, const LinkKey& key,
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
 
-/// The host's nonce of a datagram that has the size, magic, version and kind of a hello, authentic
-/// or not; false: it is none.
+/// Reads the host's nonce from a datagram that has the size, magic, version and kind of a hello,
+/// authentic or not; false if it has not.
 bool hello_nonce(std::span<const std::uint8_t> bytes, LinkNonce& nonce) noexcept;
 
-/// The kind of a datagram by its header and size, without authentication; kHello if it is none
-/// (decode then refuses it).
+/// The kind of a datagram by its header and size, without authentication. If it is no packet, the
+/// result is kHello, and decode then refuses it.
 PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
 
 /// `packet` and `last_sequence` change only if the packet is accepted. A repeated hello is
 /// accepted: the sender of an old one gets a welcome, but lacks the key to use its session.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
                    HelloPacket& packet) noexcept;
-/// `asked`: the host's nonce in its hello.
+/// `asked` is the host's nonce in its hello.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, const LinkNonce& asked,
                    WelcomePacket& packet) noexcept;
-/// `asked` as above. Not authenticated.
+/// `asked` is the host's nonce in its hello. The packet is not authenticated.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkNonce& asked,
                    DenialPacket& packet) noexcept;
-/// `last_sequence`: of the session's packets of this kind; 0 at its start.
+/// `last_sequence` is that of the session's last accepted packet of this kind; 0 at its start.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept;
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, StatePacket& packet) noexcept;
 
-/// Numbers of accepted packets and of refused ones by reason.
+/// Counts accepted packets, and refused packets by reason.
 struct LinkCounts {
   std::array<std::uint64_t, kLinkRefusals> by_refusal{};  ///< [kNone]: accepted
   void add(LinkRefusal refusal) noexcept { ++by_refusal[static_cast<std::size_t>(refusal)]; }

@@ -9,7 +9,7 @@
 namespace trocar {
 namespace {
 
-// Without a default: the compiler refuses a fault that has no row here.
+// The switch has no default, so that the compiler refuses a fault without a row.
 constexpr FaultWords make_words(Fault fault) {
   switch (fault) {
     case Fault::kNone:
@@ -78,8 +78,9 @@ constexpr FaultWords make_words(Fault fault) {
     case Fault::kMotorOverload:
       return {"motor_overload", "the motors are overloaded", "the motors are still hot",
               "lift the tool, let the motors cool, and press with less force"};
-    case Fault::kEnergy:
-      return {"energy", "the loop drives the hand: it gave more energy than the sheets had stored",
+    case Fault::kEnergyLimit:
+      return {"energy_limit",
+              "the loop drives the hand: it released more energy than the sheets had stored",
               "the loop still drives the hand",
               "use a tissue with less stiffness and friction, or a higher --rate"};
     case Fault::kPaused:
@@ -95,7 +96,7 @@ constexpr FaultWords make_words(Fault fault) {
 
 constexpr bool has_words(int i) {
   const FaultWords words = make_words(static_cast<Fault>(i));
-  for (const char* text : {words.name, words.meaning, words.still, words.advice})
+  for (const char* text : {words.name, words.meaning, words.meaning_in_recovery, words.advice})
     if (text == nullptr || *text == '\0') return false;
   return true;
 }
@@ -113,20 +114,20 @@ constexpr auto kWords = [] {
   return words;
 }();
 
-/// What an index counts; '#' in a row's texts stands for it.
+/// The meaning of an index; '#' in a row's texts stands for it.
 enum class Counts : std::uint8_t { kNothing, kEncoders, kMotors, kLegs, kAxes, kWrench };
 
 struct QuantityWords {
-  const char* name = nullptr;  ///< of quantity_name()
+  const char* name = nullptr;  ///< result of quantity_name()
   const char* words = nullptr;
-  const char* unit = "";  ///< of measured(): the value times `factor`
+  const char* unit = "";  ///< unit in measured(), which shows the value times `factor`
   double factor = 1;      ///< 0: there is no value
   Counts counts = Counts::kNothing;
 };
 
 constexpr double kDeg = 57.29577951308232;
 
-// Without a default, as make_words().
+// The switch has no default, as in make_words().
 constexpr QuantityWords make_quantity(FaultQuantity quantity) {
   using enum Counts;
   switch (quantity) {
@@ -146,7 +147,7 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
     case FaultQuantity::kInverseCondition:
       return {"inverse_condition", "inverse condition number"};
     case FaultQuantity::kBranchDistance:
-      return {"branch_distance_#_m", "distance of leg # from the end of its reach", " mm", 1e3,
+      return {"branch_distance_#_m", "distance of leg # from the edge of its workspace", " mm", 1e3,
               kLegs};
     case FaultQuantity::kTickGap:
       return {"tick_gap_s", "time between two ticks", " ms", 1e3};
@@ -164,7 +165,7 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
       return {"plate_speed_m_per_s", "plate speed", " m/s"};
     case FaultQuantity::kPlateRotation:
       return {"plate_rotation_rad_per_s", "plate rotation", " rad/s"};
-    case FaultQuantity::kResponse:
+    case FaultQuantity::kPrefetchedStiffness:
       return {"response_stiffness_N_per_m", "stiffness of the spring network", " N/m"};
     case FaultQuantity::kWantedWrench:
       return {"#", "wanted #", "", 1, kWrench};
@@ -173,15 +174,15 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
     case FaultQuantity::kCompensationTorque:
       return {"compensation_#_Nm", "compensation torque of motor theta #", " N m", 1, kMotors};
     case FaultQuantity::kTorqueRiseTime:
-      return {"torque_rise_time_s", "time of rising as fast as allowed", " ms", 1e3};
+      return {"torque_rise_time_s", "time of rising at the limit", " ms", 1e3};
     case FaultQuantity::kMotorHeat:
       return {"motor_heat_#", "thermal state of motor theta #", " %", 100, kMotors};
     case FaultQuantity::kWeakForceTime:
       return {"weak_force_time_s", "time with too little of the wanted force", " s"};
     case FaultQuantity::kMotor:
       return {"motor_#", "motor theta #", "", 0, kMotors};
-    case FaultQuantity::kGivenEnergy:
-      return {"energy_given_J", "energy given to the hand", " mJ", 1e3};
+    case FaultQuantity::kReleasedEnergy:
+      return {"energy_released_J", "energy released to the hand", " mJ", 1e3};
   }
   return {};
 }
@@ -194,8 +195,8 @@ constexpr bool all_quantities_have_words() {
 }
 static_assert(all_quantities_have_words(), "kFaultQuantities, or a quantity has no words");
 
-/// Which one, as in a column's name ("2_3": leg, joint) or in words ("3 of leg 2").
-std::string place(Counts counts, int index, bool in_words) {
+/// An index as in a column's name ("2_3": leg, joint) or in words ("3 of leg 2").
+std::string index_text(Counts counts, int index, bool in_words) {
   constexpr std::array<const char*, 3> kAxisNames = {"x", "y", "z"};
   constexpr std::array<const char*, 6> kWrenchNames = {"fx", "fy", "fz", "tx", "ty", "tz"};
   const auto joint_of_leg = [&](int leg, int joint) {
@@ -249,7 +250,7 @@ const FaultWords& words_of(Fault fault) {
 bool is_known(const FaultDetail& detail) {
   const auto fault = static_cast<int>(detail.fault), quantity = static_cast<int>(detail.quantity);
   if (fault < 0 || fault >= kFaults || quantity < 0 || quantity >= kFaultQuantities) return false;
-  const auto places = [&] {
+  const auto count = [&] {
     switch (make_quantity(detail.quantity).counts) {
       case Counts::kNothing:
         break;
@@ -266,21 +267,21 @@ bool is_known(const FaultDetail& detail) {
     }
     return 0;
   }();
-  return detail.index >= (places == 0 ? -1 : 0) && (places == 0 || detail.index < places);
+  return detail.index >= (count == 0 ? -1 : 0) && (count == 0 || detail.index < count);
 }
 
 std::string quantity_name(const FaultDetail& detail) {
   const QuantityWords row = make_quantity(detail.quantity);
-  return filled(row.name, place(row.counts, detail.index, false));
+  return filled(row.name, index_text(row.counts, detail.index, false));
 }
 
 std::string measured(const FaultDetail& detail) {
   if (detail.quantity == FaultQuantity::kNone) return {};
   const QuantityWords row = make_quantity(detail.quantity);
-  std::string text = filled(row.words, place(row.counts, detail.index, true));
+  std::string text = filled(row.words, index_text(row.counts, detail.index, true));
   if (row.factor == 0) return text;
   const double value = detail.value * row.factor, limit = detail.limit * row.factor;
-  int digits = 4;  // more where they are needed to tell the value from its limit
+  int digits = 4;  // more if they are needed to distinguish the value from its limit
   while (digits < 17 && value != limit && number(value, digits) == number(limit, digits))
     ++digits;
   text.append(" ").append(number(value, digits)).append(row.unit);

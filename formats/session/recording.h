@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The recording of a session: CSV, one row for each tick, a header with every column's name and
-// unit. Numbers are in shortest round-trip form, so that reading gives the written values bit for
-// bit. Reading is strict: exactly these columns, every field complete.
+// The recording of a session: a CSV file with one row for each tick and a header with every
+// column's name and unit. Numbers are written in shortest round-trip form, so that reading gives
+// the written values bit for bit. Reading is strict: exactly these columns, every field complete.
 #pragma once
 
 #include <array>
@@ -23,12 +23,12 @@ enum class ContactPhase : std::uint8_t {
   kFree,       ///< "free": above every slice
   kContact,    ///< "contact": a slice bears the force
   kPunctured,  ///< "punctured": the tip is below the slice that was punctured last
-  kBeside,     ///< "beside": below a slice, beside its material or through an older hole
+  kMissed,     ///< "beside": the tip passed a slice outside its material or through an older hole
   kFault,      ///< "fault": latched; torques ramp to zero
 };
 
-/// Why the loop entered its safe state; to_string() gives the name in recording and summary,
-/// fault_words.h what it means and what to do.
+/// The reason why the loop entered its safe state. to_string() gives the name in recording and
+/// summary; fault_words.h has the meaning and the advice.
 enum class Fault : std::uint8_t {
   kNone,
   kNoData,            ///< no data from the device for too long
@@ -38,8 +38,8 @@ enum class Fault : std::uint8_t {
   kEncoderJump,       ///< an encoder moved faster than the mechanism can
   kJointLimit,        ///< a motor angle is outside its limits
   kPoseResidual,      ///< the encoders contradict each other, or give no pose
-  kSingularity,       ///< the Jacobian's inverse condition number, or a leg's distance to the end
-                      ///< of its reach, is too small
+  kSingularity,       ///< the inverse condition number of the Jacobian, or a leg's distance to the
+                      ///< edge of its workspace, is too small
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
   kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
   kRemeshBacklog,     ///< more cuts wait for their mesh than the queue holds
@@ -52,7 +52,7 @@ enum class Fault : std::uint8_t {
   kTorqueRate,        ///< the wanted torques rise faster than they may, for too long
   kMotorOverload,     ///< a motor exceeded its i2t limit, or too little of the wanted wrench
                       ///< was rendered for too long
-  kEnergy,            ///< the environment gave the hand more energy than it may
+  kEnergyLimit,       ///< the environment released more energy to the hand than its limit allows
   kPaused,            ///< the operator pauses the session
   kForcesOff,         ///< the operator has turned the forces off
 };
@@ -71,56 +71,58 @@ inline constexpr int kSafetyStates = 5;
 const char* to_string(ContactPhase phase);
 const char* to_string(Fault fault);
 const char* to_string(SafetyState state);
-/// Of a status that is recorded, not kEndOfData.
+/// Not for kEndOfData, which is never recorded.
 const char* to_string(DeviceStatus status);
 
-/// One tick. Everything in frame {B}; wrenches are at the plate's origin: force, then torque.
+/// One tick. Everything is in frame {B}. A wrench acts at the plate's origin: force, then torque.
 struct RecordingRow {
   double t_s = 0;                            ///< tick / rate
   std::array<double, 3> p_m{};               ///< plate's origin
   std::array<double, 4> q{1, 0, 0, 0};       ///< plate's orientation, w x y z
   std::array<double, 3> tool_m{};            ///< tool tip
   std::array<double, 6> wrench_wanted{};     ///< N, N*m
-  std::array<double, 6> wrench_delivered{};  ///< by the torques tau_Nm
+  std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
   std::array<double, 8> tau_Nm{};            ///< leg-major: th1, th4 of leg 1, ...
   std::array<double, 16> encoder_rad{};      ///< leg-major: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
-  std::int32_t active_slice = -1;   ///< asset's slice index; -1: none
-  double penetration_m = 0;         ///< of the active slice; in the tick of a puncture the
-                                    ///< penetration at which it happened
-  double wrench_scale = 1;          ///< < 1: scaled down to what the motors can produce
-  double pose_residual_m = 0;       ///< of the fit of the pose to the encoders
-  std::int64_t cuts_published = 0;  ///< holes whose new mesh is in use, over all slices
-  /// The network's latest response (force law `network`). It is computed outside the haptic thread,
-  /// so it is an input of this tick like the encoders. Sheet -1: none.
-  std::int32_t response_sheet = -1;  ///< 0: the scene's topmost
+  std::int32_t active_slice = -1;  ///< asset's slice index; -1: none
+  /// Penetration of the active slice. In the tick of a puncture: the penetration at the puncture.
+  double penetration_m = 0;
+  double wrench_scale = 1;          ///< delivered over wanted wrench; < 1 if a motor saturates
+  double pose_residual_m = 0;       ///< residual of the pose fitted to the encoders
+  std::int64_t cuts_published = 0;  ///< number of holes whose new mesh is in use, over all slices
+  /// The latest prefetched stiffness (force law `network`). The prefetch worker computes it outside
+  /// the haptic thread, so it is an input of this tick, like the encoders.
+  std::int32_t response_sheet = -1;  ///< index from the top, 0 for the topmost; -1: none
   double response_stiffness_N_per_m = 0;
-  std::array<double, 2> response_offset_m{};  ///< of the force, from the tool's centre
+  std::array<double, 2> response_offset_m{};  ///< point of the force relative to the tool's centre
   Fault fault = Fault::kNone;
-  // What else a tick's torques depend on, so that a replay gives them to the last bit.
+  // The other inputs of a tick's torques, so that a replay reproduces them to the last bit.
   DeviceStatus device_read = DeviceStatus::kOk, device_write = DeviceStatus::kOk;
-  double state_t_s = 0;                ///< on the device's clock: when these encoders were read
-  Fault outside_fault = Fault::kNone;  ///< found outside of the tick: late ticks, a full queue
-  std::uint8_t recovery_asked = 0;     ///< 1: the operator requested recovery at this tick
+  double state_t_s = 0;  ///< time at which these encoders were read, on the device's clock
+  Fault outside_fault =
+      Fault::kNone;                 ///< fault detected outside the tick: late ticks, a full queue
+  std::uint8_t recovery_asked = 0;  ///< 1: the operator requested recovery at this tick
   // Results of the tick.
   SafetyState safety = SafetyState::kIdle;
-  double authority = 1;    ///< share of the wanted wrench; < 1 after a recovery
-  double passivity_J = 0;  ///< the observer's energy; < 0: more was given to the hand than taken
-  double passivity_N_s_per_m = 0;  ///< damping added by the controller
-  double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1: its limit
-  /// Force law `cutting` only: of the tissue, before the scene's force scale.
+  double authority = 1;    ///< factor on the wanted wrench; rises from 0 to 1 after a recovery
+  double passivity_J = 0;  ///< energy of the passivity observer; < 0: the hand received more energy
+                           ///< than it gave
+  double passivity_N_s_per_m = 0;  ///< damping added by the passivity controller
+  double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1 is its limit
+  /// Values of the tissue before the scene's force scale (force law `cutting` only).
   struct Cutting {
-    std::array<double, 6> wrench_tissue{};  ///< on the plate, N, N*m
-    double front_z_m = 0;                   ///< height of the front, or of the next bone below
-    /// Mean HU under the tool in the front's slice, before any cut; -1000: no material, 0: the
-    /// asset has no HU.
+    std::array<double, 6> wrench_tissue{};  ///< wrench on the plate, N, N*m
+    double front_z_m = 0;  ///< height of the cutting front, or of the next bone below the tip
+    /// Mean HU under the tool in the slice of the cutting front, in the uncut bone. -1000 if there
+    /// is nothing under the tool, 0 if the asset has no HU.
     double front_HU = 0;
-    double tip_N = 0;        ///< along the shaft
-    double embedded_m = 0;   ///< length of the shaft in the body
-    double cut_J = 0;        ///< front work since the session began
-    double absorbed_J = 0;   ///< work of the hand on the tissue since it began
-    double stored_J = 0;     ///< in all elements now
-    std::int32_t steps = 0;  ///< of Newton's method
+    double tip_N = 0;        ///< force on the tip along the shaft
+    double embedded_m = 0;   ///< length of the shaft inside the bone volume
+    double cut_J = 0;        ///< work of the cutting front since the session began
+    double absorbed_J = 0;   ///< work of the hand on the tissue since the session began
+    double stored_J = 0;     ///< elastic energy stored now
+    std::int32_t steps = 0;  ///< number of Newton steps
   } cutting;
 };
 
@@ -129,9 +131,9 @@ struct RecordingRow {
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
-/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The last, to_text() of the
-/// RecordingOrigin, is empty but in the first row. Of a session whose origin says
-/// `force-law=cutting` there are further columns before it:
+/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The column origin holds
+/// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin says
+/// `force-law=cutting`, further columns precede it:
 /// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
 /// tissue_stored_J,steps.
 const std::string& recording_header(bool with_cutting = false);
@@ -139,22 +141,23 @@ const std::string& recording_header(bool with_cutting = false);
 /// Added to a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
 
-/// Writes a CSV under the target's name with kPartialSuffix. commit() renames it to the target.
-/// Without commit(), or after a failure such as a full disk, it stays there with the whole rows
-/// that could be written, unless there are none. If the program is killed the rows of the last 1
-/// MiB may be missing and the last line may be cut.
+/// Writes a CSV file under the target's name with kPartialSuffix; commit() renames it to the
+/// target. Without commit(), or after a failure such as a full disk, the partial file stays with
+/// all rows that were written completely; a file without rows is removed. If the program is killed,
+/// rows of the last 1 MiB may be missing and the last line may be incomplete.
 class RecordingWriter {
  public:
-  /// Fails (unwritable) also if the target exists and is not a regular file, or is being recorded.
-  /// A partial file that an interrupted recording left is renamed to NAME.partial.1, .2 and so on.
+  /// Errors: (unwritable) the target cannot be created, is not a regular file, or is being
+  /// recorded. A partial file that an interrupted recording left is renamed to NAME.partial.1, .2
+  /// and so on.
   static Result<RecordingWriter> open(const std::filesystem::path& file,
                                       const RecordingOrigin& origin = {});
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;
   ~RecordingWriter();
 
-  /// After a failure, which names the number of rows kept and their file, only the destructor may
-  /// be called; likewise with commit().
+  /// Errors: (unwritable) with the number of rows kept and their file. After an error of append()
+  /// or commit(), only the destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
   /// The file while it is being written.
@@ -167,19 +170,19 @@ class RecordingWriter {
   Error failure(int error);
 
   std::filesystem::path file_;
-  std::string partial_;  ///< empty once committed or moved from
+  std::string partial_;  ///< empty after commit() or a move
   int fd_ = -1;
   std::string buffer_;
   bool with_cutting_ = false;
-  std::string origin_;       ///< until the first row is written
-  std::uint64_t lines_ = 0;  ///< written as a whole, with the header
+  std::string origin_;       ///< text for the first row; empty once it is written
+  std::uint64_t lines_ = 0;  ///< number of complete lines written, including the header
 };
 
-/// The whole recording. Refused, naming line and column: another header, a missing or surplus
-/// field, text that is not a number, a number that is not finite (allowed in encoders and
-/// responses: such faults are recorded), t_s not ascending, an unknown name, no row. Columns that
-/// recordings of older versions do not have may be absent. `origin`: gets the
-/// recording's, without entries if it has none.
+/// Reads a whole recording. Columns that older versions did not write may be absent. Sets `origin`,
+/// if not null, to the recording's origin (no entries if it has none).
+/// Errors: (refused) with line and column: another header, a missing or surplus field, text that is
+/// not a number, a number that is not finite (allowed in encoders and prefetched stiffness, whose
+/// faults are recorded), t_s not ascending, an unknown name, no row.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,

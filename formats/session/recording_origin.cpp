@@ -6,7 +6,7 @@
 namespace trocar {
 namespace {
 
-constexpr std::size_t kMostCharacters = 4096;
+constexpr std::size_t kMaxCharacters = 4096;
 constexpr std::string_view kCharacters =
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._+-/";
 
@@ -18,7 +18,7 @@ bool is_file(std::string_view key) {
   return key == kOriginScene || key == kOriginAsset || key == kOriginDevice;
 }
 
-/// As many digits of a digest as a reader compares.
+/// The first digits of a digest, enough for a person to compare.
 std::string shown(const std::string* value) {
   constexpr std::size_t kDigest = 64, kDigits = 12;
   if (value == nullptr) return "not stated";
@@ -44,12 +44,14 @@ std::string to_text(const RecordingOrigin& origin) {
 
 Result<RecordingOrigin> parse_origin(std::string_view text) {
   RecordingOrigin origin;
-  if (text.size() > kMostCharacters) return refused("is too long");
+  if (text.size() > kMaxCharacters) return refused("is too long");
   while (!text.empty()) {
     const std::size_t end = text.find(';');
     const std::string_view entry = text.substr(0, end);
     const std::size_t equals = entry.find('=');
-    const std::string_view key = entry.substr(0, equals);
+    // Recordings until 0.2.0 call this option energy-budget.
+    const std::string_view written = entry.substr(0, equals),
+                           key = written == "energy-budget" ? "energy-limit" : written;
     const bool good = equals != std::string_view::npos && is_word(key) &&
                       is_word(entry.substr(equals + 1)) && origin.find(key) == nullptr;
     if (!good || end == text.size() - 1) return refused("is not KEY=VALUE;KEY=VALUE");

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a recording was made with: the program's version, digests of scene, asset and device
+// The provenance of a recording: the program's version, digests of scene, asset and device
 // description, and the options that torques depend on. In the CSV it is the text of the column
 // `origin` in the first row: "program=0.2.0;scene=DIGEST;...", without commas, quotes or blanks.
+// Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
 #include <string>
@@ -21,23 +22,23 @@ inline constexpr const char* kOriginAsset = "asset";
 inline constexpr const char* kOriginDevice = "device";  ///< or "built-in"
 
 struct RecordingOrigin {
-  std::vector<std::pair<std::string, std::string>> entries;  ///< key, value; empty: not known
+  std::vector<std::pair<std::string, std::string>> entries;  ///< key, value; no entries if unknown
 
-  /// Null: there is none.
+  /// The value of a key, or null.
   const std::string* find(std::string_view key) const;
   friend bool operator==(const RecordingOrigin&, const RecordingOrigin&) = default;
 };
 
-/// Characters of keys and values: letters, digits, '.', '_', '+', '-', '/'.
+/// The text for the CSV. Keys and values consist of letters, digits, '.', '_', '+', '-' and '/'.
 std::string to_text(const RecordingOrigin& origin);
 
-/// Refused: text that to_text() does not give, an empty key, a repeated key, more than 4096
-/// characters. Empty text: nothing is known.
+/// Reads what to_text() wrote; empty text gives no entries. Errors: (refused) other text, an empty
+/// or repeated key, more than 4096 characters.
 Result<RecordingOrigin> parse_origin(std::string_view text);
 
-/// What differs between a recording's origin and that of a run, apart from the program: "the scene
-/// (12345678..., here 9abcdef0...), passivity (on, here off)". Empty: nothing. A key that the
-/// recording does not have is of a later version and does not count.
+/// The differences between the origins of a recording and of a run, apart from the program: "the
+/// scene (12345678..., here 9abcdef0...), passivity (on, here off)"; empty if there are none. Keys
+/// that the recording lacks, because an older version wrote it, are ignored.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
 
 }  // namespace trocar

@@ -9,20 +9,21 @@
 
 namespace trocar::pipeline {
 
-/// One ring for each ring of `contours` (valid by check_pslg), in the same order; see simplify().
-/// Vertices are new lattice points. An edge and its two ends become one point, so placed that the
-/// ring's area stays; what rounding to the lattice leaves is passed on to the ring's next step. A
-/// step is made only if the new edges cross nothing, no vertex lies in what they sweep, and they
-/// are within `tolerance` (lattice steps) of the part of the contour that they stand for, both
-/// ways. O(n log n) typically.
-/// Of `tolerance` it leaves left_for_refinement() to points that are put beside the edges later.
-/// Where `is_open` is given, a contour for which it holds is a line: its first and last vertex
-/// stay, may be those of other lines, and are not joined; the line keeps the area between itself
-/// and any path that joins its ends.
+/// Returns one ring for each ring of `contours` (valid by check_pslg), in the same order; see
+/// simplify(). Vertices are new lattice points. Each step replaces an edge and its two ends by one
+/// point that keeps the ring's area; the rounding error of the area is passed on to the ring's next
+/// step. A step is made only if the new edges cross nothing, no vertex lies in the area that they
+/// sweep, and the two-sided Hausdorff distance between them and the part of the contour that they
+/// replace stays within `tolerance` (lattice steps) less left_for_refinement(), which the mesher
+/// needs when it rounds new points of an edge to the lattice. O(n log n) typically.
+/// If `is_open` is given, a contour for which it holds is a line: its first and last vertex stay,
+/// may belong to other lines too, and are not joined. The line keeps the area between itself and
+/// any path that joins its ends.
 Pslg collapse_segments(const Pslg& contours, double tolerance,
                        const std::vector<bool>& is_open = {});
 
-/// Lattice steps: a tenth of the tolerance, but no less than half a step or half of the tolerance.
+/// The part of the tolerance that is left to refinement, in lattice steps like `tolerance`: a tenth
+/// of the tolerance, but no less than half a step or, if that is smaller, half of the tolerance.
 double left_for_refinement(double tolerance);
 
 }  // namespace trocar::pipeline

@@ -11,14 +11,14 @@ namespace trocar::pipeline {
 namespace {
 
 constexpr std::size_t kCrossingsPerSigma = 14;
-constexpr std::size_t kMostSigma = 3;
-constexpr std::size_t kLong = kCrossingsPerSigma * kMostSigma;  // crossings
-constexpr std::size_t kFewest = 6;  // fewer would hardly move: sigma is below 0.4
-// Each time, crossings that the curve wants beyond their pixels are held back, and the next curve
-// takes account of it.
+constexpr std::size_t kMaxSigma = 3;
+constexpr std::size_t kMaxKernelCrossings = kCrossingsPerSigma * kMaxSigma;  // crossings
+constexpr std::size_t kMinCrossings = 6;  // a shorter border would hardly move: sigma is below 0.4
+// In each pass, crossings that the curve would move beyond their pixels are clamped, and the next
+// curve takes account of that.
 constexpr int kPasses = 6;
 constexpr double kFar = 1e9;
-// Of restoring the area, after the last pass; one is enough before.
+// Rounds that restore the area after the last pass; one is enough after the earlier ones.
 constexpr int kRounds = 8;
 constexpr std::size_t kWindow = 4;  // crossings on either side where the curve may meet a grid line
 
@@ -35,7 +35,7 @@ std::vector<double> make_kernel(std::size_t n) {
     for (int twice = 0; twice < 2; ++twice)
       sums[static_cast<std::size_t>(twice)] += (k == 0 ? 1 : 2) * gauss(k, twice);
   }
-  // In steps of 2^-24: the last bits of exp() may differ between machines.
+  // Weights are rounded to 2^-24, because the last bits of exp() may differ between machines.
   constexpr double kStep = 1.0 / (1 << 24);
   std::vector<double> out(radius + 1);
   double rest = 0;
@@ -49,19 +49,19 @@ std::vector<double> make_kernel(std::size_t n) {
 
 std::span<const double> kernel(std::size_t n) {
   static const std::vector<std::vector<double>> kKernels = [] {
-    std::vector<std::vector<double>> out(kLong + 1);
-    for (std::size_t k = kFewest; k <= kLong; ++k)
+    std::vector<std::vector<double>> out(kMaxKernelCrossings + 1);
+    for (std::size_t k = kMinCrossings; k <= kMaxKernelCrossings; ++k)
       out[k] = make_kernel(k);
     return out;
   }();
-  return kKernels[std::min(n, kLong)];
+  return kKernels[std::min(n, kMaxKernelCrossings)];
 }
 
 Point position(const Crossing& c) {
   return {c.x + (c.along_v ? 0 : c.t), c.y + (c.along_v ? c.t : 0)};
 }
 
-// A run of crossings without fixed ones.
+// Consecutive crossings none of which is fixed.
 class Run {
  public:
   Run(std::span<Crossing> crossings, const std::optional<BorderEnds>& ends)
@@ -96,7 +96,7 @@ class Run {
       points[i] = position(crossings_[i]);
   }
 
-  // Beyond its ends a border goes on as its own point reflection; a closed one goes round.
+  // Beyond its ends an open border continues as its own point reflection; a closed one is periodic.
   std::vector<Point> extended(const std::vector<Point>& points, std::size_t margin) const {
     std::vector<Point> out(n_ + 2 * margin);
     std::copy(points.begin(), points.end(), out.begin() + static_cast<std::ptrdiff_t>(margin));
@@ -117,7 +117,8 @@ class Run {
     return out;
   }
 
-  // Each crossing to where the curve meets its grid line, near the crossing's point of the curve.
+  // Moves each crossing to the point where the curve meets its grid line, near the crossing's own
+  // point of the curve.
   void put_back(const std::vector<Point>& curve) {
     for (std::size_t i = 0; i < n_; ++i) {
       Crossing& c = crossings_[i];
@@ -141,7 +142,9 @@ class Run {
     }
   }
 
-  static double clamped(double t) { return std::clamp(t, kNearestToPixel, 1 - kNearestToPixel); }
+  static double clamped(double t) {
+    return std::clamp(t, kMinPixelDistance, 1 - kMinPixelDistance);
+  }
 
   Point before(const std::vector<Point>& points, std::size_t i) const {
     return i > 0 ? points[i - 1] : ends_ ? ends_->from : points[n_ - 1];
@@ -150,7 +153,8 @@ class Run {
     return i + 1 < n_ ? points[i + 1] : ends_ ? ends_->to : points[0];
   }
 
-  // Of the closed border, or with the line from its end to its start; relative to its first point.
+  // Twice the area inside the border, which is closed by the line from its end to its start if it
+  // is open. Coordinates are relative to the first point.
   double doubled_area(const std::vector<Point>& points) const {
     const Point o = before(points, 0);
     double sum = 0;
@@ -161,8 +165,9 @@ class Run {
     return sum;
   }
 
-  // Moves the crossings, in proportion to what that gains, until the area is the wanted one. The
-  // rounds are few: only the products of neighbours' moves, and those at their bounds, are left.
+  // Moves the crossings in proportion to the area that each one's move gains, until the area is
+  // `area`. Few rounds suffice: only the products of neighbours' moves and the clamped crossings
+  // remain after each.
   void restore(double area, std::vector<Point>& points, int rounds) {
     constexpr double kNegligible = 1e-7;  // pixels^2
     for (int round = 0;; ++round) {
@@ -182,13 +187,14 @@ class Run {
     }
   }
 
-  // What twice the area gains as crossing i moves by one pixel; 0 if it cannot move as wanted.
+  // The change of twice the area if crossing i moves by one pixel; 0 if it cannot move in the
+  // direction that reduces `missing`.
   double free_gain(const std::vector<Point>& points, std::size_t i, double missing) const {
     const Point p = before(points, i), q = after(points, i);
     const Crossing& c = crossings_[i];
     const double gain = c.along_v ? p.x - q.x : q.y - p.y;
     const bool is_up = gain * missing > 0;
-    return is_up ? (c.t < 1 - kNearestToPixel ? gain : 0) : (c.t > kNearestToPixel ? gain : 0);
+    return is_up ? (c.t < 1 - kMinPixelDistance ? gain : 0) : (c.t > kMinPixelDistance ? gain : 0);
   }
 
   std::span<Crossing> crossings_;
@@ -202,7 +208,7 @@ void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds
   const auto is_fixed = [](const Crossing& c) { return c.fixed; };
   const auto first = std::find_if(border.begin(), border.end(), is_fixed);
   if (first == border.end()) {
-    if (border.size() >= kFewest) Run(border, ends).smooth();
+    if (border.size() >= kMinCrossings) Run(border, ends).smooth();
     return;
   }
   if (!ends) std::rotate(border.begin(), first, border.end());
@@ -214,7 +220,7 @@ void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds
     std::size_t end = i;
     while (end < border.size() && !border[end].fixed)
       ++end;
-    if (end - i >= kFewest) {
+    if (end - i >= kMinCrossings) {
       const std::optional<BorderEnds> run_ends = BorderEnds{
           i > 0 ? position(border[i - 1]) : ends->from, end < border.size() ? position(border[end])
                                                         : ends              ? ends->to

@@ -16,14 +16,14 @@ namespace {
 
 // Marching squares (Lorensen and Cline's idea in the plane), saddles by the asymptotic decider
 // (Nielson and Hamann). The rings are valid by construction:
-//  - A grid edge is crossed iff exactly one of its ends is inside (half-open test), so it has one
-//    crossing point; the cell on one side enters it and the cell on the other leaves it: with one
-//    successor an edge, loops close.
-//  - The image is padded by one pixel of outside, so no loop leaves it.
+//  - A grid edge is crossed if and only if exactly one of its ends is inside (half-open test), so
+//    it has one crossing point. A segment of the cell on one side ends there and a segment of the
+//    cell on the other side starts there. Each segment thus has one successor, and loops close.
+//  - The image is padded by one pixel that is outside, so no loop leaves it.
 //  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points. All
-//    points of one grid line snap to one lattice line in order: snapped segments of a cell keep
-//    their order on the cell's border, so two of them cannot cross.
-// contour_crossing.h computes where on its grid edge a crossing lies.
+//    points of one grid line snap to one lattice line in order. Snapped segments of a cell thus
+//    keep their order on the cell's border, so two of them cannot cross.
+// contour_crossing.h computes the position of a crossing on its grid edge.
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)
@@ -36,8 +36,8 @@ class MarchingSquares {
 
   Pslg run() {
     scan();
-    // The segment that starts on each edge. The table is kept between calls and not cleared: only
-    // the entries written here are read.
+    // The segment that starts on each grid edge. The table is kept between calls and not cleared,
+    // because only entries written by this call are read.
     thread_local std::vector<std::uint32_t> segment_from;
     segment_from.resize(
         std::max(segment_from.size(), static_cast<std::size_t>(columns_) * rows_ * 2));
@@ -70,7 +70,7 @@ class MarchingSquares {
   };
 
   // Finds the cells that the outline passes through: compares the inside flags of two neighbouring
-  // rows eight columns at a time, and looks at single cells only where they are not all equal.
+  // rows eight columns at a time, and inspects single cells only where the flags are not all equal.
   void scan() {
     std::vector<std::uint8_t> below(static_cast<std::size_t>(columns_) + 8, 0), above = below;
     for (int y = 0; y + 1 < rows_; ++y) {
@@ -89,7 +89,7 @@ class MarchingSquares {
           x += 7;  // seven cells between eight equal columns
           continue;
         }
-        // By byte: do the cell's corners differ? The last column has no cell.
+        // Each byte tells whether the corners of one cell differ. The last column has no cell.
         const int cells = std::min(7, columns_ - 1 - x);
         for (std::uint64_t mixed = ((lower ^ upper) | (lower ^ lower >> 8) | (upper ^ upper >> 8)) &
                                    ((std::uint64_t{1} << (8 * cells)) - 1);
@@ -123,15 +123,15 @@ class MarchingSquares {
     const std::array<std::uint32_t, 4> edge = {horizontal(x, y), vertical(x + 1, y),
                                                horizontal(x, y + 1), vertical(x, y)};
     if (in != 5 && in != 10) {
-      // By the corners that are inside: from the edge after the last of them, to the edge before
-      // the first.
+      // Indexed by the set of inside corners: the segment runs from the edge after the last of them
+      // to the edge before the first.
       constexpr std::array<std::uint8_t, 16> kFrom{0, 0, 1, 1, 2, 0, 2, 2, 3, 0, 0, 1, 3, 0, 3, 0},
           kTo{0, 3, 0, 3, 1, 0, 0, 3, 2, 2, 0, 2, 1, 1, 0, 0};
       segments_.push_back({edge[kFrom[in]], edge[kTo[in]]});
       return;
     }
-    // A saddle. Material joined through the middle: a segment cuts off the outside corner k+1;
-    // separate: the inside corner k.
+    // A saddle. If the material is joined through the middle, a segment cuts off the outside corner
+    // k + 1, otherwise the inside corner k.
     const bool is_joined =
         joined({value(x, y), value(x + 1, y), value(x + 1, y + 1), value(x, y + 1)});
     for (unsigned k = in == 5 ? 0 : 1; k < 4; k += 2)
@@ -147,8 +147,8 @@ class MarchingSquares {
     return denominator > 0 ? numerator >= 0 : numerator <= 0;
   }
 
-  // At the image's border the material ends at the pixel's edge, for any value; in a mask,
-  // half way between two pixels.
+  // At the image's border the material ends at the pixel's edge, whatever its value. In a mask
+  // every crossing is half way between two pixels.
   Crossing crossing_of(std::size_t edge) const {
     const int x = static_cast<int>(edge / 2 % columns_), y = static_cast<int>(edge / 2 / columns_);
     Crossing out{x, y, edge % 2 == 1, false, 0.5};
@@ -201,7 +201,7 @@ using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
 // Does direction b come before c when rotating clockwise from a? (All nonzero, from one point.)
 bool clockwise_before(LatticePoint a, LatticePoint b, LatticePoint c) {
   const LatticePoint o{0, 0};
-  // Clockwise from a: right of it, opposite to it, left of it, and last along a itself.
+  // Sectors clockwise from a: right of a, opposite to a, left of a, and finally along a itself.
   const auto sector = [&](LatticePoint p) {
     const std::int64_t s = orient2d(o, a, p);
     if (s < 0) return 1;
@@ -213,9 +213,9 @@ bool clockwise_before(LatticePoint a, LatticePoint b, LatticePoint c) {
 }
 
 // Joins directed boundary edges (as many in as out at every point) into simple rings that touch at
-// most in vertices. Opposite edges cancel: material of no width is dropped. At a point with several
-// outgoing edges, the ring takes the first one clockwise from where it came: the one that bounds
-// the same wedge of material.
+// most in vertices. Opposite edges cancel, so material of zero width is dropped. At a point with
+// several outgoing edges, the ring takes the first one clockwise from its incoming edge, which
+// bounds the same wedge of material.
 std::vector<Ring> simple_rings(std::vector<DirectedEdge> edges) {
   std::map<LatticePoint, std::vector<LatticePoint>> out;
   std::sort(edges.begin(), edges.end());
@@ -282,7 +282,7 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
       ring.push_back({grid.lattice.snap_mm((p.x + grid.offset_x) * grid.spacing_u_mm),
                       grid.lattice.snap_mm((p.y + grid.offset_y) * grid.spacing_v_mm)});
     }
-    // OpenCV orients outer and hole chains oppositely; here outer ones are counter-clockwise.
+    // OpenCV orients outer and hole chains oppositely. Here outer chains are counter-clockwise.
     const bool hole = hierarchy[c][3] >= 0;
     if ((doubled_area(ring) < 0) != hole) std::reverse(ring.begin(), ring.end());
     for (std::size_t i = 0; i < ring.size(); ++i) {

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "formats/geometry/slice_mesh.h"
-#include "pipeline/contour/segmentation.h"
+#include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
 
@@ -15,20 +15,21 @@ enum class ContourKind {
 /// Pixel position -> lattice: u = (x + offset_x) * spacing_u, v = (y + offset_y) * spacing_v.
 struct PixelGrid {
   double spacing_u_mm = 1, spacing_v_mm = 1;
-  int offset_x = 0, offset_y = 0;  ///< of a cropped image in the whole one
+  int offset_x = 0, offset_y = 0;  ///< origin of a cropped image in the full image, pixels
   Lattice lattice;
 };
 
 /// A pixel must be at least this many lattice steps wide for the guarantees below.
 inline constexpr int kMinStepsPerPixel = 8;
 
-/// Material on the left: outer rings counter-clockwise in (u, v), holes clockwise. Rings are
-/// simple, touch at most in vertices and never cross (contour.cpp gives the reasons). Beyond the
-/// image's border is outside. O(pixels + vertices log vertices).
+/// Traces the outline with material on the left: outer rings are counter-clockwise in (u, v), holes
+/// clockwise. Rings are simple, touch at most in vertices and never cross (contour.cpp gives the
+/// reasons). Everything beyond the image's border counts as outside. O(pixels + vertices log
+/// vertices).
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
-/// Drops rings of less than `min_area_mm2`: smaller islands vanish and smaller holes are
-/// filled. (Rings inside a dropped ring are smaller, so they are dropped too.)
+/// Drops rings with an area below `min_area_mm2`: small islands vanish and small holes are filled.
+/// (Rings inside a dropped ring are smaller still, so they are dropped too.)
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where an iso-contour crosses the grid line between two pixels, more accurately than by linear
-// interpolation; and how far to move the crossings so that their chords enclose the curve's area.
+// Finds the crossing of an iso-contour with the grid line between two pixels, more accurately than
+// linear interpolation does, and moves crossings so that their chords enclose the curve's area.
 #pragma once
 
 #include <array>
@@ -8,34 +8,35 @@
 
 namespace trocar::pipeline {
 
-/// Samples along a grid line minus the iso-value. The contour passes between [3] and [4]: one is >=
-/// 0, the other is not. Only the samples first .. last lie in the image: 0 <= first <= 3, 4 <= last
-/// <= 7.
+/// Samples along a grid line minus the iso-value. The contour passes between [3] and [4], exactly
+/// one of which is >= 0. Only the samples first .. last lie in the image, with 0 <= first <= 3 and
+/// 4 <= last <= 7.
 struct GridLine {
   std::array<double, 8> value{};
   int first = 0, last = 7;
 };
 
 /// The crossing as a fraction in [0, 1] of the way from [3] to [4]:
-///  - where the samples go monotonically from one constant value to another and the iso-value is
-///    about half way between these: the position of a jump that gives the same sum of samples. As
-///    pixels are averages over their area, this is exact for every sharp straight edge;
-///  - otherwise the one crossing of the monotone cubic interpolant (Steffen, Astronomy and
-///    Astrophysics 239, 1990). It does not overshoot, and is linear where the samples are.
+///  - If the samples go monotonically from one constant value to another and the iso-value is about
+///    half way between these, it is the position of a jump that gives the same sum of samples. As
+///    pixels are averages over their area, this is exact for every sharp straight edge.
+///  - Otherwise it is the only crossing of the monotone cubic interpolant (Steffen, Astronomy and
+///    Astrophysics 239, 1990), which does not overshoot and is linear if the samples are.
 double crossing(const GridLine& line);
 
-/// A crossing in units of pixels: on the grid line from (x, y) to the next pixel in u or in v.
+/// A crossing in units of pixels: at the fraction t of the grid line from pixel (x, y) to the next
+/// pixel in u or in v.
 struct Crossing {
   int x = 0, y = 0;
   bool along_v = false;
-  bool fixed = false;  ///< at the image's border
+  bool fixed = false;  ///< true at the image's border
   double t = 0;
 };
 
-/// A chord of length c cuts an area of k c^3 / 12 off a curve of curvature k. Moves the crossings
-/// of a closed ring (material on the left) along their grid lines, so that the polygon has the area
-/// of the curve that they lay on: outwards where it is convex, by some hundredths of a pixel and at
-/// most a sixteenth. O(n).
+/// Moves the crossings of a closed ring (material on the left) along their grid lines, so that the
+/// polygon has the area of the curve on which they lay. A chord of length c cuts an area of
+/// k c^3 / 12 off a curve of curvature k. Crossings therefore move outwards where the curve is
+/// convex, by some hundredths of a pixel and at most a sixteenth. O(n).
 void restore_chord_areas(std::span<Crossing> ring);
 
 }  // namespace trocar::pipeline

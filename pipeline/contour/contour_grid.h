@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The edges of contours by the cells of a grid that their boxes meet, built once: which of them may
-// be near a place?
+// A grid that finds the contour edges that may be near a point. Each cell lists the edges whose
+// bounding boxes meet it; the grid is built once.
+// Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -13,7 +14,7 @@
 
 namespace trocar::pipeline {
 
-/// One cell for each edge.
+/// The grid has about as many cells as there are edges.
 class ContourGrid {
  public:
   /// Contour edges first .. last of one ring. Numbers of different rings are not consecutive.
@@ -26,7 +27,7 @@ class ContourGrid {
     runs_.reserve(edges);
   }
 
-  /// Edges of one ring in its order.
+  /// Adds an edge. The edges of a ring are added in the ring's order.
   void add(std::uint32_t edge, LatticePoint from, LatticePoint to, std::uint32_t first_of_ring) {
     any_cell(box_around(from, to), [&](std::uint32_t& head) {
       if (head != kNone && runs_[head].first >= first_of_ring && runs_[head].last + 1 >= edge) {
@@ -52,7 +53,8 @@ class ContourGrid {
  private:
   static constexpr std::uint32_t kNone = 0xffffffff;
 
-  // Points beyond the grid belong to its outermost cells.
+  // Calls visit(head) for the cells that meet the box until it returns true. Points beyond the grid
+  // belong to its outermost cells.
   template <typename Visit>
   bool any_cell(const LatticeBox& box, const Visit& visit) {
     const auto cell = [this](std::int32_t at, std::int32_t low, std::int32_t count) {

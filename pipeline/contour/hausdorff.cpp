@@ -1,32 +1,35 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// hausdorff_mm() of simplification.h.
+// Implements hausdorff_mm() of simplification.h.
+// Tests: tests/pipeline/contour/simplification_test.cpp
 #include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
 
-#include "pipeline/contour/edge_tree.h"
+#include "pipeline/contour/aabb_tree.h"
 #include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/simplification.h"
 
 namespace trocar::pipeline {
 namespace {
 
-// Of squared distances: a piece that may exceed the largest found by less than this share is left.
-constexpr double kShare = 2e-10;
-constexpr int kMostHalvings = 40;
-// So many edges after the last one are looked at before a search: a contour has some six edges for
-// one of its simplified ring.
-constexpr int kMostSteps = 16;
+// Relative accuracy of squared distances: a segment that may exceed the largest one found by less
+// than this fraction is not halved any further.
+constexpr double kRelativeAccuracy = 2e-10;
+constexpr int kMaxHalvings = 40;
+// Number of edges after the previous nearest edge that are inspected before a search in the tree. A
+// contour has about six edges for each edge of its simplified ring.
+constexpr int kMaxInspectedEdges = 16;
 
-// A ring, or a line, to which distances are measured.
-class Target : public EdgeTree {
+// The edges of a ring or line to which distances are measured.
+class Target : public AabbTree {
  public:
-  Target(const Ring& ring, bool is_open) : EdgeTree(edges_of(ring, is_open)), is_open_(is_open) {}
+  Target(const Ring& ring, bool is_open) : AabbTree(edges_of(ring, is_open)), is_open_(is_open) {}
 
-  // Are the vertices from edge i forwards to edge j all this near to the piece ab? If a is as near
-  // to edge i and b to edge j, then so is the whole piece to the path between: the points of the
-  // piece that are nearest to the path's run from one end of it to the other.
+  // Are all vertices from edge i forwards to edge j within the squared distance d2 of the segment
+  // ab? If moreover a is as near to edge i and b to edge j, then the whole segment is as near to
+  // the path between these edges: as a point runs along the path, its nearest point on the segment
+  // runs from one end of the segment to the other.
   bool is_path_near(std::size_t i, std::size_t j, Point a, Point b, double d2) const {
     const std::size_t n = size();
     if (is_open_ && j < i) return false;
@@ -50,22 +53,22 @@ class Target : public EdgeTree {
   bool is_open_;
 };
 
-// An end of a piece with an edge that is near it, hardly ever not the nearest.
+// An end of a segment and an edge near it, which is nearly always the nearest one.
 struct End {
   Point p;
   Target::Nearest near;
 };
 
-// Raises worst2 to the largest squared distance from the piece to the target. The distance to one
-// edge is convex along the piece, so that the ends bound it; where no edge is good for both ends,
-// nor the path between theirs, the piece is halved.
-void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2) {
+// Raises worst2 to the largest squared distance from the segment a-b to the target. The distance to
+// one edge is convex along the segment, so that the ends bound it. If neither a common edge nor the
+// path between the two ends' edges gives a good bound, the segment is halved.
+void raise_by_segment(const Target& to, End a, End b, int halvings, double& worst2) {
   const auto bound2 = [&] {
     if (a.near.edge == b.near.edge) return std::max(a.near.d2, b.near.d2);
     return std::min(std::max(a.near.d2, to.to_edge(b.p, a.near.edge)),
                     std::max(b.near.d2, to.to_edge(a.p, b.near.edge)));
   };
-  const double enough2 = worst2 * (1 + kShare);
+  const double enough2 = worst2 * (1 + kRelativeAccuracy);
   if (bound2() <= enough2) return;
   if (std::max(a.near.d2, b.near.d2) <= enough2 &&
       to.is_path_near(a.near.edge, b.near.edge, a.p, b.p, enough2))
@@ -75,26 +78,26 @@ void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2
     worst2 = std::max(worst2, end->near.d2);
   }
   const double most2 = bound2();
-  if (most2 <= worst2 * (1 + kShare)) return;
-  if (halvings == kMostHalvings) {
+  if (most2 <= worst2 * (1 + kRelativeAccuracy)) return;
+  if (halvings == kMaxHalvings) {
     worst2 = std::max(worst2, most2);
     return;
   }
   const Point middle{0.5 * (a.p.x + b.p.x), 0.5 * (a.p.y + b.p.y)};
   const End m{middle, to.nearest(middle, a.near.edge)};
   worst2 = std::max(worst2, m.near.d2);
-  raise_by_piece(to, a, m, halvings + 1, worst2);
-  raise_by_piece(to, m, b, halvings + 1, worst2);
+  raise_by_segment(to, a, m, halvings + 1, worst2);
+  raise_by_segment(to, m, b, halvings + 1, worst2);
 }
 
 void raise_by_ring(const Ring& from, const Ring& ring, bool is_open, double& worst2) {
   const Target to(ring, is_open);
-  // Both rings run the same way round, so that the nearest edge is often the last one's or one of
-  // the next. An edge that is near enough will do, if it is not the nearest.
+  // Both rings have the same orientation, so that the nearest edge is often the previous vertex's
+  // or one of the next. An edge that is near enough suffices even if it is not the nearest.
   const auto end_at = [&](LatticePoint at, std::size_t& edge) {
     const Point p = point(at);
     Target::Nearest near{to.to_edge(p, edge), edge};
-    for (int k = 0; k < kMostSteps && near.d2 > worst2; ++k) {
+    for (int k = 0; k < kMaxInspectedEdges && near.d2 > worst2; ++k) {
       edge = edge + 1 < to.size() ? edge + 1 : 0;
       const double d2 = to.to_edge(p, edge);
       if (d2 < near.d2) near = {d2, edge};
@@ -109,7 +112,7 @@ void raise_by_ring(const Ring& from, const Ring& ring, bool is_open, double& wor
   End a = first;
   for (std::size_t i = 1; i < from.size() + (is_open ? 0 : 1); ++i) {
     const End b = i < from.size() ? end_at(from[i], edge) : first;
-    raise_by_piece(to, a, b, 0, worst2);
+    raise_by_segment(to, a, b, 0, worst2);
     a = b;
   }
 }

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "pipeline/contour/edge_tree.h"
+#include "pipeline/contour/aabb_tree.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -23,14 +23,14 @@ std::vector<Edge> edges_of(std::span<const OutlineRing> rings) {
 
 struct End {
   Point p;
-  EdgeTree::Nearest near;
+  AabbTree::Nearest near;
 };
 
-// Raises `worst` to the largest distance from the piece between two points to the target, but for
-// the accuracy. The distance to one edge is convex along the piece: its largest value is at an end.
-// And the distance to all edges changes by no more than the way along the piece.
-void raise_by_piece(const EdgeTree& to, const End& a, const End& b, double accuracy,
-                    double& worst) {
+// Raises `worst` to the largest distance from the segment a-b to the target, within the accuracy.
+// The distance to one edge is convex along the segment, so its largest value is at an end. The
+// distance to all edges changes by no more than the length travelled along the segment.
+void raise_by_segment(const AabbTree& to, const End& a, const End& b, double accuracy,
+                      double& worst) {
   const double length = std::sqrt(distance2_between(a.p, b.p));
   const double by_a = std::max(a.near.d2, to.to_edge(b.p, a.near.edge)),
                by_b = std::max(b.near.d2, to.to_edge(a.p, b.near.edge));
@@ -40,17 +40,17 @@ void raise_by_piece(const EdgeTree& to, const End& a, const End& b, double accur
   const Point middle{0.5 * (a.p.x + b.p.x), 0.5 * (a.p.y + b.p.y)};
   const End m{middle, to.nearest(middle, a.near.edge)};
   worst = std::max(worst, std::sqrt(m.near.d2));
-  raise_by_piece(to, a, m, accuracy, worst);
-  raise_by_piece(to, m, b, accuracy, worst);
+  raise_by_segment(to, a, m, accuracy, worst);
+  raise_by_segment(to, m, b, accuracy, worst);
 }
 
-void raise(const std::vector<Edge>& from, const EdgeTree& to, double accuracy, double& worst) {
+void raise(const std::vector<Edge>& from, const AabbTree& to, double accuracy, double& worst) {
   std::size_t guess = 0;
   for (const Edge& edge : from) {
     const End a{edge[0], to.nearest(edge[0], guess)};
     const End b{edge[1], to.nearest(edge[1], a.near.edge)};
     worst = std::max({worst, std::sqrt(a.near.d2), std::sqrt(b.near.d2)});
-    raise_by_piece(to, a, b, accuracy, worst);
+    raise_by_segment(to, a, b, accuracy, worst);
     guess = b.near.edge;
   }
 }
@@ -63,8 +63,8 @@ double outline_distance_mm(std::span<const OutlineRing> a, std::span<const Outli
   if (of_a.empty() || of_b.empty())
     return of_a.empty() && of_b.empty() ? 0 : std::numeric_limits<double>::infinity();
   double worst = 0;
-  raise(of_a, EdgeTree(of_b), accuracy_mm, worst);
-  raise(of_b, EdgeTree(of_a), accuracy_mm, worst);
+  raise(of_a, AabbTree(of_b), accuracy_mm, worst);
+  raise(of_b, AabbTree(of_a), accuracy_mm, worst);
   return worst;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How far two outlines are from each other, whatever rings they consist of. (hausdorff_mm() of
+// The distance between two outlines, which may consist of different rings. (hausdorff_mm() of
 // simplification.h compares rings that correspond to each other.)
 #pragma once
 
@@ -10,11 +10,12 @@
 
 namespace trocar::pipeline {
 
-/// A closed polygon in mm, without its first point repeated; at least one point.
+/// A closed polygon in mm with at least one point. The first point is not repeated at the end.
 using OutlineRing = std::vector<Point>;
 
-/// The two-sided Hausdorff distance between the rings' edges, in mm, too small by `accuracy_mm` at
-/// most, which must be positive. 0 if neither has a ring, infinite if one of them has none.
+/// The two-sided Hausdorff distance between the rings' edges, in mm. The result is at most
+/// `accuracy_mm`, which must be positive, below the exact distance. It is 0 if neither outline has
+/// a ring and infinite if only one of them has none.
 double outline_distance_mm(std::span<const OutlineRing> a, std::span<const OutlineRing> b,
                            double accuracy_mm = 1e-3);
 

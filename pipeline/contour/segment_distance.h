@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Distances between points and segments in floating point, in lattice steps.
+// Tests: tests/pipeline/contour/outline_distance_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -20,7 +21,7 @@ inline double distance2_between(Point a, Point b) {
   return (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
 }
 
-/// Of the point of the segment ab that is nearest to p: the fraction of the way from a to b.
+/// The position of the point of the segment ab nearest to p, as a fraction of the way from a to b.
 inline double fraction_along(Point a, Point b, Point p) {
   const double abx = b.x - a.x, aby = b.y - a.y;
   const double length2 = abx * abx + aby * aby;
@@ -28,7 +29,8 @@ inline double fraction_along(Point a, Point b, Point p) {
   return std::clamp(((p.x - a.x) * abx + (p.y - a.y) * aby) / length2, 0.0, 1.0);
 }
 
-/// Squared distance from p to the segment ab. Zero for a lattice point on a segment between two.
+/// Squared distance from p to the segment ab. It is exactly zero if a, b and p are lattice points
+/// and p lies on the segment.
 inline double segment_distance2(Point a, Point b, Point p) {
   const double abx = b.x - a.x, aby = b.y - a.y, apx = p.x - a.x, apy = p.y - a.y;
   const double length2 = abx * abx + aby * aby, along = apx * abx + apy * aby;

@@ -8,8 +8,8 @@
 
 namespace trocar::pipeline {
 
-// Of each row the cells from where the segment enters it to where it leaves it, and those within
-// the reach. A step more, for rounding.
+// Visits, in each row, the cells between the segment's entry and exit, widened by the search
+// distance and by one lattice step for rounding.
 template <typename Visit>
 void SegmentGrid::for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
   const std::int64_t columns = cells_.columns, rows = cells_.rows;
@@ -21,7 +21,7 @@ void SegmentGrid::for_each_cell(const LatticeSegment& segment, const Visit& visi
   };
   Point a = relative(segment.a), b = relative(segment.b);
   if (a.y > b.y) std::swap(a, b);
-  const double margin = reach_ + 1;
+  const double margin = max_distance_ + 1;
   const std::int64_t first = cell(a.y - margin, rows), last = cell(b.y + margin, rows);
   if (first == last) {
     const std::int64_t end = cell(std::max(a.x, b.x) + margin, columns);
@@ -45,8 +45,8 @@ void SegmentGrid::for_each_cell(const LatticeSegment& segment, const Visit& visi
   }
 }
 
-SegmentGrid::SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t reach)
-    : reach_(reach) {
+SegmentGrid::SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance)
+    : max_distance_(max_distance) {
   if (segments.empty()) return;
   LatticeBox box = box_around(segments[0].a, segments[0].b);
   for (const LatticeSegment& s : segments) {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Segments by the cells of a grid that they pass through: which may be near each other?
+// A grid that finds pairs of segments that may be near each other. Each cell lists the segments
+// that pass through it.
+// Tests: tests/pipeline/contour/simplification_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -16,14 +18,15 @@ struct LatticeSegment {
   LatticePoint a, b;
 };
 
-/// One cell for each segment. A segment as long as all of them together are wide passes through
-/// about as many cells as a row and a column have.
+/// The grid has about as many cells as there are segments. A segment across the whole grid passes
+/// through about as many cells as a row and a column have together.
 class SegmentGrid {
  public:
-  /// Segments whose distance along each axis is at most `reach`, in steps, have a cell in common.
-  SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t reach);
+  /// Segments whose distance along each axis is at most `max_distance` lattice steps have a common
+  /// cell.
+  SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance);
 
-  /// Calls visit(i, j), i > j, for all pairs with a common cell, once for each of these.
+  /// Calls visit(i, j), i > j, once for each common cell of each pair of segments.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
     for (std::size_t cell = 0; cell + 1 < first_.size(); ++cell) {
@@ -38,10 +41,10 @@ class SegmentGrid {
   template <typename Visit>
   void for_each_cell(const LatticeSegment& segment, const Visit& visit) const;
 
-  double reach_;
+  double max_distance_;
   LatticeCells cells_;
-  std::vector<std::size_t> first_;      // in numbers_, by cell; and the end
-  std::vector<std::uint32_t> numbers_;  // of segments, ascending in each cell
+  std::vector<std::size_t> first_;      // by cell: its first entry in numbers_; then the end
+  std::vector<std::uint32_t> numbers_;  // segment numbers, ascending in each cell
 };
 
 }  // namespace trocar::pipeline

@@ -20,8 +20,8 @@
 namespace trocar::pipeline {
 namespace {
 
-// A contour and which of its vertices are kept. A span runs from one kept vertex to the next,
-// round the end of the ring unless the contour is open.
+// A contour and those of its vertices that are kept. A span runs from one kept vertex to the next;
+// unless the contour is open, the last span runs on to the first vertex.
 struct Simplified {
   const Ring* contour;
   bool is_open;
@@ -30,7 +30,8 @@ struct Simplified {
   std::uint32_t size() const { return static_cast<std::uint32_t>(contour->size()); }
   LatticePoint at(std::uint32_t i) const { return (*contour)[i % size()]; }
 
-  // The vertex of the open span (i, j), j may exceed the size, that is farthest from the chord.
+  // The inner vertex of the span from i to j that is farthest from the chord, and its squared
+  // distance. The index j may exceed the size.
   std::pair<std::uint32_t, double> farthest(std::uint32_t i, std::uint32_t j) const {
     std::pair<std::uint32_t, double> best{i, -1.0};
     const Point a = point(at(i)), b = point(at(j));
@@ -69,9 +70,9 @@ void keep_between(const Simplified& s, std::uint32_t first, std::uint32_t last, 
   }
 }
 
-// The vertices farthest from the mean of all; if it is only one, also those farthest from it.
-// Equally far vertices are all taken, and the arithmetic is exact, so that the choice does not
-// depend on where the outline starts, where it lies or how it is rotated.
+// The vertices farthest from the mean of all vertices; if there is only one, also those farthest
+// from that one. Equally distant vertices are all taken, and the arithmetic is exact, so that the
+// choice does not depend on the outline's first vertex, position or rotation.
 std::vector<std::uint32_t> extreme_vertices(const Ring& contour) {
   const auto n = static_cast<std::int64_t>(contour.size());
   const LatticePoint origin = contour[0];
@@ -124,7 +125,7 @@ Simplified simplify_ring(const Ring& contour, double tolerance2) {
   return s;
 }
 
-// Marks every span whose chord crosses another.
+// Marks every span whose chord crosses another one; returns whether there is any.
 bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
   std::vector<LatticeSegment> chords;
   std::vector<char*> marks_of;  // by chord
@@ -147,44 +148,31 @@ bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vecto
   return any;
 }
 
-struct Box {
-  LatticePoint low, high;
-  explicit Box(const Ring& ring) : low(ring[0]), high(ring[0]) {
-    for (LatticePoint p : ring) {
-      low = {std::min(low.x, p.x), std::min(low.y, p.y)};
-      high = {std::max(high.x, p.x), std::max(high.y, p.y)};
-    }
-  }
-  bool overlaps(const Box& o) const {
-    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y;
-  }
-};
-
 // Is the ring q inside the simple ring r, which it does not cross? The middle of an edge of q lies
 // on no edge of r, so it decides for all of q, even if all vertices of q touch r.
 bool is_inside(const Ring& q, const Ring& r) {
   return is_inside_ring(std::int64_t{q[0].x} + q[1].x, std::int64_t{q[0].y} + q[1].y, r);
 }
 
-// The same as mark_jumps() of any rings, by all pairs.
+// The same as mark_jumps(), by testing all pairs of rings.
 bool mark_jumps_by_pairs(const std::vector<Simplified>& rings, const std::vector<Ring>& now,
                          std::vector<std::vector<char>>& marks) {
   bool any = false;
-  std::vector<Box> boxes;
+  std::vector<LatticeBox> boxes;
   boxes.reserve(rings.size());
   for (const Simplified& s : rings)
-    boxes.emplace_back(*s.contour);
+    boxes.push_back(box_around(*s.contour));
   const auto jumps = [&](std::size_t q, std::size_t r) {
     return is_inside(*rings[q].contour, *rings[r].contour) != is_inside(now[q], now[r]);
   };
-  // Sorted by x, so that of ten thousand small rings only those of a common x are compared.
+  // Sorting by x restricts the comparisons to rings that overlap in x.
   std::vector<std::size_t> order(rings.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
             [&boxes](std::size_t r, std::size_t q) { return boxes[r].low.x < boxes[q].low.x; });
   for (auto i = order.begin(); i != order.end(); ++i) {
     for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[*i].high.x; ++j) {
-      if (!boxes[*i].overlaps(boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
+      if (apart(boxes[*i], boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
       std::fill(marks[*i].begin(), marks[*i].end(), char{1});
       std::fill(marks[*j].begin(), marks[*j].end(), char{1});
       any = true;
@@ -193,20 +181,20 @@ bool mark_jumps_by_pairs(const std::vector<Simplified>& rings, const std::vector
   return any;
 }
 
-using Around = std::optional<std::vector<std::uint32_t>>;  // of rings_around()
+using EnclosingRings = std::optional<std::vector<std::uint32_t>>;  // result of enclosing_rings()
 
-// Marks both rings of each pair of which one is inside the other before simplification and not
-// after it, or the reverse. This can happen without a crossing. `before` is that of the contours.
-bool mark_jumps(const std::vector<Simplified>& rings, const Around& before,
+// Marks both rings of each pair in which one ring is inside the other before simplification but not
+// afterwards, or the reverse. This can happen without a crossing. `before` belongs to the contours.
+bool mark_jumps(const std::vector<Simplified>& rings, const EnclosingRings& before,
                 std::vector<std::vector<char>>& marks) {
   std::vector<Ring> now;
   now.reserve(rings.size());
   for (const Simplified& s : rings)
     now.push_back(s.ring());
-  const Around after = rings_around(now);
+  const EnclosingRings after = enclosing_rings(now);
   if (!before || !after) return mark_jumps_by_pairs(rings, now, marks);
   if (*before == *after) return false;
-  const auto all_around = [](const std::vector<std::uint32_t>& around, std::uint32_t ring) {
+  const auto all_enclosing = [](const std::vector<std::uint32_t>& around, std::uint32_t ring) {
     std::vector<std::uint32_t> out;
     while ((ring = around[ring]) != kNoRing)
       out.push_back(ring);
@@ -217,7 +205,7 @@ bool mark_jumps(const std::vector<Simplified>& rings, const Around& before,
     std::fill(marks[r].begin(), marks[r].end(), char{1});
   };
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
-    const auto first = all_around(*before, r), last = all_around(*after, r);
+    const auto first = all_enclosing(*before, r), last = all_enclosing(*after, r);
     std::vector<std::uint32_t> changed;
     std::set_symmetric_difference(first.begin(), first.end(), last.begin(), last.end(),
                                   std::back_inserter(changed));
@@ -228,9 +216,9 @@ bool mark_jumps(const std::vector<Simplified>& rings, const Around& before,
   return true;
 }
 
-// Is p neither on the closed line from vertex i of the contour to vertex j and back along the
-// chord, nor between the two?
-bool is_beside_span(const Simplified& s, std::uint32_t i, std::uint32_t j, LatticePoint p) {
+// Is p outside the closed path from vertex i of the contour to vertex j and back along the chord?
+// A point on the path is not outside.
+bool is_outside_span(const Simplified& s, std::uint32_t i, std::uint32_t j, LatticePoint p) {
   bool is_between = false;
   for (std::uint32_t k = i; k <= j; ++k) {
     const LatticePoint a = s.at(k), b = s.at(k < j ? k + 1 : i);
@@ -241,11 +229,12 @@ bool is_beside_span(const Simplified& s, std::uint32_t i, std::uint32_t j, Latti
   return !is_between;
 }
 
-// Rings that do not cross, before simplification and after it, jump only if a vertex that both have
-// lies between a span and its chord. True if, for one vertex of each ring, that is so nowhere;
-// false does not tell, as this is no more than a quick test.
+// A quick test: true means that no ring jumps, false means that mark_jumps() has to decide. Rings
+// that do not cross, before simplification and after it, jump only if a vertex kept by
+// simplification lies between a span of another ring and its chord. It suffices to test one kept
+// vertex of each ring.
 bool is_free_of_jumps(const std::vector<Simplified>& rings) {
-  // The vertices by the cells of a grid.
+  // Sort the vertices into the cells of a grid.
   std::vector<LatticePoint> points;
   std::size_t spans = 0;
   for (const Simplified& s : rings) {
@@ -273,7 +262,7 @@ bool is_free_of_jumps(const std::vector<Simplified>& rings) {
   for (std::uint32_t q = 0; q < points.size(); ++q)
     ring_of[next[number(column(points[q].x), row(points[q].y))]++] = q;
 
-  // Long spans meet many cells.
+  // Long spans meet many cells, so the work is bounded.
   std::size_t cells_left = 16 * (spans + points.size());
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
     const Simplified& s = rings[r];
@@ -292,7 +281,7 @@ bool is_free_of_jumps(const std::vector<Simplified>& rings) {
           for (std::size_t at = first[number(x, y)]; at < first[number(x, y) + 1]; ++at) {
             const std::uint32_t q = ring_of[at];
             if (q != r && !apart(box, {points[q], points[q]}) &&
-                !is_beside_span(s, i, j, points[q]))
+                !is_outside_span(s, i, j, points[q]))
               return false;
           }
         }
@@ -319,7 +308,7 @@ bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>&
   return any;
 }
 
-// Open where `is_open` says so, which then comes with `mark_misplaced`.
+// If `is_open` is given, lines for which it holds are open, and `mark_misplaced` must be given too.
 Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<bool>& is_open,
                      const MarkMisplaced& mark_misplaced) {
   std::vector<Simplified> rings;
@@ -329,10 +318,10 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<b
                          : simplify_ring(contours.rings[r], tolerance * tolerance));
   }
 
-  std::optional<Around> around;  // of the contours
+  std::optional<EnclosingRings> around;  // for the contours, computed when first needed
 
-  // Split every span that is part of a violation at its farthest vertex, until there is none. At
-  // the latest this ends with the contours themselves, which are valid.
+  // Split every span that takes part in a violation at its farthest vertex, until there is no
+  // violation. At the latest this ends with the contours themselves, which are valid.
   while (true) {
     std::vector<std::vector<char>> marks;
     marks.reserve(rings.size());
@@ -352,7 +341,7 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<b
     if (!any && mark_misplaced) {
       any = mark_by(mark_misplaced, rings, marks);
     } else if (!any && !is_free_of_jumps(rings)) {
-      if (!around) around = rings_around(contours.rings);
+      if (!around) around = enclosing_rings(contours.rings);
       any = mark_jumps(rings, *around, marks);
     }
     if (!any) break;

@@ -12,12 +12,12 @@ using nlohmann::json;
 
 json action_of(const std::string& program, const json& parameters,
                const std::vector<NamedFile>& wanted, const std::vector<ScanFile>& files) {
-  std::unordered_map<std::string, const ScanFile*> places;
+  std::unordered_map<std::string, const ScanFile*> by_path;
   for (const ScanFile& file : files)
-    places.emplace(file.of + ":" + file.path, &file);
+    by_path.emplace(file.of + ":" + file.path, &file);
   json out = {{"schema", "trocar.action/1"}, {"program", program}, {"parameters", parameters}};
   for (const NamedFile& one : wanted)
-    out[one.of].push_back(places.at(one.of + ":" + one.path.string())->sha256);
+    out[one.of].push_back(by_path.at(one.of + ":" + one.path.string())->sha256);
   return out;
 }
 

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The key of an action: what its outputs are a function of.
+// The key of an action. An action is everything that determines the bytes of a scan's outputs: the
+// program, the parameters and the input files.
+// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -10,8 +12,8 @@
 
 namespace trocar::farm {
 
-/// {"schema", "program", "parameters", and the digests of the `wanted` files under what they are,
-/// in their order}. All of these must have digests in `files`.
+/// {"schema", "program", "parameters"}, and for each role of the `wanted` files (NamedFile::of)
+/// their digests in order. Every wanted file must have its digest in `files`.
 nlohmann::json action_of(const std::string& program, const nlohmann::json& parameters,
                          const std::vector<NamedFile>& wanted, const std::vector<ScanFile>& files);
 

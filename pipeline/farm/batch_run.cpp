@@ -10,9 +10,8 @@
 
 #include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
-#include "pipeline/farm/claim.h"
-#include "pipeline/farm/fault_point.h"
 #include "pipeline/farm/journal.h"
+#include "pipeline/farm/lease.h"
 #include "pipeline/farm/processes.h"
 
 namespace trocar::farm {
@@ -21,12 +20,11 @@ namespace {
 using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-// Of a claimed key: how often it is looked for.
-constexpr std::chrono::milliseconds kLookAgain{200};
+constexpr std::chrono::milliseconds kLeaseCheckInterval{200};
 
 struct Todo {
-  std::size_t scan = 0;   // in the batch
-  bool is_stale = false;  // or only to be verified
+  std::size_t scan = 0;   // index in the batch
+  bool is_stale = false;  // false: it is only verified
 };
 
 struct Waiting {
@@ -48,7 +46,7 @@ json journal_line(const std::string& scan, const Outcome& outcome) {
   return out;
 }
 
-// The work of one run.
+// One run: its queue, its processes and its summary.
 class Run {
  public:
   Run(const std::vector<WantedScan>& wanted, const BatchSettings& settings,
@@ -61,16 +59,16 @@ class Run {
 
   Result<BatchSummary> operator()() {
     const auto start = Clock::now();
-    look_for_work();
+    find_work();
     total_ = todo_.size();
     while (!todo_.empty() || !waiting_.empty() || processes_.running() > 0) {
       if (is_stopped()) break;
-      if (auto ok = begin_more(); !ok) return ok.error();
+      if (auto ok = start_more(); !ok) return ok.error();
       if (auto ended = processes_.wait(patience()); ended) finish(*ended);
-      look_at_waiting();
+      check_waiting();
     }
     end_all();
-    // A killed process's files: it had no time to remove them.
+    // A killed process could not remove its temporary files.
     if (has_killed_) store_.remove_strays();
     summary_.scans = wanted_.size();
     summary_.left += todo_.size() + waiting_.size();
@@ -85,10 +83,10 @@ class Run {
  private:
   bool is_stopped() const { return settings_.stop != nullptr && settings_.stop->load(); }
 
-  void look_for_work() {
+  void find_work() {
     for (std::size_t k = 0; k < wanted_.size(); ++k) {
       const bool is_stale = !causes(wanted_[k], store_, {}).empty();
-      // A rehash is done by the scans' processes, several at once.
+      // The scans' processes compute the digests of a rehash concurrently.
       if (is_stale || settings_.rehash || settings_.verify) {
         todo_.push_back({k, is_stale});
       } else {
@@ -101,29 +99,29 @@ class Run {
     return {wanted_[todo.scan], settings_.rehash, settings_.verify, threads, settings_.stop};
   }
 
-  Result<void> begin_more() {
+  Result<void> start_more() {
     const auto jobs = static_cast<std::size_t>(settings_.jobs);
     while (!todo_.empty() && processes_.running() < jobs) {
-      // The last scans share the cores that others leave.
+      // The last scans share the cores that finished scans have freed.
       const std::size_t at_once = std::min(jobs, todo_.size() + processes_.running());
       const Todo todo = todo_.front();
       const Work work = work_of(todo, static_cast<int>(std::max<std::size_t>(1, jobs / at_once)));
-      auto ok = processes_.begin(in_hand_.size(), [&] {
+      auto ok = processes_.start(started_.size(), [&] {
         return json_text(outcome_json(work_on(work, store_, program_)));
       });
       if (!ok) return ok;
       todo_.pop_front();
-      in_hand_.push_back(todo);
+      started_.push_back(todo);
     }
     return {};
   }
 
   std::chrono::milliseconds patience() const {
-    return waiting_.empty() ? std::chrono::milliseconds(1000) : kLookAgain;
+    return waiting_.empty() ? std::chrono::milliseconds(1000) : kLeaseCheckInterval;
   }
 
   void finish(const Ended& ended) {
-    const Todo todo = in_hand_[ended.piece];
+    const Todo todo = started_[ended.task];
     const json sent = json::parse(ended.text, nullptr, false);
     Outcome outcome;
     if (ended.signal == 0 && sent.is_object()) {
@@ -134,7 +132,7 @@ class Run {
       outcome = record_killed(work_of(todo, 1), store_, ended.signal, ended.exit_code);
     }
     outcome.seconds = ended.seconds;
-    if (outcome.kind == Outcome::Kind::kClaimed) {
+    if (outcome.kind == Outcome::Kind::kLeased) {
       waiting_.push_back({todo, outcome.key});
       return;
     }
@@ -152,7 +150,7 @@ class Run {
       case Outcome::Kind::kFound:
         ++(is_same ? summary_.unchanged : summary_.found);
         break;
-      case Outcome::Kind::kClaimed:
+      case Outcome::Kind::kLeased:
       case Outcome::Kind::kInterrupted:
         ++summary_.left;
         break;
@@ -165,18 +163,19 @@ class Run {
     if (settings_.progress) settings_.progress(done_, failed_.size(), total_);
   }
 
-  // A claimed key is done, or its owner is dead: either way its scan is begun again.
-  void look_at_waiting() {
-    if (waiting_.empty() || Clock::now() < next_look_) return;
-    next_look_ = Clock::now() + kLookAgain;
+  // A key without a valid lease is finished, or its process is dead. In both cases its scan starts
+  // again.
+  void check_waiting() {
+    if (waiting_.empty() || Clock::now() < next_check_) return;
+    next_check_ = Clock::now() + kLeaseCheckInterval;
     std::erase_if(waiting_, [this](const Waiting& one) {
-      if (is_claimed(store_, one.key)) return false;
+      if (is_leased(store_, one.key)) return false;
       todo_.push_back(one.todo);
       return true;
     });
   }
 
-  // After a signal the scans in hand end soon, by the same signal's handler.
+  // The running scans end soon after SIGTERM, whose handler sets their stop flag.
   void end_all() {
     if (processes_.running() == 0) return;
     processes_.signal_all(SIGTERM);
@@ -187,7 +186,7 @@ class Run {
         continue;
       }
       const json sent = json::parse(ended->text, nullptr, false);
-      const Todo todo = in_hand_[ended->piece];
+      const Todo todo = started_[ended->task];
       if (ended->signal == 0 && sent.is_object() &&
           outcome_from(sent).kind != Outcome::Kind::kFailed) {
         Outcome outcome = outcome_from(sent);
@@ -207,13 +206,13 @@ class Run {
   Journal journal_;
   Processes processes_;
   std::deque<Todo> todo_;
-  std::vector<Todo> in_hand_;  // in the order in which they were begun
+  std::vector<Todo> started_;  // indexed by the processes' task numbers
   std::vector<Waiting> waiting_;
   std::vector<std::pair<std::size_t, Outcome>> failed_;
   BatchSummary summary_;
   std::size_t total_ = 0, done_ = 0;
   bool has_killed_ = false;
-  Clock::time_point next_look_;
+  Clock::time_point next_check_;
 };
 
 }  // namespace
@@ -226,7 +225,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
   std::unordered_map<std::string, const Parameters*> known;
   for (std::size_t k = 0; k < collection.scans.size(); ++k) {
     const CollectionScan& scan = collection.scans[k];
-    // All are checked, so that every shard refuses a wrong collection.
+    // Every scan is checked, so that every shard refuses a wrong collection.
     const auto [at, is_new] = known.emplace(json_text(scan.parameters), nullptr);
     if (is_new) {
       auto read = program.parameters(scan.parameters);
@@ -278,7 +277,7 @@ Result<std::vector<json>> Batch::explain(const std::string& scan) const {
 Result<BatchSummary> Batch::run() const {
   const auto store = Store::open_for_writing(settings_.store);
   if (!store) {
-    // One that cannot be written will do if there is nothing to write.
+    // A read-only store suffices if no scan is stale.
     const auto stale = dry_run();
     if (store.error().code != ExitCode::kUnwritable || settings_.rehash || settings_.verify ||
         !stale || !stale->empty())

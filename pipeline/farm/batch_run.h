@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A batch: which scans are to be worked on, each in a process of its own, and what became of them.
+// A batch: selects the stale scans of a collection, meshes each in a process of its own, and sums
+// up the outcomes.
+// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <atomic>
@@ -25,13 +27,13 @@ namespace trocar::farm {
 
 struct BatchSettings {
   std::filesystem::path store;
-  std::optional<std::pair<int, int>> shard;   ///< I of N, I from 0
-  std::optional<std::set<std::string>> only;  ///< names
-  int jobs = 1;                               ///< scans at once, at least 1
+  std::optional<std::pair<int, int>> shard;   ///< shard I of N, with I from 0
+  std::optional<std::set<std::string>> only;  ///< names of the scans to work on
+  int jobs = 1;                               ///< number of concurrent scans, at least 1
   bool rehash = false, verify = false;
-  /// Not null: set from a signal handler. No more scans are begun, and those in hand end.
+  /// Set by a signal handler, if given. No further scan is then started, and running scans end.
   const std::atomic<bool>* stop = nullptr;
-  /// Called after each scan, with how many are finished, failed and to be done.
+  /// Called after each scan with the numbers of finished, failed and all scans of this run.
   std::function<void(std::size_t done, std::size_t failed, std::size_t total)> progress;
 };
 
@@ -43,32 +45,34 @@ struct FailedScan {
 struct BatchSummary {
   std::size_t scans = 0, unchanged = 0, made = 0, found = 0, left = 0;
   std::vector<FailedScan> failed;  ///< in the collection's order
-  bool has_unrecorded = false;     ///< a failure that is not in the index
-  bool has_journal = true;         ///< false: some line could not be written
+  bool has_unrecorded = false;     ///< whether a failure could not be written to the index
+  bool has_journal = true;         ///< false if a line could not be written
   double seconds = 0;
 };
 
-/// A scan that is to be worked on, and why.
+/// A stale scan with the causes.
 struct StaleScan {
   std::string scan;
   std::vector<nlohmann::json> why;
 };
 
-/// The scans of the collection that are this run's, all parameters checked before anything is
-/// begun. The collection's folder must be the working directory.
+/// The scans of the collection that this run selects. All parameters are checked before the first
+/// scan starts. The collection's folder must be the working directory.
 class Batch {
  public:
-  /// `collection`, `program` and `digest` (of the program) must outlive the batch. Errors (usage):
-  /// a scan with wrong parameters, a name in `only` that the collection does not have.
+  /// `collection`, `program` and `digest`, the program's SHA-256, must outlive the batch. Errors
+  /// (usage): a scan with wrong parameters; a name in `only` that the collection lacks.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
                             const std::string& digest, BatchSettings settings);
 
   std::size_t scans() const { return wanted_.size(); }
-  /// What a run would work on. Errors: of the store.
+  /// The scans that a run would work on. Errors: those of opening the store.
   Result<std::vector<StaleScan>> dry_run() const;
-  /// Why a scan is stale; empty: it is not. Errors: (usage) no such scan; of the store.
+  /// Reasons why a scan is stale; empty if it is not. Errors: (usage) no such scan; those of
+  /// opening the store.
   Result<std::vector<nlohmann::json>> explain(const std::string& scan) const;
-  /// To be called before the process has any threads. Errors: of the store.
+  /// Works on the stale scans. Call it before the process has threads. Errors: those of opening the
+  /// store.
   Result<BatchSummary> run() const;
 
  private:
@@ -77,8 +81,8 @@ class Batch {
   const ScanProgram* program_;
   BatchSettings settings_;
   std::vector<WantedScan> wanted_;
-  /// Scans have few different parameters: each is kept once. Null: a file that they name is
-  /// refused.
+  /// Each different set of parameters once. A null pointer stands for parameters that name a
+  /// refused file.
   std::vector<std::unique_ptr<Parameters>> parameters_;
 };
 

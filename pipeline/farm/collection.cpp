@@ -16,9 +16,9 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr std::size_t kMostBytes = std::size_t{1} << 30;
-constexpr std::size_t kMostScans = 10'000'000;
-constexpr std::size_t kMostNameBytes = 120;
+constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
+constexpr std::size_t kMaxScans = 10'000'000;
+constexpr std::size_t kMaxNameBytes = 120;
 
 bool is_letter_or_digit(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
@@ -119,14 +119,14 @@ std::string name_of(const json& scan) {
       out.begin(), out.end(),
       [](char c) { return !is_letter_or_digit(c) && c != '.' && c != '-' && c != '_' && c != '+'; },
       '_');
-  if (out.size() > kMostNameBytes - 8) out.resize(kMostNameBytes - 8);
+  if (out.size() > kMaxNameBytes - 8) out.resize(kMaxNameBytes - 8);
   return is_scan_name(out) ? out : "_" + out;
 }
 
 }  // namespace
 
 bool is_scan_name(std::string_view name) {
-  if (name.empty() || name.size() > kMostNameBytes) return false;
+  if (name.empty() || name.size() > kMaxNameBytes) return false;
   if (!is_letter_or_digit(name[0]) && name[0] != '_') return false;
   return std::all_of(name.begin(), name.end(), [](char c) {
     return is_letter_or_digit(c) || c == '.' || c == '_' || c == '+' || c == '-';
@@ -146,13 +146,13 @@ Result<Collection> parse_collection(std::string_view text, const fs::path& file)
   json defaults = json::object();
   if (const json* given = reader.optional_value("defaults"); given != nullptr)
     read_parameters(*given, "/defaults", defaults, errors);
-  if (const json* scans = reader.array("scans", 0, kMostScans); scans != nullptr) {
+  if (const json* scans = reader.array("scans", 0, kMaxScans); scans != nullptr) {
     out.scans.reserve(scans->size());
-    std::unordered_map<std::string, std::size_t> places;
+    std::unordered_map<std::string, std::size_t> by_name;
     for (std::size_t k = 0; k < scans->size() && !errors.first; ++k) {
       const std::string path = "/scans/" + std::to_string(k);
       out.scans.push_back(read_scan((*scans)[k], path, defaults, errors));
-      const auto [at, is_new] = places.emplace(out.scans.back().name, k);
+      const auto [at, is_new] = by_name.emplace(out.scans.back().name, k);
       if (!is_new)
         errors.add(path + "/name", "\"" + at->first + "\" is also the name of /scans/" +
                                        std::to_string(at->second));
@@ -164,7 +164,7 @@ Result<Collection> parse_collection(std::string_view text, const fs::path& file)
 }
 
 Result<Collection> read_collection(const fs::path& file) {
-  const auto bytes = read_file(file, kMostBytes);
+  const auto bytes = read_file(file, kMaxBytes);
   if (!bytes) return usage(bytes.error().message);
   return parse_collection({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, file);
 }

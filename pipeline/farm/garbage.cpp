@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "formats/base/file_io.h"
-#include "pipeline/farm/claim.h"
-#include "pipeline/farm/fault_point.h"
+#include "pipeline/farm/atomic_file.h"
+#include "pipeline/farm/failpoint.h"
+#include "pipeline/farm/lease.h"
 #include "pipeline/farm/sha256.h"
-#include "pipeline/farm/whole_file.h"
 
 namespace trocar::farm {
 namespace {
@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using std::chrono::nanoseconds;
 
-// The files two folders below.
+// The files in the sub-folders of a folder.
 std::vector<fs::path> files_in(const fs::path& folder) {
   std::vector<fs::path> out;
   std::error_code ignored;
@@ -55,15 +55,15 @@ void keep_outputs(const fs::path& action, std::set<std::string>& digests) {
   }
 }
 
-// Moved away first: from then on a batch does not find it. If it was renewed before that, it is
-// put back.
+// Removes a file unless it is young or leased. The file is moved away first, so that no batch finds
+// it any more; if a batch renewed its time before that, the file is moved back.
 bool remove_old(const Store& store, const fs::path& file, nanoseconds before,
                 const std::function<bool()>& is_held, Collected& out) {
   const auto seen = time_of(file);
   if (!seen || *seen >= before || is_held()) return false;
   const fs::path away = temporary_name(store.tmp());
   if (::rename(file.c_str(), away.c_str()) != 0) return false;
-  fault_point("moved-away");
+  failpoint("moved-away");
   const auto time = time_of(away);
   if (!time || *time >= before || is_held()) {
     ::rename(away.c_str(), file.c_str());
@@ -87,7 +87,7 @@ Result<Collected> collect_garbage(const Store& store, nanoseconds grace) {
   std::set<std::string> digests;
   for (const fs::path& action : files_in(store.folder() / "actions")) {
     const std::string key = action.stem().string();
-    const auto is_held = [&] { return is_sha256(key) && is_claimed(store, key); };
+    const auto is_held = [&] { return is_sha256(key) && is_leased(store, key); };
     if (live.contains(key) || !remove_old(store, action, before, is_held, out)) {
       keep_outputs(action, digests);
       ++out.kept;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What no scan of the index leads to.
+// Garbage collection: removes actions and contents that no scan of the index refers to.
+// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <chrono>
@@ -12,13 +13,13 @@
 namespace trocar::farm {
 
 struct Collected {
-  std::size_t removed = 0, kept = 0;  ///< actions, and files of content
-  std::uint64_t bytes = 0;            ///< of what was removed
+  std::size_t removed = 0, kept = 0;  ///< numbers of actions and content files
+  std::uint64_t bytes = 0;            ///< total size of the removed files
 };
 
-/// Removes actions that no entry of the index leads to, and content that no action that stays
-/// leads to, unless it is younger than `grace` or its key is claimed. Batches may run meanwhile: a
-/// file is first moved away, and put back if a batch has renewed its time. Errors: unwritable.
+/// Removes actions that no index entry refers to, and contents that no remaining action refers to,
+/// unless they are younger than `grace` or their key is leased. Batches may run at the same time: a
+/// file is first moved away, and moved back if a batch has renewed its time. Errors: unwritable.
 Result<Collected> collect_garbage(const Store& store, std::chrono::nanoseconds grace);
 
 }  // namespace trocar::farm

@@ -11,8 +11,8 @@
 #include <string>
 
 #include "formats/base/json_text.h"
-#include "pipeline/farm/fault_point.h"
-#include "pipeline/farm/owner.h"
+#include "pipeline/farm/failpoint.h"
+#include "pipeline/farm/process_identity.h"
 
 namespace trocar::farm {
 namespace {
@@ -38,7 +38,7 @@ Journal::~Journal() {
 }
 
 bool Journal::add(nlohmann::json line) {
-  const Owner me = this_process();
+  const ProcessIdentity me = this_process();
   if (fd_ < 0) {
     const std::string name =
         me.host + "-" + std::to_string(me.pid) + "-" + std::to_string(me.start) + ".ndjson";
@@ -48,7 +48,7 @@ bool Journal::add(nlohmann::json line) {
   line["time"] = time_text();
   line["host"] = me.host;
   line["pid"] = me.pid;
-  fault_point("journal");
+  failpoint("journal");
   const std::string text = json_text(line) + "\n";
   return ::write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size());
 }

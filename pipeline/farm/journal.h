@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A store's journal: what each process did when, for people and for sizing chunks of work. A line
-// of JSON a scan, a file a process. Nothing depends on it.
+// A store's journal: one JSON line per scan and one file per process, with times and outcomes. It
+// serves people and the sizing of tasks; the store's correctness does not depend on it.
+// Tests: tests/e2e/batch_test.py
 #pragma once
 
 #include <filesystem>
@@ -10,12 +11,12 @@ namespace trocar::farm {
 
 class Journal {
  public:
-  /// The file is made by the first line.
+  /// The first line creates the file.
   explicit Journal(std::filesystem::path folder) : folder_(std::move(folder)) {}
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
   ~Journal();
-  /// Adds `time`, `host` and `pid`. False: it could not be written.
+  /// Writes the line with `time`, `host` and `pid` added. Returns false if it could not be written.
   bool add(nlohmann::json line);
 
  private:

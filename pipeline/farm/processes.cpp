@@ -13,8 +13,6 @@
 #include <cstdio>
 #include <system_error>
 
-#include "pipeline/farm/fault_point.h"
-
 namespace trocar::farm {
 namespace {
 
@@ -36,10 +34,11 @@ Processes::~Processes() {
   }
 }
 
-Result<void> Processes::begin(std::size_t piece, const std::function<std::string()>& work) {
+Result<void> Processes::start(std::size_t task, const std::function<std::string()>& work) {
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
-    return bug("no pipe for a scan's process: " + std::generic_category().message(errno));
+    return bug("cannot create a pipe for a scan's process: " +
+               std::generic_category().message(errno));
   std::fflush(nullptr);
   const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
@@ -47,21 +46,20 @@ Result<void> Processes::begin(std::size_t piece, const std::function<std::string
     const int error = errno;
     ::close(ends[0]);
     ::close(ends[1]);
-    return bug("no process for a scan: " + std::generic_category().message(error));
+    return bug("cannot create a process for a scan: " + std::generic_category().message(error));
   }
   if (pid == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) ::_exit(0);  // it died before
+    if (::getppid() != parent) ::_exit(0);  // the parent died before prctl()
     ::close(ends[0]);
     for (const Running& other : running_)
       ::close(other.fd);
-    take_role(ProcessRole::kWorker);
     send_all(ends[1], work());
     std::fflush(nullptr);
-    ::_exit(0);  // the parent's objects are not this process's to destroy
+    ::_exit(0);  // without the destructors of the parent's objects
   }
   ::close(ends[1]);
-  running_.push_back({piece, pid, ends[0], {}, std::chrono::steady_clock::now()});
+  running_.push_back({task, pid, ends[0], {}, std::chrono::steady_clock::now()});
   return {};
 }
 
@@ -84,7 +82,7 @@ std::optional<Ended> Processes::wait(std::chrono::milliseconds most) {
     while (::waitpid(one.pid, &status, 0) < 0 && errno == EINTR) {
     }
     Ended out;
-    out.piece = one.piece;
+    out.task = one.task;
     out.text = one.text;
     if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);
     if (WIFEXITED(status)) out.exit_code = WEXITSTATUS(status);

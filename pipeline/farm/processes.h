@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Pieces of work, each in a process of its own: a crash ends that process only, and all memory is
-// given back.
+// Tasks that run in processes of their own, so that a crash ends only its task and all memory is
+// returned to the system.
+// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <sys/types.h>
@@ -18,10 +19,10 @@ namespace trocar::farm {
 
 /// A process that has ended.
 struct Ended {
-  std::size_t piece = 0;
-  std::string text;   ///< that it sent
-  int signal = 0;     ///< that killed it
-  int exit_code = 0;  ///< if none did
+  std::size_t task = 0;
+  std::string text;   ///< text that the process sent
+  int signal = 0;     ///< signal that killed the process; 0: none
+  int exit_code = 0;  ///< exit code if no signal killed it
   double seconds = 0;
 };
 
@@ -30,21 +31,21 @@ class Processes {
   Processes() = default;
   Processes(const Processes&) = delete;
   Processes& operator=(const Processes&) = delete;
-  /// Kills and collects what still runs.
+  /// Kills the running processes and waits for them.
   ~Processes();
 
-  /// Begins a process, which sends what `work` returns. It is killed if this one dies. Errors
-  /// (bug): no process can be made.
-  Result<void> begin(std::size_t piece, const std::function<std::string()>& work);
+  /// Starts a process for a task. It sends the text that `work` returns, and is killed if this
+  /// process dies. Errors (bug): no process can be created.
+  Result<void> start(std::size_t task, const std::function<std::string()>& work);
   std::size_t running() const { return running_.size(); }
-  /// Waits for a process to end, or for the time to pass.
+  /// Waits until a process ends, at most for the given time.
   std::optional<Ended> wait(std::chrono::milliseconds most);
-  /// Sends a signal to all.
+  /// Sends a signal to all running processes.
   void signal_all(int signal) const;
 
  private:
   struct Running {
-    std::size_t piece = 0;
+    std::size_t task = 0;
     pid_t pid = 0;
     int fd = -1;
     std::string text;

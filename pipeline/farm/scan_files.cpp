@@ -12,7 +12,8 @@
 #include <unordered_map>
 
 #include "pipeline/farm/sha256.h"
-#include "pipeline/read/scan_folder.h"
+#include "pipeline/open/scan_folder.h"
+#include "pipeline/read/file_names.h"
 
 namespace trocar::farm {
 namespace {
@@ -104,11 +105,11 @@ void let_times_settle(const std::vector<ScanFile>& files) {
 }
 
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files) {
-  std::unordered_map<std::string, std::size_t> places;
+  std::unordered_map<std::string, std::size_t> by_path;
   for (std::size_t k = 0; k < files.size(); ++k)
-    places.emplace(files[k].of + ":" + files[k].path, k);
+    by_path.emplace(files[k].of + ":" + files[k].path, k);
   for (const NamedFile& one : wanted) {
-    const auto [at, is_new] = places.emplace(one.of + ":" + one.path.string(), files.size());
+    const auto [at, is_new] = by_path.emplace(one.of + ":" + one.path.string(), files.size());
     if (is_new) {
       const auto status = status_of(one.path);
       if (!status) return status.error();

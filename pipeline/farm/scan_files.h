@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The files of a scan: which they are, and what tells that one has changed.
+// The files of a scan, and the state by which a change of a file is detected.
+// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -15,36 +16,36 @@
 namespace trocar::farm {
 
 struct ScanFile {
-  std::string of;  ///< NamedFile's
+  std::string of;  ///< role of the file, as in NamedFile
   std::string path;
   std::uint64_t size = 0;
   std::int64_t mtime_ns = 0;
   std::uint64_t inode = 0;
-  std::string sha256 = {};  ///< empty: not read
+  std::string sha256 = {};  ///< digest of the bytes; empty if they were not read
 };
 
-/// Whether it is the file that it was, as far as can be known without reading it.
+/// Whether a file is unchanged, as far as can be known without reading it.
 bool same_state(const ScanFile& a, const ScanFile& b);
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 
-/// The scan's inputs: its paths, or what its pattern matches, in natural order. Errors (refused):
+/// The scan's input paths, or the matches of its pattern in natural order. Errors (refused):
 /// nothing matches.
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
-/// The files of all paths, in their order; of a folder all in it, in natural order. Nothing is
-/// read. Errors (refused): a path that is not there, or no file.
+/// The files of all paths, in their order. A folder stands for all its files in natural order. No
+/// file is read. Errors (refused): a path that does not exist or is no file.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
-/// Waits until a change of a file that was changed last would have another time, as far as file
-/// systems can tell: the file's bytes and its time then belong together.
+/// Waits until a further change of the most recently changed file would get another modification
+/// time, as finely as file systems record it. Then its bytes and its time belong together.
 void let_times_settle(const std::vector<ScanFile>& files);
 
-/// Digests of the `wanted` files that have none yet; those not in `files` are added. Errors
-/// (refused): a file cannot be read.
+/// Computes the digests of the `wanted` files that have none yet, and adds those missing in
+/// `files`. Errors (refused): a file cannot be read.
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files);
 
 nlohmann::json files_json(const std::vector<ScanFile>& files);
-/// Nothing if it is not what files_json() gives.
+/// Reads the result of files_json(); nothing if it is damaged.
 std::optional<std::vector<ScanFile>> files_from(const nlohmann::json& files);
 
 }  // namespace trocar::farm

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the farm needs to know of meshing. The program implements it; the farm itself knows files,
-// keys and processes only.
+// The farm's interface to meshing, which the program implements (program/farm_scans.h). The farm
+// itself deals with files, keys and processes only.
+// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <filesystem>
@@ -14,13 +15,13 @@
 
 namespace trocar::farm {
 
-/// A file or folder, and what it is to the scan: "input", or the option that names it, as "hu".
+/// A file or folder with its role `of`: "input", or the name of the option that names it, as "hu".
 struct NamedFile {
   std::string of;
   std::filesystem::path path;
 };
 
-/// What is made of a scan's parameters.
+/// The parameters of a scan, checked and completed.
 struct Parameters {
   /// Every option that may change a byte of the outputs, with its value or default.
   nlohmann::json canonical;
@@ -28,12 +29,12 @@ struct Parameters {
   std::vector<NamedFile> files;
 };
 
-/// A scan's asset and report. The report is a function of bytes of the files and of the canonical
-/// parameters: no times, no paths.
+/// A scan's asset and report. The files' bytes and the canonical parameters determine the report,
+/// so that it has no times and no paths.
 struct Product {
   std::vector<std::uint8_t> asset;
   std::string report;
-  nlohmann::json warnings;  ///< all, for people: they may name files
+  nlohmann::json warnings;  ///< all warnings, for the journal; they may name files
 };
 
 class OpenedScan {
@@ -42,7 +43,7 @@ class OpenedScan {
   OpenedScan(const OpenedScan&) = delete;
   OpenedScan& operator=(const OpenedScan&) = delete;
   virtual ~OpenedScan() = default;
-  /// The files that the scan consists of, in the order that matters.
+  /// The files that the scan consists of, in the order in which they enter its key.
   virtual std::vector<NamedFile> files() const = 0;
   virtual Result<Product> mesh() = 0;
 };
@@ -53,14 +54,14 @@ class ScanProgram {
   ScanProgram(const ScanProgram&) = delete;
   ScanProgram& operator=(const ScanProgram&) = delete;
   virtual ~ScanProgram() = default;
-  /// Parameters as a collection gives them: names of options and their values. Errors: (usage)
-  /// wrong ones, (refused) a file that they name.
+  /// Checks parameters as a collection gives them, names of options with their values. Errors:
+  /// (usage) wrong parameters; (refused) a file that they name.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Whether the scan has to be opened before its key is known: which of a folder's files it
-  /// consists of, or whether its parameters are for it, is not known before.
+  /// Whether the scan must be opened before its key is known, because only then it is known which
+  /// of a folder's files it consists of, or whether its parameters apply to it.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;
-  /// `inputs`: files, or one folder. The errors' messages name paths as they are given here.
+  /// Opens a scan. `inputs` are files, or one folder. Messages name the paths as given here.
   virtual Result<std::unique_ptr<OpenedScan>> open(const nlohmann::json& given,
                                                    const std::vector<std::filesystem::path>& inputs,
                                                    const std::string& series,

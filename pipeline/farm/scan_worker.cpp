@@ -16,8 +16,8 @@
 #include "formats/asset/asset.h"
 #include "formats/base/file_io.h"
 #include "pipeline/farm/action_key.h"
-#include "pipeline/farm/claim.h"
-#include "pipeline/farm/fault_point.h"
+#include "pipeline/farm/failpoint.h"
+#include "pipeline/farm/lease.h"
 #include "pipeline/farm/sha256.h"
 
 namespace trocar::farm {
@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr std::array<const char*, 5> kOutcomes = {"made", "found", "failed", "claimed",
+constexpr std::array<const char*, 5> kOutcomes = {"made", "found", "failed", "leased",
                                                   "interrupted"};
 
 std::span<const std::uint8_t> bytes_of(const std::string& text) {
@@ -43,7 +43,7 @@ std::vector<NamedFile> all_paths(const std::vector<fs::path>& inputs,
   return out;
 }
 
-// Digests that the index has for files whose state is as it was.
+// Takes the digests from the index if no file has changed.
 void reuse_digests(const std::vector<ScanFile>& known, std::vector<ScanFile>& files) {
   if (!same_state(known, files)) return;
   for (std::size_t k = 0; k < files.size(); ++k)
@@ -57,7 +57,7 @@ std::uint64_t bytes_read(const std::vector<ScanFile>& files) {
   return out;
 }
 
-// A content file that is not what its name says, or an invalid asset, is removed.
+// Removes a content file whose bytes do not have the digest in its name, or that is no valid asset.
 void remove_damaged(const Store& store, const Object& object, bool is_asset) {
   const fs::path file = store.content_file(object.sha256);
   const auto bytes = read_file(file);
@@ -66,7 +66,7 @@ void remove_damaged(const Store& store, const Object& object, bool is_asset) {
   if (!is_whole) ::unlink(file.c_str());
 }
 
-// One scan, step by step.
+// The steps of the work on one scan.
 class Worker {
  public:
   Worker(const Work& work, const Store& store, const ScanProgram& program)
@@ -77,7 +77,7 @@ class Worker {
     entry_.parameters = json::object();
   }
 
-  // Errors are of the scan: they are recorded.
+  // Errors are recorded as the scan's failure.
   Result<Outcome::Kind> run() {
     known_ = store_.entry(scan_.name);
     if (work_.wanted.parameters == nullptr) {
@@ -99,7 +99,7 @@ class Worker {
       wanted = opened_->files();
     }
     if (auto ok = digest_files(wanted, entry_.files); !ok) return ok.error();
-    fault_point("digested");
+    failpoint("digested");
     if (auto ok = check_unchanged(paths); !ok) return ok.error();
     action_ = action_of(entry_.program, entry_.parameters, wanted, entry_.files);
     entry_.key = key_of(action_);
@@ -117,10 +117,11 @@ class Worker {
     return {};
   }
 
-  // Bytes and digests, and what is meshed, are those of one state of the files.
+  // Refuses a scan whose files changed after they were listed: its digests and its mesh would be
+  // those of different states.
   Result<void> check_unchanged(const std::vector<NamedFile>& paths) const {
     const auto now = list_files(paths);
-    if (!now) return refused(now.error().message + "; it was there when this scan was begun");
+    if (!now) return refused(now.error().message + "; it existed when the work on this scan began");
     if (same_state(*now, entry_.files)) return {};
     std::string changed = "a file was added or removed";
     for (std::size_t k = 0; k < std::min(now->size(), entry_.files.size()); ++k) {
@@ -133,7 +134,7 @@ class Worker {
 
   Result<Outcome::Kind> find_or_make(const std::vector<fs::path>& inputs,
                                      const std::vector<NamedFile>& paths) {
-    // Another process's --gc can remove what was found before the index leads to it.
+    // A concurrent --gc can remove found outputs before the index refers to them.
     for (int attempt = 0; attempt < 3; ++attempt) {
       auto found = store_.find(entry_.key);
       if (found && work_.verify) {
@@ -143,10 +144,10 @@ class Worker {
       }
       Outcome::Kind kind = Outcome::Kind::kFound;
       if (!found || !store_.renew(entry_.key, *found)) {
-        const auto claim = Claim::take(store_, entry_.key, scan_.name);
-        if (!claim) return claim.error();
-        if (*claim == nullptr) return Outcome::Kind::kClaimed;
-        // Who held the claim before may have finished.
+        const auto lease = Lease::take(store_, entry_.key, scan_.name);
+        if (!lease) return lease.error();
+        if (*lease == nullptr) return Outcome::Kind::kLeased;
+        // The previous holder of the lease may have finished.
         found = store_.find(entry_.key);
         if (!found || !store_.renew(entry_.key, *found)) {
           auto made = make(inputs, paths);
@@ -154,19 +155,20 @@ class Worker {
           found = *made;
           kind = Outcome::Kind::kMade;
         }
-        fault_point("action-done");
+        failpoint("action-done");
         if (auto ok = put_entry(*found); !ok) return ok.error();
       } else if (auto ok = put_entry(*found); !ok) {
         return ok.error();
       }
       if (store_.has(*found)) return kind;
     }
-    return unwritable(store_.folder().string() + ": its files are removed as they are written");
+    return unwritable(store_.folder().string() +
+                      ": another process removes its files while they are written");
   }
 
   Result<void> put_entry(const Outputs& outputs) {
     entry_.outputs = outputs;
-    // What is there already is left as it is.
+    // An entry with the same contents stays untouched.
     if (known_ && store_.links_fit(entry_) && entry_json(*known_) == entry_json(entry_)) return {};
     return store_.put_entry(entry_);
   }
@@ -174,14 +176,14 @@ class Worker {
   Result<Outputs> make(const std::vector<fs::path>& inputs, const std::vector<NamedFile>& paths) {
     if (!opened_) {
       if (auto ok = open(inputs); !ok) {
-        // A file that was being written is often refused: that is the reason to give.
+        // A file that is still being written is often refused; then the change is the reason.
         if (auto same = check_unchanged(paths); !same) return same.error();
         return ok.error();
       }
     }
-    fault_point("opened");
+    failpoint("opened");
     auto product = opened_->mesh();
-    fault_point("meshed");
+    failpoint("meshed");
     if (auto ok = check_unchanged(paths); !ok) return ok.error();
     if (!product) return product.error();
     opened_.reset();
@@ -205,7 +207,7 @@ class Worker {
   const Store& store_;
   const ScanProgram& program_;
   ScanEntry entry_;
-  std::optional<ScanEntry> known_;  // the index's so far
+  std::optional<ScanEntry> known_;  // the entry in the index before this run
   json action_, warnings_ = json::array();
   std::unique_ptr<OpenedScan> opened_;
 };

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the process of one scan does, from reading the input to the index's entry.
+// The work on one scan in its process, from reading the input to writing the index entry.
+// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <atomic>
@@ -16,39 +17,40 @@ namespace trocar::farm {
 struct Work {
   WantedScan wanted;
   bool rehash = false;
-  bool verify = false;  ///< prove what is in the store; what is damaged is removed, and made again
+  bool verify = false;  ///< verify the stored outputs, and make damaged ones again
   int threads = 1;
-  const std::atomic<bool>* stop = nullptr;  ///< set from a signal handler: an error is no failure
+  const std::atomic<bool>* stop =
+      nullptr;  ///< set by a signal handler; an error is then no failure
 };
 
-/// What became of a scan.
+/// The outcome of the work on a scan.
 struct Outcome {
   enum class Kind {
-    kMade,   ///< computed by this run
-    kFound,  ///< in the store under its key
+    kMade,   ///< this run computed the outputs
+    kFound,  ///< the store already had the outputs under the scan's key
     kFailed,
-    kClaimed,      ///< another process computes its key
-    kInterrupted,  ///< by a signal to the batch
+    kLeased,       ///< another process computes the key
+    kInterrupted,  ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
   std::string key, reason;
   int exit_code = 0, signal = 0;
   std::uint64_t bytes = 0, input_bytes = 0;
   double seconds = 0;
-  bool is_recorded = true;  ///< in the index
+  bool is_recorded = true;  ///< whether the index has the outcome
   nlohmann::json warnings = nlohmann::json::array();
 };
 const char* outcome_name(Outcome::Kind kind);
 nlohmann::json outcome_json(const Outcome& outcome);
 Outcome outcome_from(const nlohmann::json& value);
 
-/// Never fails: what goes wrong is the outcome.
+/// Works on one scan. Errors and exceptions become the outcome.
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program);
 
-/// Records a scan whose process was killed by a signal, or ended without an outcome.
+/// Records a scan whose process was killed by a signal or ended without an outcome.
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
 
-/// The asset is what its name in the store says, and valid.
+/// Checks that the bytes are a valid asset. Errors (refused) begin with `name`.
 Result<void> prove_asset(std::span<const std::uint8_t> glb, const std::string& name);
 
 }  // namespace trocar::farm

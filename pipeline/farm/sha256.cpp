@@ -37,10 +37,10 @@ Result<std::string> sha256_of_file(const std::filesystem::path& file) {
   std::vector<std::uint8_t> block(1 << 18);
   for (std::uint64_t at = 0; at < (*source)->size(); at += block.size()) {
     const auto n = std::min<std::uint64_t>(block.size(), (*source)->size() - at);
-    const std::span piece(block.data(), static_cast<std::size_t>(n));
-    if (auto ok = (*source)->read(at, piece); !ok)
+    const std::span chunk(block.data(), static_cast<std::size_t>(n));
+    if (auto ok = (*source)->read(at, chunk); !ok)
       return refused(file.string() + ": " + ok.error().message);
-    crypto_hash_sha256_update(&state, piece.data(), piece.size());
+    crypto_hash_sha256_update(&state, chunk.data(), chunk.size());
   }
   unsigned char hash[crypto_hash_sha256_BYTES];
   crypto_hash_sha256_final(&state, hash);

@@ -25,23 +25,23 @@ void compare_parameters(const json& old, const json& now, std::vector<json>& out
   }
 }
 
-json of_input(const std::string& path, const char* what) {
+json input_cause(const std::string& path, const char* what) {
   return {{"cause", "input"}, {"path", path}, {"what", what}};
 }
 
-// The one with other bytes has changed; of others only the time.
-void compare_file(const ScanFile& old, const ScanFile& now, const HowToLook& how,
+// A file with different bytes has changed; otherwise only its time has.
+void compare_file(const ScanFile& old, const ScanFile& now, const Comparison& how,
                   std::vector<json>& out) {
   if (same_state(old, now) && !how.rehash) return;
-  if (old.size != now.size) return out.push_back(of_input(now.path, "changed"));
-  if (!how.compare_bytes && !how.rehash) return out.push_back(of_input(now.path, "time"));
+  if (old.size != now.size) return out.push_back(input_cause(now.path, "changed"));
+  if (!how.compare_bytes && !how.rehash) return out.push_back(input_cause(now.path, "time"));
   if (old.sha256.empty()) return;
   const auto digest = sha256_of_file(now.path);
-  if (!digest || *digest != old.sha256) out.push_back(of_input(now.path, "changed"));
+  if (!digest || *digest != old.sha256) out.push_back(input_cause(now.path, "changed"));
 }
 
 void compare_files(const std::vector<ScanFile>& old, const std::vector<ScanFile>& now,
-                   const HowToLook& how, std::vector<json>& out) {
+                   const Comparison& how, std::vector<json>& out) {
   if (!how.rehash && same_state(old, now)) return;
   std::map<std::string, const ScanFile*> before;
   for (const ScanFile& file : old)
@@ -49,24 +49,24 @@ void compare_files(const std::vector<ScanFile>& old, const std::vector<ScanFile>
   for (const ScanFile& file : now) {
     const auto at = before.find(file.of + ":" + file.path);
     if (at == before.end()) {
-      out.push_back(of_input(file.path, "added"));
+      out.push_back(input_cause(file.path, "added"));
       continue;
     }
     compare_file(*at->second, file, how, out);
     before.erase(at);
   }
   for (const auto& [name, file] : before)
-    out.push_back(of_input(file->path, "removed"));
+    out.push_back(input_cause(file->path, "removed"));
   if (old.size() == now.size() && before.empty()) {
     for (std::size_t k = 0; k < now.size(); ++k) {
       if (old[k].of == now[k].of && old[k].path == now[k].path) continue;
-      out.push_back(of_input(now[k].path, "order"));
+      out.push_back(input_cause(now[k].path, "order"));
       break;
     }
   }
 }
 
-void compare_input(const WantedScan& wanted, const ScanEntry& entry, const HowToLook& how,
+void compare_input(const WantedScan& wanted, const ScanEntry& entry, const Comparison& how,
                    std::vector<json>& out) {
   if (entry.series != wanted.scan->series)
     out.push_back({{"cause", "input"},
@@ -86,7 +86,7 @@ void compare_input(const WantedScan& wanted, const ScanEntry& entry, const HowTo
 
 }  // namespace
 
-std::vector<json> causes(const WantedScan& wanted, const Store& store, const HowToLook& how) {
+std::vector<json> causes(const WantedScan& wanted, const Store& store, const Comparison& how) {
   const auto entry = store.entry(wanted.scan->name);
   if (!entry) return {{{"cause", "new"}}};
   std::vector<json> out;
@@ -126,7 +126,7 @@ std::string cause_text(const json& cause) {
   if (what == "series") return "input: series " + text("old") + " -> " + text("new");
   if (!cause.contains("path")) return "input: " + what;
   return "input " + text("path") + ": " +
-         (what == "time"    ? "its time, place or inode changed; a run compares its bytes"
+         (what == "time"    ? "its time, path or inode changed; a run compares its bytes"
           : what == "order" ? "the order of files changed"
                             : what);
 }

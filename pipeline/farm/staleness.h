@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Why a scan is to be worked on: what of program, parameters, input and store is not as it was.
+// Reasons why a scan is stale: changed program, parameters, input or store.
+// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -12,22 +13,22 @@
 
 namespace trocar::farm {
 
-/// A scan as the collection has it now.
+/// A scan as the collection gives it now.
 struct WantedScan {
   const CollectionScan* scan = nullptr;
-  const Parameters* parameters = nullptr;  ///< null: a file that they name was refused
-  const std::string* program = nullptr;    ///< its digest
+  const Parameters* parameters = nullptr;  ///< null if a file that they name was refused
+  const std::string* program = nullptr;    ///< digest of the program
 };
 
-struct HowToLook {
-  bool rehash = false;  ///< read all inputs
-  /// Read inputs whose state changed: only what has other bytes is a cause.
+struct Comparison {
+  bool rehash = false;  ///< reads all inputs
+  /// Reads inputs whose state changed; only different bytes are then a cause.
   bool compare_bytes = false;
 };
 
-/// The causes as --json shows them (store.md); none: the scan is done and as it was.
+/// The causes as --json shows them (store.md). The list is empty if the scan is done and unchanged.
 std::vector<nlohmann::json> causes(const WantedScan& wanted, const Store& store,
-                                   const HowToLook& how);
+                                   const Comparison& how);
 
 /// A cause as a line: "parameter tolerance: 0.2 -> 0.1".
 std::string cause_text(const nlohmann::json& cause);

@@ -15,10 +15,10 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/collection.h"
-#include "pipeline/farm/owner.h"
+#include "pipeline/farm/process_identity.h"
 #include "pipeline/farm/sha256.h"
-#include "pipeline/farm/whole_file.h"
 
 namespace trocar::farm {
 namespace {
@@ -31,7 +31,7 @@ constexpr const char* kMark = "trocar-store.json";
 constexpr const char* kSchema = "trocar.store/1";
 constexpr std::array<const char*, 8> kFolders = {"actions", "content", "scans",  "assets",
                                                  "reports", "journal", "claims", "tmp"};
-constexpr std::uint64_t kMostJsonBytes = std::uint64_t{1} << 28;
+constexpr std::uint64_t kMaxJsonBytes = std::uint64_t{1} << 28;
 constexpr mode_t kPrivate = 0600;
 
 json object_json(const Object& object) {
@@ -44,10 +44,10 @@ Object object_from(const json& value) {
   return out;
 }
 
-// Reads a JSON file of the store; nothing if it is missing or damaged. What is read is checked by
-// its users: the store is no more to be trusted than other files.
+// The text of a JSON file of the store; nothing if it cannot be read. Its users check it, because a
+// store is not trusted more than other files.
 std::optional<std::string> text_of(const fs::path& file) {
-  const auto bytes = read_file(file, kMostJsonBytes);
+  const auto bytes = read_file(file, kMaxJsonBytes);
   if (!bytes) return std::nullopt;
   return std::string(bytes->begin(), bytes->end());
 }
@@ -82,7 +82,7 @@ Result<bool> has_mark(const fs::path& folder) {
   return true;
 }
 
-// A folder that holds other things is no store, and does not become one.
+// Refuses a folder with other files, so that it does not become a store.
 Result<void> check_empty(const fs::path& folder) {
   std::error_code error;
   for (const auto& one : fs::directory_iterator(folder, error)) {
@@ -177,7 +177,7 @@ Result<Store> Store::open_for_writing(const fs::path& folder) {
   if (::access(store.tmp().c_str(), W_OK | X_OK) != 0) return cannot_write(store.tmp(), errno);
   if (!*marked) {
     const std::string text = json_text({{"schema", kSchema}}) + "\n";
-    if (auto ok = write_whole({folder / kMark, store.tmp()}, text); !ok) return ok.error();
+    if (auto ok = write_atomically({folder / kMark, store.tmp()}, text); !ok) return ok.error();
   }
   store.remove_strays();
   return store;
@@ -192,7 +192,7 @@ fs::path Store::content_file(const std::string& sha256) const {
 fs::path Store::entry_file(const std::string& name) const {
   return folder_ / "scans" / (name + ".json");
 }
-fs::path Store::claim_file(const std::string& key) const {
+fs::path Store::lease_file(const std::string& key) const {
   return folder_ / "claims" / key;
 }
 
@@ -227,8 +227,8 @@ Result<Object> Store::put_content(
   Object out{sha256_of(bytes), bytes.size()};
   const fs::path file = content_file(out.sha256);
   if (is_there(file, out.bytes) && renew_time(file)) return out;
-  // The digest of what was read back is that of its name: write_whole() compares the bytes.
-  if (auto ok = write_whole({file, tmp(), 0666, true, prove}, bytes); !ok) return ok.error();
+  // write_atomically() compares the bytes read back, so that they have the digest in the name.
+  if (auto ok = write_atomically({file, tmp(), 0666, true, prove}, bytes); !ok) return ok.error();
   return out;
 }
 
@@ -238,7 +238,7 @@ Result<void> Store::put_action(const std::string& key, const json& action,
       {"action", action},
       {"outputs",
        {{"asset", object_json(outputs.asset)}, {"report", object_json(outputs.report)}}}};
-  return write_whole({action_file(key), tmp(), kPrivate}, json_text(value, 1) + "\n");
+  return write_atomically({action_file(key), tmp(), kPrivate}, json_text(value, 1) + "\n");
 }
 
 std::optional<ScanEntry> Store::entry(const std::string& name) const {
@@ -279,9 +279,10 @@ bool Store::links_fit(const ScanEntry& entry) const {
 }
 
 Result<void> Store::put_entry(const ScanEntry& entry) const {
-  // In a line: a second run reads all entries. A lost one is made again from the actions.
-  if (auto ok = write_whole({entry_file(entry.name), tmp(), kPrivate, false},
-                            json_text(entry_json(entry)) + "\n");
+  // On one line, because a second run reads all entries. A lost entry is made again from the
+  // actions.
+  if (auto ok = write_atomically({entry_file(entry.name), tmp(), kPrivate, false},
+                                 json_text(entry_json(entry)) + "\n");
       !ok)
     return ok;
   const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
@@ -290,12 +291,12 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
       if (::unlink(link.c_str()) != 0 && errno != ENOENT) return cannot_write(link, errno);
     return {};
   }
-  if (auto ok = link_whole(link_target(entry.outputs->asset), asset, tmp()); !ok) return ok;
-  return link_whole(link_target(entry.outputs->report), report, tmp());
+  if (auto ok = link_atomically(link_target(entry.outputs->asset), asset, tmp()); !ok) return ok;
+  return link_atomically(link_target(entry.outputs->report), report, tmp());
 }
 
 void Store::drop_entry(const std::string& name) const {
-  // The entry last: links that are left alone would not be found again.
+  // The entry goes last, because links without an entry would not be found again.
   ::unlink(asset_link(folder_, name).c_str());
   ::unlink(report_link(folder_, name).c_str());
   ::unlink(entry_file(name).c_str());
@@ -327,33 +328,35 @@ Result<nanoseconds> Store::now() const {
 
 std::size_t Store::remove_strays() const {
   std::size_t removed = 0;
-  std::optional<nanoseconds> now_here;  // asked for only if it decides
-  const auto sweep = [&](const fs::path& folder, nanoseconds most,
-                         const std::function<std::optional<Owner>(const fs::path&)>& owner_in) {
-    std::error_code ignored;
-    std::vector<fs::path> files;
-    for (const auto& one : fs::directory_iterator(folder, ignored))
-      files.push_back(one.path());
-    for (const fs::path& file : files) {
-      const auto owner = owner_in(file);
-      const Life life = owner ? life_of(*owner) : Life::kUnknown;
-      if (life == Life::kAlive) continue;
-      if (life == Life::kUnknown) {
-        if (!now_here) {
-          const auto asked = now();
-          if (!asked) continue;
-          now_here = *asked;
+  std::optional<nanoseconds> now_here;  // determined only if needed
+  const auto sweep =
+      [&](const fs::path& folder, nanoseconds most,
+          const std::function<std::optional<ProcessIdentity>(const fs::path&)>& identity_of) {
+        std::error_code ignored;
+        std::vector<fs::path> files;
+        for (const auto& one : fs::directory_iterator(folder, ignored))
+          files.push_back(one.path());
+        for (const fs::path& file : files) {
+          const auto process = identity_of(file);
+          const Life life = process ? life_of(*process) : Life::kUnknown;
+          if (life == Life::kAlive) continue;
+          if (life == Life::kUnknown) {
+            if (!now_here) {
+              const auto asked = now();
+              if (!asked) continue;
+              now_here = *asked;
+            }
+            const auto time = time_of(file);
+            if (!time || *now_here - *time < most) continue;
+          }
+          if (::unlink(file.c_str()) == 0) ++removed;
         }
-        const auto time = time_of(file);
-        if (!time || *now_here - *time < most) continue;
-      }
-      if (::unlink(file.c_str()) == 0) ++removed;
-    }
-  };
-  sweep(tmp(), kStrayAge, [](const fs::path& file) { return owner_of(file.filename().string()); });
-  sweep(folder_ / "claims", kLease, [](const fs::path& file) {
+      };
+  sweep(tmp(), kStrayAge,
+        [](const fs::path& file) { return identity_in(file.filename().string()); });
+  sweep(folder_ / "claims", kLeaseDuration, [](const fs::path& file) {
     const auto text = text_of(file);
-    return text ? owner_of(text->substr(0, text->find('\n'))) : std::nullopt;
+    return text ? identity_in(text->substr(0, text->find('\n'))) : std::nullopt;
   });
   return removed;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The store: store.md says where what is. Every file in it is written whole (whole_file.h).
+// The store of a batch; store.md describes its layout. All its files are atomic (atomic_file.h).
 #pragma once
 
 #include <chrono>
@@ -18,8 +18,8 @@
 
 namespace trocar::farm {
 
-/// Files of another host's process, by their age: temporary files, claims.
-inline constexpr std::chrono::seconds kStrayAge{600}, kLease{60};
+/// Ages after which temporary files and leases of another host's process are void.
+inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
 struct Object {
   std::string sha256;
@@ -34,28 +34,28 @@ struct Outputs {
 /// The index's entry of a scan.
 struct ScanEntry {
   std::string name;
-  std::string key;  ///< empty: it was not known
+  std::string key;  ///< empty if it is unknown
   std::string program;
   nlohmann::json parameters;
   std::string series = {};
   std::vector<ScanFile> files = {};
-  std::optional<Outputs> outputs = {};  ///< of a scan that is done
-  // Of a scan that failed:
+  std::optional<Outputs> outputs = {};  ///< present if the scan is done
+  // If the scan failed:
   std::string reason = {};
   int exit_code = 0;
-  int signal = 0;  ///< that killed its process
+  int signal = 0;  ///< signal that killed its process; 0: none
   bool is_done() const { return outputs.has_value(); }
 };
 nlohmann::json entry_json(const ScanEntry& entry);
-/// Nothing if it is not what entry_json() gives.
+/// Reads the result of entry_json(); nothing if it is damaged.
 std::optional<ScanEntry> entry_from(std::string_view text);
 
 class Store {
  public:
-  /// Makes the store, or completes one, and removes what killed processes left in it. Errors:
-  /// (usage) a folder of other things, another version; (unwritable).
+  /// Creates or completes the store, and removes files that killed processes left in it. Errors:
+  /// (usage) a folder with other files, or a store of another version; (unwritable).
   static Result<Store> open_for_writing(const std::filesystem::path& folder);
-  /// The store need not exist: it is empty then.
+  /// A store that does not exist is empty.
   static Result<Store> open_for_reading(const std::filesystem::path& folder);
 
   const std::filesystem::path& folder() const { return folder_; }
@@ -63,36 +63,38 @@ class Store {
   std::filesystem::path action_file(const std::string& key) const;
   std::filesystem::path content_file(const std::string& sha256) const;
   std::filesystem::path entry_file(const std::string& name) const;
-  std::filesystem::path claim_file(const std::string& key) const;
+  std::filesystem::path lease_file(const std::string& key) const;
 
-  /// The outputs of an action, if it and they are there, with the sizes that they should have.
+  /// The outputs of an action, if the action and its outputs exist and have the recorded sizes.
   std::optional<Outputs> find(const std::string& key) const;
   bool has(const Outputs& outputs) const;
-  /// Makes the files as young as if they had just been written, so that --gc keeps them. False: one
-  /// is not there any more.
+  /// Sets the files' modification times to now, so that --gc keeps them. Returns false if one no
+  /// longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes an output, if there is none of its digest and size. Errors: unwritable, those of prove.
+  /// Writes an output unless one with its digest and size exists. Errors: unwritable; those of
+  /// `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
   Result<void> put_action(const std::string& key, const nlohmann::json& action,
                           const Outputs& outputs) const;
 
-  /// Nothing if there is none, or it is damaged.
+  /// The index entry of a scan; nothing if it is missing or damaged.
   std::optional<ScanEntry> entry(const std::string& name) const;
-  /// Whether the links for people lead to the entry's outputs, or are absent if it has none.
+  /// Whether the links in assets/ and reports/ lead to the entry's outputs, or are absent if it has
+  /// none.
   bool links_fit(const ScanEntry& entry) const;
-  /// Writes the entry and then its links.
+  /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;
-  /// Removes entry and links.
+  /// Removes the entry and its links.
   void drop_entry(const std::string& name) const;
-  /// All names in the index.
+  /// The names of all scans in the index, sorted.
   std::vector<std::string> names() const;
 
-  /// The time by the clock of the store's file system. Errors: unwritable.
+  /// The current time by the clock of the store's file system. Errors: unwritable.
   Result<std::chrono::nanoseconds> now() const;
-  /// Removes temporary files and claims of processes that do not live any more. Gives their number.
+  /// Removes temporary files and leases of dead processes, and returns their number.
   std::size_t remove_strays() const;
 
  private:
@@ -100,7 +102,7 @@ class Store {
   std::filesystem::path folder_;
 };
 
-/// When a file was last changed, since 1970; nothing if it is not there.
+/// Modification time of a file since 1970; nothing if it does not exist.
 std::optional<std::chrono::nanoseconds> time_of(const std::filesystem::path& file);
 
 }  // namespace trocar::farm

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What is used of ISA-L. Version 2.30 leaves the upper halves of the vector registers in use (no
-// vzeroupper in its code for AVX 2 and AVX-512), which slows down all later SSE code of the thread:
-// after a .nii.gz, contours and simplification took 1.35 to 1.65 times as long. Here they are
-// cleared after each call.
+// The functions of ISA-L that are used. Version 2.30 leaves the upper halves of the vector
+// registers in use (no vzeroupper in its code for AVX 2 and AVX-512), which slows down all later
+// SSE code of the thread: after a .nii.gz, contours and simplification took 1.35 to 1.65 times as
+// long. These functions clear the registers after each call.
 #pragma once
 
 #include <isa-l/igzip_lib.h>

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Tests: tests/pipeline/read/gzip_reader_test.cpp
 #pragma once
 
 #include <unistd.h>
@@ -9,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// Reads from offset `at` of a file: as many bytes as there are, at most to.size(); after an error
-/// those before it.
+/// Reads from offset `at` of a file at most to.size() bytes and returns their number, which is less
+/// at the end of the file and after an error.
 inline std::size_t read_at(int descriptor, std::int64_t at, std::span<char> to) {
   std::size_t done = 0;
   while (done < to.size()) {

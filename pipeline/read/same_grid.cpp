@@ -5,30 +5,26 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <utility>
+
+#include "pipeline/base/number_ranges.h"
 
 namespace trocar::pipeline {
 namespace {
 
-std::string text(double a) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.7g", a);
+std::string point_text(const Eigen::Vector3d& p) {
+  // Appended, because g++ 12 sees an overlap (-Wrestrict) in a literal + a temporary string here.
+  std::string out = "(";
+  out += text_of(p.x()) + ", " + text_of(p.y()) + ", " + text_of(p.z()) + ")";
   return out;
 }
 
-std::string text(const Eigen::Vector3d& p) {
-  char out[96];
-  std::snprintf(out, sizeof out, "(%.7g, %.7g, %.7g)", p.x(), p.y(), p.z());
-  return out;
-}
-
-// The voxel's sides along u, v and the normal.
+// The sides of a voxel along u, v and the normal.
 Eigen::Vector3d sides(const SlicePlane& plane, double step_mm) {
   return {plane.spacing_u_mm, plane.spacing_v_mm, step_mm};
 }
 
-// The largest part of a voxel's side that the difference is.
+// The largest component of the difference, in units of the voxel's sides.
 double in_voxels(const Eigen::Vector3d& apart, const SlicePlane& plane, double step_mm) {
   const Eigen::Vector3d along = plane.T_lps_plane.linear().transpose() * apart;
   return along.cwiseQuotient(sides(plane, step_mm)).cwiseAbs().maxCoeff();
@@ -50,8 +46,8 @@ std::optional<std::string> plane_difference(const SlicePlane& plane, const Slice
   };
   if (spacing_differs(plane.spacing_u_mm, other.spacing_u_mm) ||
       spacing_differs(plane.spacing_v_mm, other.spacing_v_mm)) {
-    return "spacing is " + text(plane.spacing_u_mm) + " x " + text(plane.spacing_v_mm) +
-           " mm, not " + text(other.spacing_u_mm) + " x " + text(other.spacing_v_mm);
+    return "spacing is " + text_of(plane.spacing_u_mm) + " x " + text_of(plane.spacing_v_mm) +
+           " mm, not " + text_of(other.spacing_u_mm) + " x " + text_of(other.spacing_v_mm);
   }
   for (const int axis : {0, 1}) {
     const Eigen::Vector3d a = plane.T_lps_plane.linear().col(axis),
@@ -60,12 +56,12 @@ std::optional<std::string> plane_difference(const SlicePlane& plane, const Slice
         axis == 0 ? (width - 1) * plane.spacing_u_mm : (height - 1) * plane.spacing_v_mm;
     if (!(in_voxels((a - b) * length_mm, other, step_mm) <= kSameVoxel)) {
       return std::string("orientation differs: its ") + (axis == 0 ? "rows" : "columns") +
-             " run along " + text(a) + ", not " + text(b);
+             " run along " + point_text(a) + ", not " + point_text(b);
     }
   }
   const Eigen::Vector3d a = plane.T_lps_plane.translation(), b = other.T_lps_plane.translation();
   if (!(in_voxels(a - b, other, step_mm) <= kSameVoxel))
-    return "origin is " + text(a) + " mm, not " + text(b);
+    return "origin is " + point_text(a) + " mm, not " + point_text(b);
   return {};
 }
 
@@ -82,14 +78,14 @@ std::optional<GridDifference> grid_difference(const SliceStack& stack, const Sli
   if (stack.width() != other.width() || stack.height() != other.height() ||
       stack.size() != other.size())
     return GridDifference{-1, "size is " + size_text(stack) + " voxels, not " + size_text(other)};
-  // The first slice tells most about a scan that is another one, the last one the step.
   for (int k = 0; k < stack.size(); ++k) {
     const SlicePlane &a = stack.plane(k), &b = other.plane(k);
     auto what = plane_difference(a, b, other.width(), other.height(), slice_step_mm(other, k));
     if (!what) continue;
     const double step = slice_step_mm(stack, k), wanted = slice_step_mm(other, k);
     if (k > 0 && std::abs(step - wanted) > kSameVoxel * wanted)
-      return GridDifference{-1, "slices are " + text(step) + " mm apart, not " + text(wanted)};
+      return GridDifference{-1,
+                            "slices are " + text_of(step) + " mm apart, not " + text_of(wanted)};
     return GridDifference{k == 0 ? -1 : k, std::move(*what)};
   }
   return {};

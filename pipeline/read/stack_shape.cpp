@@ -44,4 +44,22 @@ StackShape stack_shape(const SliceStack& stack) {
   return stack_shape(positions, stack.plane(0).T_lps_plane.linear().col(2));
 }
 
+Result<void> check_parallel(const SliceStack& stack, int first, int last,
+                            const std::string& advice) {
+  const SlicePlane& a = stack.plane(first);
+  for (int k = first + 1; k <= last; ++k) {
+    const SlicePlane& b = stack.plane(k);
+    const Eigen::Matrix3d turn = a.T_lps_plane.linear().transpose() * b.T_lps_plane.linear();
+    if (!turn.isApprox(Eigen::Matrix3d::Identity(), 1e-3) ||
+        std::abs(b.spacing_u_mm / a.spacing_u_mm - 1) > 1e-3 ||
+        std::abs(b.spacing_v_mm / a.spacing_v_mm - 1) > 1e-3) {
+      return refused(stack.name(k) + ": is not parallel to the first slice or has other pixels; " +
+                     advice);
+    }
+    if (!(b.z_mm > stack.plane(k - 1).z_mm))
+      return refused(stack.name(k) + ": lies at the height of the slice before it; " + advice);
+  }
+  return {};
+}
+
 }  // namespace trocar::pipeline

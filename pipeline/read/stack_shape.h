@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How slices lie above each other: their distances, and the shift from one to the next.
+// The distances between slices, and the shift from one slice to the next.
+// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <Eigen/Core>
 #include <cstddef>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "pipeline/read/slice_stack.h"
@@ -14,18 +16,23 @@ namespace trocar::pipeline {
 struct StackShape {
   std::vector<double> gaps_mm;  ///< along the normal, from each slice to the next
   double step_mm = 0;           ///< their median; 0 for a single slice
-  double shift_mm = 0;          ///< the largest within the planes
-  double tilt_deg = 0;          ///< of a gantry: between the normal and the line of the positions
+  double shift_mm = 0;          ///< the largest shift within the planes
+  double tilt_deg = 0;  ///< gantry tilt: the angle between the normal and the line of the positions
 
   bool is_tilted() const { return shift_mm > 0.01; }
-  bool is_uneven(std::size_t gap) const;  ///< by more than 1 % of the median
+  bool is_uneven(std::size_t gap) const;  ///< whether it differs from step_mm by more than 1 %
   std::optional<std::size_t> first_uneven() const;
 };
 
-/// Of slices in order along the unit normal: their origins, mm.
+/// `positions` are the origins of slices in ascending order along the unit normal, in mm.
 StackShape stack_shape(const std::vector<Eigen::Vector3d>& positions,
                        const Eigen::Vector3d& normal);
 
 StackShape stack_shape(const SliceStack& stack);
+
+/// Errors (refused): a slice between `first` and `last` is not parallel to slice `first`, has other
+/// pixels, or does not lie above the slice before it. The message ends with `advice`.
+Result<void> check_parallel(const SliceStack& stack, int first, int last,
+                            const std::string& advice);
 
 }  // namespace trocar::pipeline

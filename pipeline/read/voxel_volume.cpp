@@ -4,22 +4,20 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 
+#include "pipeline/base/number_ranges.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
 
-std::string text_of(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.4g", value);
-  return out;
+std::string short_text(double value) {
+  return text_of(value, 4);
 }
 
 std::string sides_text(const std::array<double, 3>& mm) {
-  return text_of(mm[0]) + " x " + text_of(mm[1]) + " x " + text_of(mm[2]) + " mm";
+  return short_text(mm[0]) + " x " + short_text(mm[1]) + " x " + short_text(mm[2]) + " mm";
 }
 
 // The largest cosine of an angle between two columns.
@@ -36,13 +34,13 @@ double largest_cosine(const Eigen::Matrix3d& columns) {
 }  // namespace
 
 std::string shear_text(const Eigen::Matrix3d& columns) {
-  return text_of(std::asin(largest_cosine(columns)) * 180 / std::numbers::pi) + " degrees";
+  return short_text(std::asin(largest_cosine(columns)) * 180 / std::numbers::pi) + " degrees";
 }
 
 std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
                                             const std::array<double, 3>& pixdim_mm) {
-  // Room for the rounding of 32-bit floats: sides that differ by exactly 1 % agree.
-  constexpr double kMostRelative = 0.01 + 1e-6, kMostCosine = 1e-3;
+  // The margin for the rounding of 32-bit floats makes sides that differ by exactly 1 % agree.
+  constexpr double kMaxRelative = 0.01 + 1e-6, kMaxCosine = 1e-3;
   std::array<double, 3> by_sform{}, by_pixdim{};
   bool differs = false;
   VoxelConflict out{{}, std::abs(axes_mm.determinant()), 1, 0};
@@ -50,10 +48,10 @@ std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
     by_sform[k] = axes_mm.col(k).norm();
     const bool is_stated = std::isfinite(pixdim_mm[k]) && pixdim_mm[k] > 0;
     by_pixdim[k] = is_stated ? pixdim_mm[k] : by_sform[k];
-    differs |= std::abs(by_sform[k] - by_pixdim[k]) > kMostRelative * by_pixdim[k];
+    differs |= std::abs(by_sform[k] - by_pixdim[k]) > kMaxRelative * by_pixdim[k];
     out.pixdim_mm3 *= by_pixdim[k];
   }
-  if (largest_cosine(axes_mm) > kMostCosine)
+  if (largest_cosine(axes_mm) > kMaxCosine)
     out.reason = "its sform shears by " + shear_text(axes_mm);
   if (differs) {
     out.reason += (out.reason.empty() ? "its" : ", and its") + std::string(" spacing is ") +
@@ -71,10 +69,10 @@ MaterialVolumes material_volumes(const VoxelConflict& conflict, double area_mm2)
 Warning voxel_volume_warning(const VoxelConflict& conflict, const MaterialVolumes& material,
                              const std::string& file) {
   return {kVoxelVolume, file,
-          conflict.reason + "; the sform is used; a voxel has " + text_of(conflict.sform_mm3) +
-              " mm^3 by sform, " + text_of(conflict.pixdim_mm3) + " by pixdim; the material has " +
-              text_of(material.sform_mm3) + " mm^3 by sform, " + text_of(material.pixdim_mm3) +
-              " by pixdim"};
+          conflict.reason + "; the sform is used; a voxel has " + short_text(conflict.sform_mm3) +
+              " mm^3 by sform, " + short_text(conflict.pixdim_mm3) +
+              " by pixdim; the material has " + short_text(material.sform_mm3) +
+              " mm^3 by sform, " + short_text(material.pixdim_mm3) + " by pixdim"};
 }
 
 }  // namespace trocar::pipeline

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// NIfTI files that state two sizes of their voxels: by the sform's matrix, which is used, and by
-// pixdim. A converter that did not correct a tilted gantry, for example, leaves an sform whose axes
-// are not at right angles, so that its voxels are smaller than the product of their sides.
+// NIfTI files state the size of their voxels twice: by the sform's matrix, which is used, and by
+// pixdim. The two can disagree. For example, a converter that did not correct a tilted gantry
+// leaves an sform whose axes are not at right angles, so that a voxel is smaller than the product
+// of its sides.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,18 +16,18 @@ struct Warning;
 
 /// The two volumes of a voxel.
 struct VoxelConflict {
-  std::string reason;  ///< in which way they disagree
+  std::string reason;  ///< how sform and pixdim disagree
   double sform_mm3 = 0, pixdim_mm3 = 0;
-  double pixel_mm2 = 0;  ///< by sform, of a pixel of the slices
+  double pixel_mm2 = 0;  ///< area of a slice's pixel by sform
 };
 
-/// The angle by which the two columns that are farthest from right angles miss them, degrees.
+/// The largest deviation of two columns from a right angle, as "12 degrees".
 std::string shear_text(const Eigen::Matrix3d& columns);
 
-/// `axes_mm` has the sform's vectors, a column for a step along each axis of the array; `pixdim_mm`
-/// the sides by pixdim. A side that is not positive and finite counts as not stated: the sform's
-/// replaces it. There is a conflict if a side of the two differs by more than 1 % of pixdim's, or
-/// if two columns are not at right angles within 1e-3 (0.06 degrees).
+/// The columns of `axes_mm` are the sform's steps along the axes of the array; `pixdim_mm` has the
+/// sides by pixdim. A side that is not positive and finite counts as not stated, and the sform's
+/// replaces it. There is a conflict if a side differs by more than 1 % of pixdim's, or if two
+/// columns are not at right angles within 1e-3 (0.06 degrees).
 std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
                                             const std::array<double, 3>& pixdim_mm);
 

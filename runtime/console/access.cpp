@@ -24,7 +24,7 @@ bool is_equal(std::string_view token, const std::string& right) noexcept {
          ::sodium_memcmp(token.data(), right.data(), right.size()) == 0;
 }
 
-/// Digits, dots, and colons in brackets: an address, not a name.
+/// Does the host consist of digits and dots, or of hexadecimal digits and colons in brackets?
 bool is_numerical(std::string_view host) noexcept {
   const bool v6 = host.size() > 2 && host.front() == '[' && host.back() == ']';
   return !host.empty() &&
@@ -37,15 +37,7 @@ bool is_numerical(std::string_view host) noexcept {
 }  // namespace
 
 const char* to_string(Role role) noexcept {
-  switch (role) {
-    case Role::kNone:
-      return "none";
-    case Role::kView:
-      return "view";
-    case Role::kOperator:
-      return "operator";
-  }
-  return "";
+  return role == Role::kOperator ? "operator" : role == Role::kView ? "view" : "none";
 }
 
 Tokens::Tokens() {
@@ -90,8 +82,8 @@ bool HostNames::is_origin(std::string_view origin, std::string_view host) {
 }
 
 bool is_file_name(std::string_view name) noexcept {
-  constexpr std::size_t kLongest = 512, kParts = 8;
-  if (name.empty() || name.size() > kLongest) return false;
+  constexpr std::size_t kMaxBytes = 512, kMaxParts = 8;
+  if (name.empty() || name.size() > kMaxBytes) return false;
   std::size_t parts = 1;
   bool at_start = true;
   for (const char c : name) {
@@ -100,7 +92,7 @@ bool is_file_name(std::string_view name) noexcept {
     at_start = c == '/';
     parts += at_start ? 1 : 0;
   }
-  return !at_start && parts <= kParts;
+  return !at_start && parts <= kMaxParts;
 }
 
 }  // namespace trocar::runtime

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may ask the console for what: tokens with their roles, the names under which it may be
-// addressed, and names of files that pages give.
+// Access control: tokens with their roles, the host names under which the console answers, and
+// names of files that a page may give.
+// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -23,9 +24,9 @@ class Tokens {
   Tokens();
   const std::string& of_operator() const noexcept { return operator_; }
   const std::string& of_view() const noexcept { return view_; }
-  /// In a time that does not depend on how much of the token is right.
+  /// Takes a time that does not depend on how much of the token is right.
   Role role_of(std::string_view token) const noexcept;
-  /// Of the value of an Authorization header: "Bearer TOKEN".
+  /// The role for the value "Bearer TOKEN" of an Authorization header.
   Role role_of_header(std::string_view authorization) const noexcept;
 
  private:
@@ -33,23 +34,23 @@ class Tokens {
 };
 
 /// The values of Host under which the server answers: names of this machine's loopback, and the
-/// address that it listens on. A page of a foreign name that resolves to this machine (DNS
-/// rebinding) sends its own name.
+/// address that it listens on. A page from a foreign name that resolves to this machine (DNS
+/// rebinding) sends the foreign name, so it gets no answer.
 class HostNames {
  public:
   HostNames(const std::string& listen_address, std::uint16_t port);
   bool is_host(std::string_view host) const;
-  /// Of a request with this Host: an Origin is sent by pages, and must be this server's.
+  /// Pages send their Origin: it must be the server of the request's Host.
   static bool is_origin(std::string_view origin, std::string_view host);
 
  private:
   std::vector<std::string> names_;
   std::string port_;
-  bool any_address_ = false;  ///< listens on all: every numerical address is its own
+  bool any_address_ = false;  ///< it listens on all addresses, so every numerical one is its own
 };
 
-/// A relative path of 1 to 8 plain names joined by '/': no "..", no control character, no name that
-/// begins with '.', no backslash, at most 512 bytes.
+/// Is this a relative path of 1 to 8 plain names joined by '/'? It has at most 512 bytes, no "..",
+/// no control character, no backslash, and no name that begins with '.'.
 bool is_file_name(std::string_view name) noexcept;
 
 }  // namespace trocar::runtime

@@ -28,16 +28,16 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::uint64_t kMostAssetBytes = std::uint64_t{1} << 30;
-// Beyond these two slices do not lie to each other as in the scan.
-constexpr double kAside_mm = 0.02, kApart_m = 2e-5, kTurned = 1e-4;
+constexpr std::uint64_t kMaxAssetBytes = std::uint64_t{1} << 30;
+// Two slices lie to each other as in the scan if they differ from it by no more than this.
+constexpr double kMaxAside_mm = 0.02, kMaxApart_m = 2e-5, kMaxTurned = 1e-4;
 
 struct Loaded {
   Scene scene;
-  Asset asset;  ///< the scene's slices only, each one mesh
+  Asset asset;  ///< only the scene's slices; each has one mesh
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<AssetSurface> surfaces;
-  std::vector<AssetSlice> all;  ///< of the scan, with HU; where there is a surface
+  std::vector<AssetSlice> all;  ///< the scan's slices with HU; empty without a surface
 };
 
 bool is_of_scene(const Scene& scene, int index) {
@@ -56,7 +56,7 @@ Result<Loaded> load(const std::filesystem::path& scene_file, const std::filesyst
   const Result<std::string> text = glb_json(loaded.scene.asset);
   if (!text) return text.error();
   if (has_surface(*text)) {
-    const auto bytes = read_file(loaded.scene.asset, kMostAssetBytes);
+    const auto bytes = read_file(loaded.scene.asset, kMaxAssetBytes);
     if (!bytes) return bytes.error();
     Result<Asset> whole = decode_asset(*bytes, name);
     if (!whole) return whole.error();
@@ -90,17 +90,17 @@ const AssetSlice& slice_of(const Asset& asset, int index) {
                        [index](const AssetSlice& slice) { return slice.index == index; });
 }
 
-/// From the patient's frame (mm) to the plane of the topmost sheet (mm, along its normal); none if
-/// the sheets do not lie to each other as in the scan.
-std::optional<Eigen::Affine3d> plane_of_body(const Loaded& loaded) {
+/// The transform from the patient's frame to the plane of the topmost sheet (both in mm). Nothing
+/// if the sheets do not lie to each other as in the scan.
+std::optional<Eigen::Affine3d> plane_of_surface(const Loaded& loaded) {
   const Sheet& top = *loaded.sheets.front();
   const Eigen::Affine3d T_plane_lps = slice_of(loaded.asset, top.slice_index).T_lps_plane.inverse();
   for (const auto& sheet : loaded.sheets) {
     const Eigen::Affine3d between =
         T_plane_lps * slice_of(loaded.asset, sheet->slice_index).T_lps_plane;
     const Eigen::Vector3d shift = between.translation();
-    if (!between.linear().isIdentity(kTurned) || !(shift.head<2>().norm() < kAside_mm) ||
-        !(std::abs(shift.z() * 1e-3 - (sheet->z_m - top.z_m)) < kApart_m))
+    if (!between.linear().isIdentity(kMaxTurned) || !(shift.head<2>().norm() < kMaxAside_mm) ||
+        !(std::abs(shift.z() * 1e-3 - (sheet->z_m - top.z_m)) < kMaxApart_m))
       return std::nullopt;
   }
   return T_plane_lps;
@@ -113,12 +113,12 @@ class NearestHu {
             const Eigen::Affine3d& T_plane_lps) {
     for (const AssetSlice& slice : slices) {
       if (slice.hu.empty() || slice.hu.size() != slice.mesh.vertices.size()) continue;
-      const Eigen::Affine3d place = T_plane_lps * slice.T_lps_plane;
-      Layer& layer = layers_[place.translation().z()];
+      const Eigen::Affine3d T_plane_slice = T_plane_lps * slice.T_lps_plane;
+      Layer& layer = layers_[T_plane_slice.translation().z()];
       for (std::size_t v = 0; v < slice.hu.size(); ++v) {
         const LatticePoint p = slice.mesh.vertices[v];
         const Eigen::Vector3d at =
-            place * Eigen::Vector3d(lattice.to_mm(p.x), lattice.to_mm(p.y), 0);
+            T_plane_slice * Eigen::Vector3d(lattice.to_mm(p.x), lattice.to_mm(p.y), 0);
         layer[cell(at.x(), at.y())].push_back({at.x(), at.y(), slice.hu[v]});
       }
     }
@@ -131,10 +131,10 @@ class NearestHu {
         (above != layers_.begin() && p.z() - std::prev(above)->first < above->first - p.z()))
       --above;
     const auto [i, j] = cell(p.x(), p.y());
-    constexpr int kFar = 8;
+    constexpr int kMaxRing = 8;
     float hu = 0;
     double nearest = -1;
-    for (int ring = 0; ring <= kFar; ++ring) {
+    for (int ring = 0; ring <= kMaxRing; ++ring) {
       // A vertex of the next ring cannot be nearer than this ring's inner side.
       if (nearest >= 0 && nearest <= std::pow((ring - 1) * kCell_mm, 2)) break;
       for (int di = -ring; di <= ring; ++di) {
@@ -163,7 +163,7 @@ class NearestHu {
   using Cell = std::pair<int, int>;
   using Layer = std::map<Cell, std::vector<Sample>>;
   static Cell cell(double u, double v) {
-    // Places of an asset are within 2^24 mm.
+    // Coordinates of an asset are within 2^24 mm, so the indices fit.
     return {static_cast<int>(std::floor(u / kCell_mm)), static_cast<int>(std::floor(v / kCell_mm))};
   }
   std::map<double, Layer> layers_;
@@ -178,7 +178,7 @@ json array_of(Arrays& arrays, const std::vector<std::uint32_t>& numbers) {
 
 json describe_surface(const Loaded& loaded, Arrays& arrays) {
   if (loaded.surfaces.empty()) return nullptr;
-  const auto T_plane_lps = plane_of_body(loaded);
+  const auto T_plane_lps = plane_of_surface(loaded);
   if (!T_plane_lps) return nullptr;
   const Sheet& top = *loaded.sheets.front();
   const NearestHu field(loaded.all, loaded.asset.lattice, *T_plane_lps);
@@ -246,7 +246,7 @@ json describe_tool(const SceneTool& scene_tool) {
           {"radius_m", radius_m}};
 }
 
-/// As the scene states them.
+/// The goals in the scene's own words; null if it has none.
 json goals_of(const std::filesystem::path& scene_file) {
   const auto bytes = read_file(scene_file, std::uint64_t{4} << 20);
   if (!bytes) return nullptr;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The binary answers for pages: JSON, then arrays (protocol.md).
+// The container of binary answers: JSON, then arrays (protocol.md).
+// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <array>
@@ -15,7 +16,8 @@ namespace trocar::runtime {
 /// Arrays of numbers, one after the other.
 class Arrays {
  public:
-  /// Appends an array, aligned to its numbers. [bytes from the arrays' start, count].
+  /// Appends an array, aligned to the size of its numbers. Returns its offset in bytes from the
+  /// start of the arrays, and its count.
   template <typename Number>
   std::array<std::size_t, 2> add(std::span<const Number> numbers) {
     bytes_.resize((bytes_.size() + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number));
@@ -24,8 +26,8 @@ class Arrays {
     return {at, numbers.size()};
   }
   void reserve(std::size_t bytes) { bytes_.reserve(bytes); }
-  /// With the JSON's length and the JSON before them, padded so that the arrays begin at a multiple
-  /// of 8.
+  /// The whole container: the JSON's length, the JSON, and the arrays, which begin at a
+  /// multiple of 8.
   std::string with_json(std::string_view json) const {
     std::string out(4, '\0');
     out += json;

@@ -28,10 +28,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kDeepest = 2;
-constexpr std::size_t kMostLooked = 20'000, kMostShown = 2000;
-constexpr std::uint64_t kMostSceneBytes = std::uint64_t{4} << 20,
-                        kMostGlbJson = std::uint64_t{64} << 20;
+constexpr int kMaxDepth = 2;
+constexpr std::size_t kMaxInspected = 20'000, kMaxShown = 2000;
+constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20,
+                        kMaxGlbJson = std::uint64_t{64} << 20;
 constexpr std::size_t kHeadBytes = std::size_t{64} << 10, kTailBytes = std::size_t{16} << 10;
 
 json failed(const std::string& name, const Error& error) {
@@ -75,12 +75,12 @@ struct Extent {
   std::array<bool, 3> is_set_{};
 };
 
-std::optional<double> number_at(const json& list, std::size_t place) {
-  if (!list.is_array() || place >= list.size() || !list[place].is_number()) return std::nullopt;
-  return list[place].get<double>();
+std::optional<double> number_at(const json& list, std::size_t index) {
+  if (!list.is_array() || index >= list.size() || !list[index].is_number()) return std::nullopt;
+  return list[index].get<double>();
 }
 
-/// The accessor of a primitive's positions, if the primitive is of a slice's triangles.
+/// The accessor of the positions of a primitive of triangles; else null.
 const json* positions_of(const json& primitive, const json& accessors) {
   static const json::json_pointer kPosition("/attributes/POSITION");
   if (!primitive.is_object() || primitive.value("mode", json(4)) != json(4) ||
@@ -104,10 +104,10 @@ json describe_asset(const json& document, const std::string& name) {
   const json nodes = member(document, "nodes"), meshes = member(document, "meshes"),
              accessors = member(document, "accessors");
   if (!ours.is_object() || !nodes.is_array() || !meshes.is_array() || !accessors.is_array()) {
-    entry["error"] = name + ": is no asset of trocar-mesh";
+    entry["error"] = name + ": is not an asset of trocar-mesh";
     return entry;
   }
-  // Node 0: a slice's units to metres.
+  // The matrix of node 0 converts a slice's units to metres.
   const double unit_mm =
       nodes.empty() ? 0 : std::abs(number_at(member(nodes[0], "matrix"), 0).value_or(0)) * 1e3;
   Extent extent;
@@ -142,7 +142,7 @@ json describe_asset(const json& document, const std::string& name) {
       }
     }
   }
-  // Schema 1 has a node for each slice instead.
+  // Assets of schema 1 do not state the number of slices; they have one node for each slice.
   entry["slices"] = stated.is_number_unsigned() ? stated : json(slice_nodes);
   if (extent.is_set && std::isfinite(unit_mm)) {
     json sides = json::array();
@@ -154,8 +154,8 @@ json describe_asset(const json& document, const std::string& name) {
   return entry;
 }
 
-std::string_view field(std::string_view line, std::size_t place) {
-  for (; place > 0; --place) {
+std::string_view field(std::string_view line, std::size_t index) {
+  for (; index > 0; --index) {
     const std::size_t comma = line.find(',');
     if (comma == std::string_view::npos) return {};
     line.remove_prefix(comma + 1);
@@ -172,7 +172,7 @@ std::optional<double> time_of(std::string_view line) {
   return t_s;
 }
 
-/// From its first and last rows alone: a list must not read gigabytes.
+/// Reads only the first and last rows: a list must not read gigabytes.
 json describe_recording(ByteSource& source, const std::string& name, std::string& scene_digest) {
   json entry = {{"file", name}};
   std::vector<std::uint8_t> head(std::min<std::uint64_t>(source.size(), kHeadBytes)),
@@ -222,7 +222,7 @@ Result<std::string> glb_json(const std::filesystem::path& file) {
   if (!source) return source.error();
   const Result<std::uint32_t> size = json_bytes_of(**source);
   if (!size) return refused(file.string() + ": " + size.error().message);
-  if (*size > kMostGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
+  if (*size > kMaxGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
   std::string text(*size, '\0');
   const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
   if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
@@ -230,7 +230,7 @@ Result<std::string> glb_json(const std::filesystem::path& file) {
 }
 
 bool has_surface(std::string_view glb_json) {
-  // A scan's own texts cannot have this key unquoted; a false positive costs time only.
+  // Texts from a scan cannot contain this key with plain quotes; a false positive only costs time.
   return glb_json.find("\"surface\":") != std::string_view::npos;
 }
 
@@ -260,16 +260,17 @@ Result<std::filesystem::path> Files::find(std::string_view name) const {
   const std::string shown = json_text(std::string(name.substr(0, 80)));
   if (folder_.empty()) {
     const auto found = fixed_.find(name);
-    if (found == fixed_.end()) return refused(shown + ": is not one of the files shown");
+    if (found == fixed_.end()) return refused(shown + ": is not a file of this playback");
     return found->second;
   }
-  if (!is_file_name(name)) return refused(shown + ": is no name of a file in the folder");
+  if (!is_file_name(name)) return refused(shown + ": is not the name of a file in the folder");
   const std::filesystem::path file = folder_ / name;
   std::error_code error;
   const std::filesystem::path there = std::filesystem::canonical(file, error);
   if (error) return refused(shown + ": there is no such file in the folder");
   if (there != file) return refused(shown + ": is a link");
-  if (!std::filesystem::is_regular_file(there, error)) return refused(shown + ": is no file");
+  if (!std::filesystem::is_regular_file(there, error))
+    return refused(shown + ": is not a regular file");
   return there;
 }
 
@@ -281,7 +282,7 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
     known.json = json_text(entry);
   };
   if (end == ".json") {
-    const auto bytes = read_file(file, kMostSceneBytes);
+    const auto bytes = read_file(file, kMaxSceneBytes);
     if (!bytes) return known;
     const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
     if (text.find(kSceneSchema) == std::string_view::npos) return known;
@@ -291,7 +292,7 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
   } else if (end == ".glb") {
     const Result<std::string> text = glb_json(file);
     if (!text) {
-      shown("assets", failed(name, refused(name + ": is no asset that can be read")));
+      shown("assets", failed(name, refused(name + ": is not a readable asset")));
       return known;
     }
     const json document = json::parse(*text, nullptr, false);
@@ -313,7 +314,7 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
 std::string Files::list() {
   std::map<std::string, Known> now;
   bool is_truncated = false;
-  const auto look = [&](const std::filesystem::path& file, const std::string& name) {
+  const auto inspect = [&](const std::filesystem::path& file, const std::string& name) {
     std::error_code error;
     const std::uint64_t size = std::filesystem::file_size(file, error);
     const auto time =
@@ -331,28 +332,28 @@ std::string Files::list() {
   };
   if (folder_.empty()) {
     for (const auto& [name, file] : fixed_)
-      look(file, name);
+      inspect(file, name);
   } else {
     std::error_code error;
-    std::size_t looked = 0;
+    std::size_t inspected = 0;
     for (std::filesystem::recursive_directory_iterator
              entry(folder_, std::filesystem::directory_options::skip_permission_denied, error),
          end;
          !error && entry != end; entry.increment(error)) {
-      if (++looked > kMostLooked) {
+      if (++inspected > kMaxInspected) {
         is_truncated = true;
         break;
       }
       std::error_code ignored;
       const bool is_link = entry->is_symlink(ignored);
       const bool is_hidden = entry->path().filename().string().starts_with('.');
-      if (entry.depth() >= kDeepest || is_link || is_hidden) entry.disable_recursion_pending();
+      if (entry.depth() >= kMaxDepth || is_link || is_hidden) entry.disable_recursion_pending();
       const std::string end_of_name = entry->path().extension().string();
       if (is_link || is_hidden || !entry->is_regular_file(ignored) ||
           (end_of_name != ".json" && end_of_name != ".glb" && end_of_name != ".csv"))
         continue;
       const std::string name = entry->path().lexically_relative(folder_).generic_string();
-      if (is_file_name(name)) look(entry->path(), name);
+      if (is_file_name(name)) inspect(entry->path(), name);
     }
   }
   known_ = std::move(now);
@@ -364,7 +365,7 @@ std::string Files::list() {
   json out = {{"scenes", json::array()}, {"assets", json::array()}, {"recordings", json::array()}};
   for (const auto& [name, known] : known_) {
     if (known.kind.empty()) continue;
-    if (out[known.kind].size() == kMostShown) {
+    if (out[known.kind].size() == kMaxShown) {
       is_truncated = true;
       continue;
     }
@@ -372,7 +373,7 @@ std::string Files::list() {
     if (known.kind == "recordings") {
       const auto scene = scene_by_digest.find(known.digest);
       if (scene != scene_by_digest.end()) entry["scene"] = scene->second;
-      // The session's report stands beside its recording.
+      // The session's report has the name of its recording.
       std::string report = name.substr(0, name.size() - 4) + ".html";
       if (find(report)) entry["report"] = std::move(report);
     }

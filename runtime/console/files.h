@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scenes, assets and recordings that pages may name: those of a folder, or those of the command
-// line. Whoever writes them is not trusted.
+// line. The files are not trusted.
+// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -15,13 +16,13 @@
 
 namespace trocar::runtime {
 
-/// The folder is searched two levels deep; links are not followed. Of one thread at a time, apart
-/// from find().
+/// Searches the folder two levels deep, without following links. Only one thread at a time may call
+/// list(); any thread may call find().
 class Files {
  public:
-  /// Refused: it is no folder.
+  /// Refused: `folder` is not a folder.
   static Result<Files> of_folder(const std::filesystem::path& folder);
-  /// For playback, under their last names; `against` may be empty.
+  /// The files of a playback, known by the last parts of their names. `against` may be empty.
   static Files of_recording(const std::filesystem::path& recording,
                             const std::filesystem::path& against,
                             const std::filesystem::path& scene);
@@ -29,20 +30,20 @@ class Files {
   /// The regular file of that name (as in list()). Refused: a name that leads out of the folder,
   /// also by a link, or to no file.
   Result<std::filesystem::path> find(std::string_view name) const;
-  /// Empty: playback.
+  /// Empty for playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }
-  /// A JSON object with the keys `scenes`, `assets`, `recordings` (protocol.md), and `truncated` if
-  /// there were more than are shown. What was read before and has neither another size nor another
-  /// time is not read again.
+  /// A JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md), and
+  /// `truncated` if there are more files than it lists. A file is read again only if its size or
+  /// time has changed.
   std::string list();
 
  private:
   struct Known {
     std::uint64_t size = 0;
     std::filesystem::file_time_type time;
-    std::string kind;    ///< key of list(); empty: nothing that it shows
-    std::string json;    ///< its entry
-    std::string digest;  ///< of a scene; of a recording: its scene's
+    std::string kind;    ///< key in the list; empty: the file is not listed
+    std::string json;    ///< entry in the list
+    std::string digest;  ///< digest of the scene; for a recording, of the scene that it names
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 
@@ -51,7 +52,7 @@ class Files {
   std::map<std::string, Known> known_;
 };
 
-/// The JSON text of a .glb. Refused: it is no binary glTF, or the text exceeds 64 MiB.
+/// The JSON text of a .glb. Refused: the file is not binary glTF, or the text exceeds 64 MiB.
 Result<std::string> glb_json(const std::filesystem::path& file);
 
 /// Does the asset with this JSON text have a surface for display?

@@ -8,15 +8,16 @@
 #include <utility>
 #include <vector>
 
+#include "embedded/runtime/reporting/session_page.html.h"
 #include "formats/base/file_io.h"
 
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{8} << 20;
-constexpr std::size_t kMostFiles = 64;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{8} << 20;
+constexpr std::size_t kMaxFiles = 64;
 
-/// Empty: the file is no part of the page.
+/// Empty: the file does not belong to the page.
 std::string type_of(const std::filesystem::path& file) {
   static const std::map<std::string, std::string> types = {
       {".html", "text/html; charset=utf-8"},
@@ -40,12 +41,11 @@ constexpr const char* kIncomplete =
 
 }  // namespace
 
-std::string import_map_hashes(std::string_view html) {
-  constexpr std::string_view kBegin = "<script type=\"importmap\">", kEnd = "</script>";
+std::string script_hashes(std::string_view html, std::string_view tag) {
+  constexpr std::string_view kEnd = "</script>";
   std::string hashes;
-  for (std::size_t at = html.find(kBegin); at != std::string_view::npos;
-       at = html.find(kBegin, at)) {
-    at += kBegin.size();
+  for (std::size_t at = html.find(tag); at != std::string_view::npos; at = html.find(tag, at)) {
+    at += tag.size();
     const std::size_t end = html.find(kEnd, at);
     if (end == std::string_view::npos) break;
     std::array<unsigned char, crypto_hash_sha256_BYTES> hash{};
@@ -62,6 +62,13 @@ std::string import_map_hashes(std::string_view html) {
   return hashes;
 }
 
+const std::string& report_policy() {
+  static const std::string policy = "default-src 'none'; style-src 'unsafe-inline'; script-src" +
+                                    script_hashes(kSessionPage, "<script>") +
+                                    "; sandbox allow-scripts; frame-ancestors 'none'";
+  return policy;
+}
+
 Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   PageFiles page;
   std::error_code error;
@@ -72,9 +79,9 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
       std::error_code ignored;
       const std::string type = type_of(entry->path());
       if (type.empty() || !entry->is_regular_file(ignored)) continue;
-      if (page.files_.size() == kMostFiles)
+      if (page.files_.size() == kMaxFiles)
         return refused(folder.string() + ": has more than 64 files for the page");
-      Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMostBytes);
+      Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMaxBytes);
       if (!bytes) return bytes.error();
       const std::string name = entry->path().filename().string();
       has_vendor = has_vendor || *part != '\0';
@@ -89,7 +96,9 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   page.complete_ = has_vendor;
   if (!has_vendor) index->second.bytes = kIncomplete;
   page.policy_ =
-      "default-src 'none'; script-src 'self'" + import_map_hashes(index->second.bytes) +
+      "default-src 'none'; script-src 'self'" +
+      script_hashes(index->second.bytes, "<script type=\"importmap\">") +
+      script_hashes(kSessionPage, "<script>") +  // a report in a frame inherits this policy
       "; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self'; "
       "connect-src 'self'; frame-src blob:; worker-src 'self'; base-uri 'none'; form-action "
       "'none'; frame-ancestors 'none'";

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of the page: a fixed table, read once at start.
+// The files of the page: a fixed table, read once at start; and which scripts may run.
+// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <filesystem>
@@ -12,18 +13,20 @@
 namespace trocar::runtime {
 
 struct PageFile {
-  std::string type;  ///< of its contents, for the header Content-Type
+  std::string type;  ///< value of the header Content-Type
   std::string bytes;
 };
 
 class PageFiles {
  public:
-  /// The page's files in `folder` and those of its folder vendor/, at most 64 of 8 MiB. Without
-  /// files in vendor/ the page is one that says how to get them. Refused: there is no index.html.
+  /// Reads the page's files in `folder` and in its folder vendor/, at most 64 of 8 MiB
+  /// each. If vendor/ is empty, the page only says how to get its libraries. Refused: there
+  /// is no index.html.
   static Result<PageFiles> read(const std::filesystem::path& folder);
-  /// By the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null: there is none.
+  /// The file for the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null: none.
   const PageFile* find(std::string_view target) const;
-  /// Of the page: scripts of this server and its import map only, by the map's hash.
+  /// The page's Content-Security-Policy. It allows scripts of this server and, by their hashes, the
+  /// page's import map and the script of session reports.
   const std::string& security_policy() const noexcept { return policy_; }
   bool is_complete() const noexcept { return complete_; }
 
@@ -33,12 +36,16 @@ class PageFiles {
   bool complete_ = true;
 };
 
-/// Where the page is installed: share/trocar/console beside the program's bin/, else in the sources
-/// that the program was built from.
+/// The folder share/trocar/console beside the program's bin/; if there is none, the folder in the
+/// sources that the program was built from.
 std::filesystem::path page_folder();
 
-/// The Content-Security-Policy's hashes of the import maps of an HTML page: 'sha256-...', each with
-/// a blank before it.
-std::string import_map_hashes(std::string_view html);
+/// Content-Security-Policy of session reports. The files in the folder are not trusted, so the only
+/// script that may run is the one of this version's report template.
+const std::string& report_policy();
+
+/// The hashes of the scripts in an HTML page that begin with this tag, in the form of a
+/// Content-Security-Policy: 'sha256-...', each with a blank before it.
+std::string script_hashes(std::string_view html, std::string_view tag);
 
 }  // namespace trocar::runtime

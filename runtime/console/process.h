@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A program that the console has started, or that an earlier console has.
+// A program that this console, or an earlier one, has started.
+// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <sys/types.h>
@@ -14,15 +15,17 @@
 
 namespace trocar::runtime {
 
-/// Named by a pidfd, so that no signal can reach another process that got the same number.
-/// The process goes on when this is destroyed.
+/// Refers to the process by a pidfd, so no signal can reach another process that got the same
+/// number. The process keeps running when this object is destroyed.
 class Process {
  public:
-  /// Runs arguments[0] with standard output and errors appended to `log`, in a process group of its
-  /// own: Ctrl-C on the console's terminal does not reach it. It inherits no other descriptor.
+  /// Runs arguments[0] and appends its standard output and errors to `log`. The process has a
+  /// process group of its own, so Ctrl-C on the console's terminal does not reach it, and inherits
+  /// no other descriptor.
   static Result<Process> start(const std::vector<std::string>& arguments,
                                const std::filesystem::path& log);
-  /// One that runs already; `start_ticks` (field 22 of /proc/PID/stat), if given, must be its own.
+  /// A process that runs already. If `start_ticks` is given, it must equal field
+  /// 22 of /proc/PID/stat.
   static std::optional<Process> adopt(pid_t pid, std::optional<std::uint64_t> start_ticks = {});
 
   Process(Process&& other) noexcept;
@@ -31,9 +34,9 @@ class Process {
 
   pid_t pid() const noexcept { return pid_; }
   std::uint64_t start_ticks() const;  ///< 0: unknown
-  /// Takes note of its end. No waiting.
+  /// Does not wait.
   bool has_ended();
-  /// After its end: "exit code 3", "signal 9"; empty: unknown, since another process started it.
+  /// After its end: "exit code 3" or "signal 9"; empty if another console started the process.
   std::string end() const;
   std::optional<int> exit_code() const;
   void signal(int number) const noexcept;
@@ -44,8 +47,8 @@ class Process {
   pid_t pid_ = 0;
   int fd_ = -1;
   bool is_child_ = false, has_ended_ = false;
-  int status_ = -1;  ///< exit code
-  int signal_ = 0;   ///< that ended it
+  int status_ = -1;  ///< exit code; -1: none
+  int signal_ = 0;   ///< the signal that ended the process; 0: none
 };
 
 }  // namespace trocar::runtime

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <vector>
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/text_line.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/console/container.h"
@@ -20,8 +20,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{2} << 30;
-constexpr std::size_t kMostRows = 200'000;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{2} << 30;
+constexpr std::size_t kMaxRows = 200'000;
 constexpr int kContactPhases = static_cast<int>(ContactPhase::kFault) + 1;
 
 struct Column {
@@ -82,20 +82,14 @@ void append(std::vector<double>& out, const RecordingRow& row, bool with_cutting
     out.push_back(x);
 }
 
-std::string numbers(const char* format, double a, double b) {
-  std::array<char, 96> text{};
-  std::snprintf(text.data(), text.size(), format, a, b);
-  return text.data();
-}
-
-/// Punctures, faults and recoveries. Rows of the force law `cutting` do not tell of punctures: its
-/// tool is in holes on its way out, too.
+/// Punctures, faults and recoveries. Punctures cannot be found in rows of the force law `cutting`,
+/// because there the tool is in holes on its way out, too.
 json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
-  constexpr std::size_t kMostEvents = 20'000;
+  constexpr std::size_t kMaxEvents = 20'000;
   json events = json::array();
   RecordingRow before;
   for (const RecordingRow& row : rows) {
-    if (events.size() == kMostEvents) break;
+    if (events.size() == kMaxEvents) break;
     const bool is_punctured =
         with_punctures && row.phase == ContactPhase::kPunctured &&
         (before.phase != ContactPhase::kPunctured || before.active_slice != row.active_slice);
@@ -105,9 +99,8 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"slice", row.active_slice},
                         {"tool_z_m", row.tool_m[2]},
                         {"penetration_m", row.penetration_m},
-                        {"text", "slice " + std::to_string(row.active_slice) +
-                                     numbers(" punctured at %.3f s: depth %.2f mm", row.t_s,
-                                             row.penetration_m * 1e3)}});
+                        {"text", text_line("slice %d punctured at %.3f s: depth %.2f mm",
+                                           row.active_slice, row.t_s, row.penetration_m * 1e3)}});
     }
     if (row.fault != before.fault && row.fault != Fault::kNone) {
       const FaultWords& words = words_of(row.fault);
@@ -119,11 +112,11 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"text", describe(FaultDetail(row.fault), row.t_s)}});
     }
     if (row.fault != before.fault && row.fault == Fault::kNone) {
-      events.push_back({{"kind", "recovered"},
-                        {"t_s", row.t_s},
-                        {"fault", to_string(before.fault)},
-                        {"text", std::string("recovered from ") + to_string(before.fault) +
-                                     numbers(" at %.3f s", row.t_s, 0)}});
+      events.push_back(
+          {{"kind", "recovered"},
+           {"t_s", row.t_s},
+           {"fault", to_string(before.fault)},
+           {"text", text_line("recovered from %s at %.3f s", to_string(before.fault), row.t_s)}});
     }
     before = row;
   }
@@ -133,7 +126,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
 }  // namespace
 
 Result<std::string> rows_of(const std::filesystem::path& recording) {
-  const auto bytes = read_file(recording, kMostBytes);
+  const auto bytes = read_file(recording, kMaxBytes);
   if (!bytes) return bytes.error();
   RecordingOrigin origin;
   const auto rows = parse_recording({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
@@ -141,7 +134,7 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   if (!rows) return rows.error();
   const std::string* const law = origin.find("force-law");
   const bool with_cutting = law != nullptr && *law == "cutting";
-  const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMostRows - 1) / kMostRows);
+  const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMaxRows - 1) / kMaxRows);
   json columns = json::array();
   std::size_t width = 0;
   for (const Column& column : kColumns) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A recording for playback.
+// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <filesystem>
@@ -9,8 +10,8 @@
 
 namespace trocar::runtime {
 
-/// The answer of /api/recording (protocol.md). Refused as trocar-run --replay does, and beyond 2
-/// GB.
+/// The answer of /api/recording (protocol.md). Refused: what trocar-run --replay refuses, and files
+/// of more than 2 GiB.
 Result<std::string> rows_of(const std::filesystem::path& recording);
 
 }  // namespace trocar::runtime

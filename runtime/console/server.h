@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's HTTP and WebSocket server (protocol.md).
+// Tests: tests/e2e/console_server_test.py, tests/e2e/console_hostile_test.py
 #pragma once
 
 #include <cstdint>
@@ -14,13 +15,13 @@ namespace trocar::runtime {
 
 struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< a numerical address
-  std::uint16_t port = 0;            ///< 0: any free one
+  std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
   std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
 };
 
-/// Prints the links, and serves until SIGINT, SIGTERM or SIGHUP; then ends its sessions. Usage: the
-/// address is none; unwritable: it cannot be listened on.
+/// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends its sessions. Errors:
+/// usage if the address is not numerical, unwritable if the server cannot listen on it.
 Result<void> serve(const ServerSettings& settings, Files files, PageFiles page);
 
 }  // namespace trocar::runtime

@@ -76,7 +76,7 @@ void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2
     const Eigen::Vector2d& p = polygon.points[i];
     const Eigen::Vector2d& q = polygon.points[i + 1 == polygon.size ? 0 : i + 1];
     const double at_p = side(p), at_q = side(q);
-    // By rounding a convex polygon can cross a line more than twice, by about one rounding error.
+    // Because of rounding, a convex polygon can cross a line more than twice, by about one rounding error.
     // Then the capacity bounds the size, and the loss is of the order of that error.
     if (at_p >= 0 && result.size < Polygon::kCapacity) result.points[result.size++] = p;
     if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity) {
@@ -138,7 +138,7 @@ Polygon convex_part(const Tool& tool, int k, const Polygon& whole) noexcept {
   return part;
 }
 
-/// For parts of that outline.
+/// The same for convex chunks of that outline.
 Moments moments_of_parts(const Polygon& whole) noexcept {
   double reach = 0;
   for (int i = 0; i < whole.size; ++i)
@@ -175,12 +175,12 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
 
   all.add(whole);
   const Eigen::Vector2d offset(origin.x, origin.y);
-  result.fraction = covered.area() / all.area();
+  result.coverage = covered.area() / all.area();
   result.centroid_steps = offset + all.centroid();
-  if (!(result.fraction > kSnap)) {
-    result.fraction = 0;
-  } else if (result.fraction > 1 - kSnap) {
-    result.fraction = 1;
+  if (!(result.coverage > kSnap)) {
+    result.coverage = 0;
+  } else if (result.coverage > 1 - kSnap) {
+    result.coverage = 1;
   } else {
     result.centroid_steps = offset + covered.centroid();
   }

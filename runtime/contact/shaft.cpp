@@ -5,11 +5,11 @@
 
 namespace trocar::runtime {
 
-void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept {
+void enter_hole(const ShaftSection& section, ShaftState& state) noexcept {
   state.in_hole = true;
-  state.hole_m = place.at_m.head<2>();
+  state.hole_m = section.at_m.head<2>();
   state.has_last = true;
-  state.last_m = place.inserted_m;
+  state.last_m = section.inserted_m;
   state.spring_m = state.viscous_N = 0;
 }
 
@@ -18,38 +18,38 @@ void reset_motion(ShaftState& state) noexcept {
   state.spring_m = state.viscous_N = 0;
 }
 
-Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
+Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& section,
                             double pose_interval_s, ShaftState& state,
-                            const EarlierShaft& earlier) noexcept {
+                            const PreviousShaft& previous) noexcept {
   if (!state.in_hole) return Eigen::Vector3d::Zero();
-  const double moved_m = state.has_last ? place.inserted_m - state.last_m : 0;
-  const bool is_steady = state.has_last && earlier.ago_s > 0;
+  const double moved_m = state.has_last ? section.inserted_m - state.last_m : 0;
+  const bool is_steady = state.has_last && previous.ago_s > 0;
   state.has_last = true;
-  state.last_m = place.inserted_m;
+  state.last_m = section.inserted_m;
   state.spring_m = std::clamp(state.spring_m + moved_m, -tissue.presliding_m, tissue.presliding_m);
   if (pose_interval_s > 0) {
     state.viscous_N = is_steady ? tissue.viscous_friction_N_s_per_m *
-                                      (place.inserted_m - earlier.inserted_m) / earlier.ago_s
+                                      (section.inserted_m - previous.inserted_m) / previous.ago_s
                                 : tissue.viscous_friction_N_s_per_m * moved_m / pose_interval_s;
   }
   const double along_N =
       tissue.dry_friction_N * state.spring_m / tissue.presliding_m + state.viscous_N;
-  Eigen::Vector3d force_N = along_N * place.axis;
-  force_N.head<2>() -= tissue.rim_stiffness_N_per_m * (place.at_m.head<2>() - state.hole_m);
+  Eigen::Vector3d force_N = along_N * section.axis;
+  force_N.head<2>() -= tissue.rim_stiffness_N_per_m * (section.at_m.head<2>() - state.hole_m);
   return force_N;
 }
 
-void add_shaft(const ShaftTissue& tissue, const ShaftPlace& place, const ShaftState& state,
+void add_shaft(const ShaftTissue& tissue, const ShaftSection& section, const ShaftState& state,
                LocalEnvironment& local) noexcept {
   if (!state.in_hole) return;
   const double dry_N_per_m = tissue.dry_friction_N / tissue.presliding_m;
-  local.axis = place.axis;
+  local.axis = section.axis;
   local.dry_N += dry_N_per_m * state.spring_m;
   local.dry_max_N += tissue.dry_friction_N;
   if (state.spring_m < tissue.presliding_m) local.dry_in_N_per_m += dry_N_per_m;
   if (state.spring_m > -tissue.presliding_m) local.dry_out_N_per_m += dry_N_per_m;
   local.viscous_N_s_per_m += tissue.viscous_friction_N_s_per_m;
-  const Eigen::Vector2d aside_m = place.at_m.head<2>() - state.hole_m;
+  const Eigen::Vector2d aside_m = section.at_m.head<2>() - state.hole_m;
   local.rim_N -= tissue.rim_stiffness_N_per_m * aside_m;
   local.rim_N_per_m += tissue.rim_stiffness_N_per_m;
   local.stored_J += 0.5 * dry_N_per_m * state.spring_m * state.spring_m +

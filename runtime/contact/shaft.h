@@ -8,8 +8,8 @@
 //     a linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
 //     closed motion its work on the shaft is never positive.
 //  2. The rim's force lies in the sheet's plane, against the displacement of the shaft's axis from
-//     where it was when it entered the hole: at the puncture, or when it came back. So entering a
-//     hole takes and gives no energy.
+//     its position when it entered the hole: at the puncture, or when it came back. Entering a hole
+//     therefore neither takes nor releases energy.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,48 +19,46 @@
 
 namespace trocar::runtime {
 
-/// Kept between ticks.
+/// Memory between ticks.
 struct ShaftState {
-  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet, on entering
+  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< axis position in the sheet on entering
   double last_m = 0;                                 ///< inserted length in the last tick
-  double spring_m = 0;                               ///< within +-presliding_m
-  double viscous_N = 0;                              ///< along the axis, in the last tick
+  double spring_m = 0;                               ///< deflection, within +-presliding_m
+  double viscous_N = 0;  ///< viscous friction along the axis in the last tick
   bool in_hole = false;
   bool has_last = false;
 };
 
-/// Where the axis meets the sheet's plane in {B}, its direction (unit, up the shaft), and how much
-/// of the shaft, measured along it, is below.
-struct ShaftPlace {
+/// Intersection of the axis and the sheet's plane in {B}, the axis direction (unit vector up the shaft), and
+/// the length of shaft below the plane.
+struct ShaftSection {
   Eigen::Vector3d at_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double inserted_m = 0;
 };
 
-void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
+void enter_hole(const ShaftSection& section, ShaftState& state) noexcept;
 
-/// For ticks in which no force is computed: the shaft stays in its hole, and friction starts again
-/// from 0 at its next place.
+/// Call this in ticks without shaft_force(): the shaft stays in its hole, and friction starts again from 0.
 void reset_motion(ShaftState& state) noexcept;
 
-/// How much was inserted at an EarlierPose.
-struct EarlierShaft {
+/// The inserted length at a PreviousPose.
+struct PreviousShaft {
   double inserted_m = 0;
-  double ago_s = 0;  ///< as in EarlierPose
+  double ago_s = 0;  ///< PreviousPose::ago_s
 };
 
-/// The force on the tool at `place.at_m`, in {B}. Unless in_hole it is zero, and `state` is
-/// unchanged. `pose_interval_s`, `earlier`: as in update_contact.
-Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
+/// The force on the tool at `section.at_m`, in {B}. Unless in_hole it is zero, and `state` is
+/// unchanged. `pose_interval_s`, `previous`: as in update_contact.
+Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& section,
                             double pose_interval_s, ShaftState& state,
-                            const EarlierShaft& earlier = {}) noexcept;
+                            const PreviousShaft& previous = {}) noexcept;
 
 /// Adds the elements of the last shaft_force() to `local`.
-void add_shaft(const ShaftTissue& tissue, const ShaftPlace& place, const ShaftState& state,
+void add_shaft(const ShaftTissue& tissue, const ShaftSection& section, const ShaftState& state,
                LocalEnvironment& local) noexcept;
 
-/// The shaft was moved without a force, by `inserted_m` further in: the next tick's rate does not
-/// count it.
+/// Reports that the shaft moved in by `inserted_m` without a force: the next tick's rate ignores this motion.
 void shift_shaft(double inserted_m, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

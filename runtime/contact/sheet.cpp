@@ -14,7 +14,7 @@ namespace trocar::runtime {
 namespace {
 
 constexpr double kRounding_m = 1e-12;  // of two heights and their difference
-constexpr double kMostHeight_m = 1;    // of a slice above or below {B}'s origin
+constexpr double kMaxHeight_m = 1;     // of a slice above or below {B}'s origin
 
 Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
   return {static_cast<double>(std::int64_t{p.x} - origin.x),
@@ -79,7 +79,7 @@ Result<void> place_body(Scene& scene, const Asset& asset, const std::string& nam
       if (!(std::abs(a.col(2).normalized().dot(b.col(2).normalized())) > 1 - 1e-6))
         return refused(where + pair + " are not parallel");
     }
-    if (!(body.top_z_m - below_m >= -kMostHeight_m))
+    if (!(body.top_z_m - below_m >= -kMaxHeight_m))
       return refused(where + ": reaches below -1 m; give a higher top_z_m or fewer slices");
     SceneSlice slice;
     slice.index = slices[i]->index;
@@ -123,7 +123,7 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 
   // Rounded to the lattice, the outlines must still be simple polygons.
   const Tool tool = make_tool(scene.tool);
-  if (smallest_clearance_m(tool) < kLeastClearance * asset.lattice.step_m()) {
+  if (smallest_clearance_m(tool) < kMinClearance * asset.lattice.step_m()) {
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +
                    std::to_string(asset.lattice.step_mm()) + " mm");
   }
@@ -142,7 +142,7 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     put_mesh(slices[i]->mesh, *sheet);
     if (!slices[i]->hu.empty())
       sheet->hu = std::make_shared<const std::vector<float>>(slices[i]->hu);
-    if (scene.force_law.kind == ForceLawKind::kCutting)
+    if (traits_of(scene.force_law.kind).uses_bone_volume)
       sheet->field =
           std::make_shared<const SliceField>(slices[i]->mesh, slices[i]->hu, asset.lattice);
     sheets.push_back(std::move(sheet));
@@ -150,6 +150,13 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   std::sort(sheets.begin(), sheets.end(),
             [](const auto& a, const auto& b) { return a->z_m > b->z_m; });
   return sheets;
+}
+
+Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept {
+  Pose T_device_plate;
+  T_device_plate.p_m << sheet.transform.at_m, sheet.z_m;
+  T_device_plate.p_m -= tool.tip_plate_m;
+  return T_device_plate;
 }
 
 }  // namespace trocar::runtime

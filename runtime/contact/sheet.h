@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sheet: one slice of an asset, placed in the device's frame, with a grid to look up the
 // triangles under the tool. The haptic thread only reads it; holes are cut into a replica that is
-// not visible to the haptic thread (runtime/session/workers.h).
+// not visible to the haptic thread (runtime/workers/remesher.h).
+// Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -12,8 +13,8 @@
 #include "formats/session/scene.h"
 #include "runtime/contact/slice_field.h"
 #include "runtime/contact/tool.h"
-#include "runtime/mesh/sheet_mesh.h"
-#include "runtime/mesh/triangle_grid.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
+#include "runtime/sheet_mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 
@@ -42,6 +43,9 @@ Result<void> place_body(Scene& scene, const Asset& asset, const std::string& nam
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
+
+/// The plate's pose with the tool upright and its tip on the sheet, over the scene's anchor.
+Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept;
 
 /// Free slots of a placed sheet for what its cuts add; more are added when they run short. A hole
 /// of six corners takes about six vertices and twelve triangles.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The tissue of a slice, chosen among the scene's.
+// Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -23,8 +24,8 @@ struct TissueChoice {
   Tissue tissue;
   TissueReason reason = TissueReason::kDefault;
   std::string name;               ///< NamedTissue::name; empty with kDefault
-  std::vector<int> asset_labels;  ///< that the asset was made from
-  std::optional<double> mean_hu;  ///< of the slice's material, if the asset has it
+  std::vector<int> asset_labels;  ///< labels that the asset was made from
+  std::optional<double> mean_hu;  ///< mean HU of the slice's material, if the asset has it
 };
 
 /// The tissue that the scene's slice names; else the first one for a label that the asset was made

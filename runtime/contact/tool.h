@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The tool: a prism on the plate, and its outline on a slice's lattice. The same outline is
 // compared with the material and cut out of it.
+// Tests: tests/runtime/contact/tool_outline_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -34,7 +35,7 @@ struct Tool {
   std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
-/// The tool of a scene. Its convex parts come from ear clipping and merging pieces whose union is
+/// The tool of a scene. Its convex parts are computed by ear clipping and merging pieces whose union is
 /// convex (Hertel and Mehlhorn). O(sides^3).
 Tool make_tool(const SceneTool& scene_tool);
 
@@ -42,7 +43,7 @@ Tool make_tool(const SceneTool& scene_tool);
 struct PlanarTransform {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();
-  double cosine = 1, sine = 0;  ///< of the rotation about z
+  double cosine = 1, sine = 0;  ///< rotation about z
   Lattice lattice;
 
   /// x, y in {B} -> lattice steps, not rounded; and back.
@@ -60,24 +61,24 @@ struct LatticeOutline {
   }
 };
 Ring to_ring(const LatticeOutline& outline);
-/// Of an outline that is not empty.
+/// The bounding box of an outline that is not empty.
 LatticeBox box_around(const LatticeOutline& outline) noexcept;
 
 /// True if the axis is within kMaxTilt_deg of {B}'s z. Only an upright tool has outlines.
 bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;
 
-/// Where the axis, extended beyond the tip if necessary, intersects the plane z = z_m of {B}.
+/// Intersection of the axis, extended beyond the tip if necessary, with the plane z = z_m of {B}.
 /// The tool must be upright.
 Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept;
 
 /// The prism's section with the plane z = z_m (a tilted tool's is sheared along the tilt, by up to
 /// sqrt(2)), each corner rounded to the lattice. Simple if smallest_clearance_m() is at least
-/// kLeastClearance steps: the section is nowhere narrower than the cross-section, and rounding
+/// kMinClearance steps: the section is nowhere narrower than the cross-section, and rounding
 /// moves a corner by at most sqrt(1/2) steps. Size 0 if the tool is not upright or a corner lies
 /// beyond kMaxCoordinate / 2. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
-inline constexpr double kLeastClearance = 1.5;
+inline constexpr double kMinClearance = 1.5;
 
 /// The smallest distance of a corner of the cross-section from an edge that does not end in it.
 double smallest_clearance_m(const Tool& tool) noexcept;

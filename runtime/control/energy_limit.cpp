@@ -34,8 +34,9 @@ FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
   }
   excess_J_ = count_ > 0 ? std::max(0.0, work_J_ - entry(0).energy_J) : 0;
   // Negated so that a limit of nan always trips.
-  if (excess_J_ <= limits.energy_given_max_J) return {};
-  return {Fault::kEnergy, FaultQuantity::kGivenEnergy, -1, excess_J_, limits.energy_given_max_J};
+  if (excess_J_ <= limits.energy_limit_J) return {};
+  return {Fault::kEnergyLimit, FaultQuantity::kReleasedEnergy, -1, excess_J_,
+          limits.energy_limit_J};
 }
 
 void EnergyAccount::reset() noexcept {

@@ -11,9 +11,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// After kMotorOverload, recovery waits until the i2t state of every motor is below this share of
-/// its limit.
-constexpr double kCooled = 0.5;
+/// After kMotorOverload, recovery waits until the i2t state of every motor is below this part of its limit.
+constexpr double kMaxHeatToRecover = 0.5;
 
 /// The fault of a status other than kOk and kNoData.
 FaultDetail fault_of(DeviceStatus status, const Device& device) noexcept {
@@ -185,25 +184,8 @@ FaultDetail check_health(const LoopModel& model, const DeviceState& read, bool f
       f != Fault::kNone) {
     return f;
   }
-  return is_upright(model.contact.tool, state.T_device_plate)
-             ? FaultDetail()
-             : tool_tilt(model.contact.tool, state.T_device_plate);
-}
-
-/// How far the tool must be lifted until no force would act on it if `running` began now; 0: it
-/// touches no sheet.
-double depth_in_material_m(const LoopModel& model, const TickInputs& inputs,
-                           const LoopState& state) noexcept {
-  if (model.body) return lift_m(*model.body, state.T_device_plate, state.body);
-  double depth_m = 0;
-  const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
-  for (std::size_t i = 0; i < inputs.sheets.size(); ++i) {
-    const SheetTrack& track = state.contact.tracks[i];
-    const bool standing = track.was_above && track.state != SheetState::kPunctured &&
-                          track.state != SheetState::kBeside;
-    if (standing) depth_m = std::max(depth_m, inputs.sheets[i]->z_m - tip_z_m);
-  }
-  return depth_m;
+  return is_upright(model.tool, state.T_device_plate) ? FaultDetail()
+                                                      : tool_tilt(model.tool, state.T_device_plate);
 }
 
 void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
@@ -218,108 +200,35 @@ FaultDetail not_finite(const Wrench& wanted) noexcept {
           std::numeric_limits<double>::quiet_NaN()};
 }
 
-bool is_finite(const SheetResponse& response) noexcept {
-  return std::isfinite(response.stiffness_N_per_m) && std::isfinite(response.offset_m[0]) &&
-         std::isfinite(response.offset_m[1]);
-}
-
-/// Where the plate will be a tick later if it moves on as it does; without a new pose where the law
-/// was evaluated last.
-Pose predicted_pose(const LoopModel& model, const LoopState& state) noexcept {
-  const Pose& plate = state.T_device_plate;
-  if (!state.body.has_plate) return plate;
-  if (!(state.pose_interval_s > 0)) return state.body.T_device_evaluated;
-  const bool is_steady = state.earlier.ago_s > 0;
-  const double share =
-      1 / (model.rate_Hz * (is_steady ? state.earlier.ago_s : state.pose_interval_s));
-  const Twist way =
-      share *
-      displacement(is_steady ? state.earlier.T_device_plate : state.body.T_device_plate, plate);
-  return {plate.p_m + way.head<3>(), (from_rotation_vector(way.tail<3>()) * plate.q).normalized()};
-}
-
-/// The same by the law `cutting`: passive by itself (cutting_law.h), so that energy is only
-/// watched. The device's limits are in the law's coupling.
-FaultDetail cutting_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
-                           TickResult& result, Wrench& wanted) noexcept {
-  ContactOutput& contact = result.contact;
-  const Pose evaluated = model.predicts ? predicted_pose(model, state) : state.T_device_plate;
-  update_body(*model.body, inputs.sheets, state.T_device_plate, evaluated, state.pose_interval_s,
-              state.contact.tracks, state.body, contact);
-  if (contact.not_upright) return tool_tilt(model.contact.tool, evaluated);
+/// The wrench to render: the force law's, scaled by the safety state's authority and made passive.
+FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, ForceLaw& law,
+                          LoopState& state, ContactOutput& contact, Wrench& wanted) noexcept {
+  const ForceLawInput input{inputs.sheets, inputs.prefetched, state.T_device_plate,
+                            state.pose_interval_s, state.previous};
+  const FaultDetail refused = law.update(input, contact);
+  if (refused != Fault::kNone) return refused;
+  if (contact.not_upright) return tool_tilt(model.tool, contact.T_device_evaluated);
   if (contact.backlog) {
     return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
             kMaxPendingHoles};
   }
-  contact.wrench_device *= model.force_scale;
-  contact.local.stored_J *= model.force_scale;
   const FaultDetail energy = state.energy.check(
       model.limits, model.rate_Hz,
-      {state.T_device_plate, state.pose_interval_s > 0, contact.local.stored_J, false});
+      {state.T_device_plate, state.pose_interval_s > 0, contact.stored_J, contact.is_released});
   if (energy != Fault::kNone) return energy;
 
-  PassivityOptions ledger = model.passivity;
-  ledger.on = false;
-  ledger.credit_max_J = std::numeric_limits<double>::infinity();
-  PassivityInput input;
-  input.T_device_plate = state.T_device_plate;
-  input.earlier = state.earlier;
-  input.wrench_device = state.safety.authority * contact.wrench_device;
-  input.stored_J = state.safety.authority * contact.local.stored_J;
-  wanted = keep_passive(ledger, model.device.plate_mass_kg, state.pose_interval_s, input,
-                        state.passivity);
-  return Fault::kNone;
-}
-
-/// The wrench to render: contact, through the coupling if it is on, scaled by the safety state's
-/// authority, made passive.
-FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
-                          TickResult& result, Wrench& wanted) noexcept {
-  const double share = state.safety.authority;
-  // A response that is not finite would spread into later ticks, since responses are blended.
-  if (needs_response(model.contact.law.kind) && !is_finite(inputs.response)) {
-    return {Fault::kTorqueNotFinite, FaultQuantity::kResponse, -1,
-            inputs.response.stiffness_N_per_m, std::numeric_limits<double>::quiet_NaN()};
+  PassivityOptions passivity = model.passivity;
+  if (law.is_passive()) {  // its energy is only observed
+    passivity.on = false;
+    passivity.credit_max_J = std::numeric_limits<double>::infinity();
   }
-  const bool couples = model.coupling.on;
-  const Pose T_device_tool = couples
-                                 ? move_proxy(model.coupling, state.pose_interval_s,
-                                              state.T_device_plate, state.coupling, state.earlier)
-                                 : state.T_device_plate;
-  const EarlierPose earlier =
-      couples ? earlier_proxy(state.pose_interval_s, state.earlier, state.coupling) : state.earlier;
-  ContactOutput& contact = result.contact;
-  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool,
-                 state.pose_interval_s, state.contact, contact, earlier);
-  if (contact.not_upright) return tool_tilt(model.contact.tool, T_device_tool);
-  if (contact.backlog) {
-    return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
-            kMaxPendingHoles};
-  }
-
-  PassivityInput input;
-  input.wrench_device = contact.wrench_device;
-  input.stored_J = contact.local.stored_J;
-  if (couples) {
-    const Eigen::Vector3d before_m = state.coupling.offset_m;
-    input.wrench_device = coupling_wrench(model.coupling, contact.wrench_device, contact.local,
-                                          contact.punctured_now, state.coupling);
-    if (contact.punctured_now) {
-      shift_tool(model.contact, T_device_tool, state.coupling.offset_m - before_m, state.contact);
-    }
-    input.stored_J +=
-        0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
-  }
-  input.T_device_plate = state.T_device_plate;
-  const FaultDetail energy = state.energy.check(
-      model.limits, model.rate_Hz,
-      {state.T_device_plate, state.pose_interval_s > 0, input.stored_J, contact.punctured_now});
-  if (energy != Fault::kNone) return energy;
-  input.earlier = state.earlier;
-  input.wrench_device *= share;
-  input.stored_J *= share;
-  input.planned_release = contact.punctured_now;
-  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, state.pose_interval_s, input,
+  PassivityInput rendered;
+  rendered.T_device_plate = state.T_device_plate;
+  rendered.previous = state.previous;
+  rendered.wrench_device = state.safety.authority * contact.wrench_plate;
+  rendered.stored_J = state.safety.authority * contact.stored_J;
+  rendered.planned_release = contact.is_released;
+  wanted = keep_passive(passivity, model.device.plate_mass_kg, state.pose_interval_s, rendered,
                         state.passivity);
   return Fault::kNone;
 }
@@ -328,21 +237,20 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Loop
 /// begins.
 MotorVector compensation(const LoopModel& model, const MotorModel& motor,
                          LoopState& state) noexcept {
-  state.compensation_share =
-      std::min(1.0, state.compensation_share + rise_per_tick(model.limits.timing, model.rate_Hz));
+  state.compensation_authority = std::min(
+      1.0, state.compensation_authority + rise_per_tick(model.limits.timing, model.rate_Hz));
   const MotorVector rate_rad_per_s = state.G * state.limits.twist_device;
-  return state.compensation_share *
+  return state.compensation_authority *
          compensation_torques(model.device, motor, state.G, rate_rad_per_s, model.compensation);
 }
 
 /// Contact wrench, torque allocation, limits.
 FaultDetail compute_torques(const LoopModel& model, const MotorModel& motor,
-                            const TickInputs& inputs, LoopState& state, TickResult& result,
-                            MotorVector& tau_motor_Nm) noexcept {
+                            const TickInputs& inputs, ForceLaw& law, LoopState& state,
+                            TickResult& result, MotorVector& tau_motor_Nm) noexcept {
   RecordingRow& row = result.row;
   Wrench wanted = Wrench::Zero();
-  const FaultDetail found = model.body ? cutting_wrench(model, inputs, state, result, wanted)
-                                       : wanted_wrench(model, inputs, state, result, wanted);
+  const FaultDetail found = wanted_wrench(model, inputs, law, state, result.contact, wanted);
   if (found != Fault::kNone) return found;
   const double dt_s = 1 / model.rate_Hz;
   const MotorVector limit_Nm = available_torque(motor, state.limits.load);
@@ -385,25 +293,11 @@ Wrench rendered_wrench(const LoopState& state) noexcept {
   return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }
 
-void describe_body(const BodyState& body, RecordingRow::Cutting& row) noexcept {
-  const CuttingResult& law = body.result;
-  put_wrench(body.wrench_device, row.wrench_tissue);
-  // Below the last slab there is nothing more to cut.
-  row.front_z_m = std::isfinite(law.front_m) ? -law.front_m : 0;
-  row.front_HU = body.front_HU;
-  row.tip_N = law.tip_N;
-  row.embedded_m = law.embedded_m;
-  row.cut_J = body.ledger.cut_J;
-  row.absorbed_J = body.ledger.absorbed_J;
-  row.stored_J = law.stored_J;
-  row.steps = law.steps;
-}
-
 /// Fills the columns that do not depend on the tick's outcome.
 void describe(const LoopModel& model, const MotorModel& motor, const LoopState& state,
               const DeviceState& read, RecordingRow& row) noexcept {
   const Pose& pose = state.T_device_plate;
-  const Eigen::Vector3d tip = pose * model.contact.tool.tip_plate_m;
+  const Eigen::Vector3d tip = pose * model.tool.tip_plate_m;
   row.p_m = {pose.p_m.x(), pose.p_m.y(), pose.p_m.z()};
   row.q = {pose.q.w(), pose.q.x(), pose.q.y(), pose.q.z()};
   row.tool_m = {tip.x(), tip.y(), tip.z()};
@@ -418,97 +312,90 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.authority = row.safety == SafetyState::kRunning ? state.safety.authority : 0;
   row.passivity_J = state.passivity.balance_J;
   row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
-  row.motor_heat_max = i2t_share_used(motor, state.limits.load);
-  if (model.body) describe_body(state.body, row.cutting);
+  row.motor_heat_max = i2t_fraction_used(motor, state.limits.load);
 }
 
 /// Outside of `running` there is no contact, and the energy balance starts again.
-void forget_contact(LoopState& state) noexcept {
-  const double given_max_J = state.passivity.given_max_J;
+void reset_contact(ForceLaw& law, LoopState& state) noexcept {
+  const double released_max_J = state.passivity.released_max_J;
   state.passivity = {};
-  state.passivity.given_max_J = given_max_J;
+  state.passivity.released_max_J = released_max_J;
   state.energy.reset();
-  state.coupling = {};
-  reset_motion(state.contact);
-  forget_motion(state.body);
+  law.reset_motion();
   state.limits.rise_s = state.limits.overload_s = 0;
   state.compensation_Nm.setZero();
-  state.compensation_share = 0;
+  state.compensation_authority = 0;
 }
 
-}  // namespace
-
-void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, LoopState& state,
-                 TickResult& result) noexcept {
-  result = TickResult{};
-  RecordingRow& row = result.row;
-  Safety& safety = state.safety;
-  const SafetyTiming& timing = model.limits.timing;
-  const double dt_s = 1 / model.rate_Hz;
-  const MotorModel motor = make_motor_model(model.device);
-  row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
-  row.response_sheet = inputs.response.sheet;
-  row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
-  row.response_offset_m = inputs.response.offset_m;
-
-  // Read and check the device.
+/// Reading and findings of a tick.
+struct TickReading {
   DeviceState read;
-  bool fresh = false;
-  FaultDetail fault = read_device(model, device, state, result, read, fresh);
-  if (result.end_of_data) return;
+  bool is_fresh = false;  ///< `read` is a new state of the device
+  bool is_known = false;  ///< this state or an earlier one has been read
+  FaultDetail fault;
+};
+
+/// Stage 1: reads and checks the device. After the end of data the result is incomplete.
+TickReading read_and_check(const LoopModel& model, const TickInputs& inputs, Device& device,
+                           LoopState& state, TickResult& result) noexcept {
+  TickReading out;
+  out.fault = read_device(model, device, state, result, out.read, out.is_fresh);
+  if (result.end_of_data) return out;
   const FaultDetail outside = outside_fault(model.limits, inputs);
-  row.outside_fault = outside.fault;
-  if (fault == Fault::kNone) fault = outside;
-  row.recovery_asked = inputs.recover ? 1 : 0;
-  if (inputs.recover) recover(safety, timing, model.rate_Hz);
-  const bool seen = state.has_state || fresh;
-  if (fault == Fault::kNone && seen) fault = check_health(model, read, fresh, state, result);
-  state.earlier = {};
-  if (fault != Fault::kNone) {
+  result.row.outside_fault = outside.fault;
+  if (out.fault == Fault::kNone) out.fault = outside;
+  result.row.recovery_asked = inputs.recover ? 1 : 0;
+  if (inputs.recover) recover(state.safety, model.limits.timing, model.rate_Hz);
+  out.is_known = state.has_state || out.is_fresh;
+  if (out.fault == Fault::kNone && out.is_known)
+    out.fault = check_health(model, out.read, out.is_fresh, state, result);
+  state.previous = {};
+  if (out.fault != Fault::kNone) {
     state.limits.has_pose = false;
     state.window.clear();
-  } else if (fresh) {
-    state.window.add(read, state.T_device_plate);
-    state.earlier = state.window.begin(encoder_count_rad(model.device), dt_s);
+  } else if (out.is_fresh) {
+    state.window.add(out.read, state.T_device_plate);
+    state.previous = state.window.begin(encoder_count_rad(model.device), 1 / model.rate_Hz);
   }
-  const bool finite = std::all_of(read.encoder_rad.begin(), read.encoder_rad.end(),
-                                  [](double angle) { return std::isfinite(angle); });
-  if (fresh && finite) {
-    state.device = read;
+  const bool is_finite = std::all_of(out.read.encoder_rad.begin(), out.read.encoder_rad.end(),
+                                     [](double angle) { return std::isfinite(angle); });
+  if (out.is_fresh && is_finite) {
+    state.device = out.read;
     state.has_state = true;
   }
-  if (fresh) state.no_data_ticks = 0;
+  if (out.is_fresh) state.no_data_ticks = 0;
+  return out;
+}
 
-  // Advance the safety state.
-  const SafetyState before = safety.state;
+/// Stage 2: checks the motors' heat and advances the safety state.
+void advance_safety(const LoopModel& model, const MotorModel& motor, const TickInputs& inputs,
+                    const ForceLaw& law, Device& device, LoopState& state, TickReading& reading,
+                    TickResult& result) noexcept {
+  Safety& safety = state.safety;
+  FaultDetail& fault = reading.fault;
+  const double dt_s = 1 / model.rate_Hz;
   // The motors held their torques for as long as the device's clock says, at least a tick.
   const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
   const FaultDetail heat = check_heat(motor, state.tau_motor_Nm, dt_s + late_s, state.limits);
   if (fault == Fault::kNone) fault = heat;
   if (fault == Fault::kNone && safety.state == SafetyState::kRecovering &&
       safety.fault == Fault::kMotorOverload) {
-    fault = check_motor_heat(motor, state.limits.load, kCooled);
+    fault = check_motor_heat(motor, state.limits.load, kMaxHeatToRecover);
   }
-  if (fault == Fault::kNone && seen) result.lift_m = depth_in_material_m(model, inputs, state);
-  const bool free = fault == Fault::kNone && seen && !(result.lift_m > 0);
-  advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
-  const bool is_away =
-      row.device_read == DeviceStatus::kLinkLost || row.device_read == DeviceStatus::kMotorFault;
+  if (fault == Fault::kNone && reading.is_known)
+    result.retract_distance_m = law.retract_distance_m(inputs.sheets, state.T_device_plate);
+  const bool is_free =
+      fault == Fault::kNone && reading.is_known && !(result.retract_distance_m > 0);
+  advance(safety, model.limits.timing, model.rate_Hz, fault, result.row.t_s, reading.is_known,
+          is_free);
+  const DeviceStatus status = result.row.device_read;
+  const bool is_away = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (safety.state == SafetyState::kRecovering && is_away) device.restore();
+}
 
-  // Torques.
-  MotorVector tau_motor_Nm = MotorVector::Zero();
-  if (safety.state == SafetyState::kRunning) {
-    fault = compute_torques(model, motor, inputs, state, result, tau_motor_Nm);
-    if (fault != Fault::kNone) raise(safety, fault, row.t_s);
-  }
-  if (safety.state != SafetyState::kRunning) {
-    if (before == SafetyState::kRunning) state.tau_at_stop_Nm = state.tau_motor_Nm;
-    tau_motor_Nm = ramp_factor(safety, timing, model.rate_Hz) * state.tau_at_stop_Nm;
-    forget_contact(state);
-  }
-
-  // Write.
+/// Stage 4: writes the torques.
+void write_torques(const MotorVector& tau_motor_Nm, Device& device, LoopState& state,
+                   FaultDetail& fault, RecordingRow& row) noexcept {
   DeviceCommand command;
   std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
   DeviceStatus written = device.write(command);
@@ -517,24 +404,59 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   row.device_write = written;
   if (written != DeviceStatus::kOk) {
     // The device may or may not have applied these torques; the ramp starts from them.
-    const bool was_running = safety.state == SafetyState::kRunning;
+    const bool was_running = state.safety.state == SafetyState::kRunning;
     const FaultDetail unwritten = written == DeviceStatus::kNoData
                                       ? FaultDetail(Fault::kWriteFailed)
                                       : fault_of(written, device);
-    raise(safety, unwritten, row.t_s);
+    raise(state.safety, unwritten, row.t_s);
     if (fault == Fault::kNone) fault = unwritten;
     if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
   }
   state.tau_motor_Nm = tau_motor_Nm;
   note_delivered(rendered_wrench(state), state.passivity);
   state.energy.note_delivered(rendered_wrench(state));
-  const bool stopped =
+}
+
+}  // namespace
+
+void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, ForceLaw& law,
+                 LoopState& state, TickResult& result) noexcept {
+  result = TickResult{};
+  RecordingRow& row = result.row;
+  Safety& safety = state.safety;
+  const SafetyTiming& timing = model.limits.timing;
+  const MotorModel motor = make_motor_model(model.device);
+  row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
+  row.response_sheet = inputs.prefetched.sheet;
+  row.response_stiffness_N_per_m = inputs.prefetched.stiffness_N_per_m;
+  row.response_offset_m = inputs.prefetched.offset_m;
+
+  TickReading reading = read_and_check(model, inputs, device, state, result);
+  if (result.end_of_data) return;
+  const SafetyState before = safety.state;
+  advance_safety(model, motor, inputs, law, device, state, reading, result);
+
+  // Stage 3: the torques.
+  MotorVector tau_motor_Nm = MotorVector::Zero();
+  if (safety.state == SafetyState::kRunning) {
+    reading.fault = compute_torques(model, motor, inputs, law, state, result, tau_motor_Nm);
+    if (reading.fault != Fault::kNone) raise(safety, reading.fault, row.t_s);
+  }
+  if (safety.state != SafetyState::kRunning) {
+    if (before == SafetyState::kRunning) state.tau_at_stop_Nm = state.tau_motor_Nm;
+    tau_motor_Nm = ramp_factor(safety, timing, model.rate_Hz) * state.tau_at_stop_Nm;
+    reset_contact(law, state);
+  }
+
+  write_torques(tau_motor_Nm, device, state, reading.fault, row);
+  const bool is_stopped =
       safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
   const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
-  if (stopped && !was_stopped) result.new_fault = safety.fault;
-  result.found = fault;
+  if (is_stopped && !was_stopped) result.new_fault = safety.fault;
+  result.found = reading.fault;
   result.at_rest = at_rest(safety, timing, model.rate_Hz);
-  describe(model, motor, state, read, row);
+  describe(model, motor, state, reading.read, row);
+  law.finish_tick(row);
   ++state.tick;
 }
 

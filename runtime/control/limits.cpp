@@ -9,7 +9,7 @@ namespace trocar::runtime {
 
 namespace {
 
-/// Of an axis whose upright part is the cosine; nan if that is nan.
+/// Tilt of an axis whose upright component is the cosine; nan if that is nan.
 double tilt_rad(double cosine) noexcept {
   return std::acos(std::clamp(cosine, -1.0, 1.0));
 }
@@ -80,7 +80,7 @@ FaultDetail check_singularity(const SafetyLimits& limits, const Singularity& sin
 FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
                              double share_max) noexcept {
   int hottest = 0;
-  const double share = i2t_share_used(motor, load, &hottest);
+  const double share = i2t_fraction_used(motor, load, &hottest);
   if (share <= share_max) return {};
   return {Fault::kMotorOverload, FaultQuantity::kMotorHeat, hottest, share, share_max};
 }

@@ -4,8 +4,7 @@
 //
 // Contract (limits_test.cpp and, in the loop, loop_motors_test.cpp in tests/runtime/control/):
 //  1. A check returns kNone within its limit and its own fault beyond it, with the quantity, its
-//     value and the limit. A value that is not
-//     finite is beyond every limit. A limit of nan always trips, and so does a negative limit of a
+//     value and the limit. A value that is not finite is beyond every limit. A limit of nan always trips, and so does a negative limit of a
 //     quantity that cannot be negative.
 //  2. Speeds are smoothed over `speed_window_s`, so that one encoder count is not read as a speed.
 //  3. A motor's thermal state is the i2t model of motor.h; it sets the torque available from the
@@ -38,28 +37,29 @@
 namespace trocar::runtime {
 
 struct SafetyLimits {
-  double encoder_rate_max_rad_per_s = 60;  ///< of any encoder between two ticks
-  double pose_residual_max_m = 0.5e-3;     ///< of the pose's fit to the upper chains
-  double theta4_residual_max_rad = 0.01;   ///< measured theta4 less that of the fitted pose
-  double inverse_condition_min = 0.02;     ///< of the Jacobian, at 0.05 m
+  double encoder_rate_max_rad_per_s = 60;  ///< rate of any encoder between two ticks
+  double pose_residual_max_m = 0.5e-3;     ///< residual of the pose's fit to the upper chains
+  double theta4_residual_max_rad = 0.01;   ///< measured theta4 minus theta4 of the fitted pose
+  double inverse_condition_min =
+      0.02;  ///< inverse condition of the Jacobian, with lengths over 0.05 m
   /// Singularity::nearest_branch_m. At least the error that a pose may have (pose_residual_max_m),
   /// so that a leg cannot change its branch undetected. The least of 100,000 poses of the stated
   /// workspace is 0.749 mm (tests/runtime/control/limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
-  std::array<double, 3> workspace_min_m{-0.06, -0.06, 0.06};  ///< of the plate's origin
+  std::array<double, 3> workspace_min_m{-0.06, -0.06, 0.06};  ///< bound of the plate's origin
   std::array<double, 3> workspace_max_m{0.06, 0.06, 0.24};
-  double plate_tilt_max_rad = 0.6;          ///< of the plate's z axis against {B}'s
-  double speed_max_m_per_s = 2;             ///< of the plate's origin
-  double rotation_rate_max_rad_per_s = 40;  ///< of the plate
+  double plate_tilt_max_rad = 0.6;          ///< angle between the plate's z axis and {B}'s
+  double speed_max_m_per_s = 2;             ///< speed of the plate's origin
+  double rotation_rate_max_rad_per_s = 40;  ///< rotation rate of the plate
   double speed_window_s = 0.004;            ///< item 2
-  double torque_max_Nm = 0;  ///< of a motor; 0: what its thermal state leaves available
+  double torque_max_Nm = 0;  ///< torque of each motor; 0: what its thermal state leaves available
   double torque_rise_max_Nm_per_s = 5000;  ///< item 4
   /// How long item 4 may act; a tick whose step is at most half the limit starts the time again.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< item 3
   double overload_time_max_s = 1;   ///< item 3
-  /// Given to the hand within 0.1 s beyond what was stored (energy_limit.h).
-  double energy_given_max_J = 0.05;
+  /// Energy released to the hand within 0.1 s beyond what was stored (energy_limit.h).
+  double energy_limit_J = 0.05;
   /// Time without data from the device; until then the loop runs on its last state.
   double no_data_max_s = 0.01;
   /// Between the starts of two ticks. 0: neither this nor missed deadlines are checked.
@@ -71,11 +71,11 @@ struct SafetyLimits {
 /// Memory between ticks.
 struct LimitState {
   bool has_pose = false;
-  Pose T_device_plate;  ///< of the last tick
+  Pose T_device_plate;  ///< pose of the last tick
   Twist twist_device = Twist::Zero();
-  double rise_s = 0;      ///< how long item 4 has acted
+  double rise_s = 0;      ///< time for which item 4 has acted
   MotorLoad load;         ///< item 3
-  double overload_s = 0;  ///< how long too little of the wanted wrench was rendered, item 3
+  double overload_s = 0;  ///< time with too little of the wanted wrench rendered, item 3
 };
 
 /// kWorkspace or none.
@@ -93,7 +93,7 @@ FaultDetail check_singularity(const SafetyLimits& limits, const Singularity& sin
 FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
                        LimitState& state) noexcept;
 
-/// kMotorOverload if a motor's thermal state is above `share_max` of its limit.
+/// kMotorOverload if a motor's thermal state is above `share_max` times its limit.
 FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
                              double share_max) noexcept;
 

@@ -39,7 +39,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.environment = input.wrench_device;
   state.stored_J = input.stored_J;
   const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
-  state.given_max_J = std::max(state.given_max_J, -state.balance_J - input.stored_J);
+  state.released_max_J = std::max(state.released_max_J, -state.balance_J - input.stored_J);
   if (input.wrench_device.isZero(0)) {
     state.balance_J = 0;  // no contact: the balance starts again
     return input.wrench_device;
@@ -51,10 +51,10 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   }
   const double deficit_J = -options.reserve_J - state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
-  const bool is_steady = input.earlier.ago_s > 0;
+  const bool is_steady = input.previous.ago_s > 0;
   const Twist moved =
-      is_steady ? displacement(input.earlier.T_device_plate, input.T_device_plate) : step;
-  const double moved_s = is_steady ? input.earlier.ago_s : pose_interval_s;
+      is_steady ? displacement(input.previous.T_device_plate, input.T_device_plate) : step;
+  const double moved_s = is_steady ? input.previous.ago_s : pose_interval_s;
   state.unit_damper << moved.head<3>() / moved_s,
       options.length_m * options.length_m * moved.tail<3>() / moved_s;
   const double most = damping_max(options, plate_mass_kg, moved_s);

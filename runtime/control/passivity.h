@@ -19,8 +19,8 @@
 //  4. A planned release sets the balance to zero: neither the energy that the sheet lost nor an
 //     earlier deficit causes damping afterwards.
 //  5. While the required damping is within its bound, a sheet returns to the hand at most the
-//     energy that it absorbed plus the work of one tick. `given_max_J` records any excess. Energy
-//     that is stored, in a sheet, a rim or the springs of friction, is not given.
+//     energy that it absorbed plus the work of one tick. `released_max_J` records any excess. Energy
+//     that is stored, in a sheet, a rim or the springs of friction, is not released.
 //  6. A positive balance is capped at credit_max_J, so that a dissipative environment (friction on
 //     the shaft) cannot build up energy to oscillate with. Stored energy that the caller does not
 //     report must stay below that.
@@ -32,9 +32,10 @@ namespace trocar::runtime {
 
 struct PassivityOptions {
   bool on = true;
-  double reserve_J = 0;         ///< deficit that is tolerated before damping acts
-  double credit_max_J = 2e-3;   ///< item 6
-  double damping_share = 0.25;  ///< of plate mass * rate: a sampled damper is stable below 2
+  double reserve_J = 0;        ///< deficit that is tolerated before damping acts
+  double credit_max_J = 2e-3;  ///< item 6
+  double damping_share =
+      0.25;  ///< bound as a factor of plate mass * rate; a sampled damper is stable below 2
   double damping_max_N_s_per_m = 100;
   double length_m = 0.05;  ///< converts an angular velocity into a velocity
 };
@@ -42,23 +43,24 @@ struct PassivityOptions {
 /// Inputs of a tick.
 struct PassivityInput {
   Pose T_device_plate;
-  Wrench wrench_device = Wrench::Zero();  ///< of the environment, on the plate, in {B}
-  double stored_J = 0;                    ///< in the environment now; 0 without contact
-  EarlierPose earlier;                    ///< the damper's velocity is taken from there
+  Wrench wrench_device = Wrench::Zero();  ///< the environment's wrench on the plate, in {B}
+  double stored_J = 0;                    ///< energy in the environment now; 0 without contact
+  PreviousPose previous;                  ///< start of the interval for the damper's velocity
   bool planned_release = false;           ///< the environment is released in this tick (puncture)
 };
 
 /// Memory between ticks.
 struct PassivityState {
   bool has_last = false;
-  Pose T_device_plate;                  ///< of the last tick
-  Wrench environment = Wrench::Zero();  ///< of the last tick, without damping
-  Wrench delivered = Wrench::Zero();    ///< held since the last tick
+  Pose T_device_plate;                  ///< pose of the last tick
+  Wrench environment = Wrench::Zero();  ///< wrench of the last tick, without damping
+  Wrench delivered = Wrench::Zero();    ///< wrench held since the last tick
   double stored_J = 0;
-  double balance_J = 0;                 ///< since the contact began
-  double damping_N_s_per_m = 0;         ///< of this tick
-  Wrench unit_damper = Wrench::Zero();  ///< that a damper of 1 N s/m opposes, at the last motion
-  double given_max_J = 0;  ///< the largest net energy that the hand was given in a contact
+  double balance_J = 0;          ///< energy balance since the contact began
+  double damping_N_s_per_m = 0;  ///< damping of this tick
+  Wrench unit_damper =
+      Wrench::Zero();         ///< wrench that a damper of 1 N s/m opposes in the last motion
+  double released_max_J = 0;  ///< largest net energy that a contact released to the hand
 };
 
 /// The bound of item 3.

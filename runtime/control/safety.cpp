@@ -45,7 +45,7 @@ bool raise(Safety& safety, Fault fault, double t_s) noexcept {
     safety.fault = fault;
     safety.fault_t_s = t_s;
     if (safety.state == kRunning) {
-      safety.ramp_ticks_done = fault == Fault::kEnergy ? kNoRamp : 0;
+      safety.ramp_ticks_done = fault == Fault::kEnergyLimit ? kNoRamp : 0;
     }
   }
   safety.quiet_ticks = 0;

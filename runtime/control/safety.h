@@ -8,12 +8,11 @@
 //  2. From the tick that leaves `running`, torques are the last ones times a factor that falls
 //     linearly to 0 in ramp_ticks() ticks and is below 1 in the first of them. At 250 Hz and more
 //     that takes at most kRampMax_s; below, torques are zero at once. They are zero at once also
-//     after kEnergy: a ramp would go on giving energy to the hand.
+//     after kEnergyLimit: a ramp would continue to release energy to the hand.
 //  3. `recovering` ends in `ready`, after `quiet_s` without a fault and with the tool in free
 //     space; a fault starts that time again. Torques are zero meanwhile.
-//  4. After a recovery the share of the torques (`authority`) rises linearly from 0 to 1 over
-//     `ramp_up_s`.
-//  5. A time of nan is safe: torques are zero at once, recovery never ends, and the share does not
+//  4. After a recovery the factor on the torques (`authority`) rises linearly from 0 to 1 over `ramp_up_s`.
+//  5. A time of nan is safe: torques are zero at once, recovery never ends, and authority does not
 //     rise. A negative time counts as zero.
 #pragma once
 
@@ -23,7 +22,7 @@
 
 namespace trocar::runtime {
 
-/// From the tick in which a fault is found to the one that writes zero torques.
+/// Longest time from the tick in which a fault is found to the one that writes zero torques.
 inline constexpr double kRampMax_s = 0.004;
 
 struct SafetyTiming {
@@ -52,13 +51,13 @@ struct Safety {
   std::uint64_t ramp_ticks_done = 0;  ///< since `running` was left
   std::uint64_t quiet_ticks = 0;      ///< item 3
   bool recovered = false;             ///< item 4 applies
-  double authority = 1;               ///< item 4: share of the torques while running
+  double authority = 1;               ///< item 4: factor on the torques while running
 };
 
 /// Ticks of the ramp of item 2, at least 1.
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// By how much the share of item 4 rises in a tick, >= 0; 1 and more: at once.
+/// Rise of the authority in a tick (item 4), at least 0; with 1 or more it rises at once.
 double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Reports a fault found at `t_s`. Returns whether this one is latched.
@@ -72,8 +71,8 @@ bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcep
 void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,
              bool seen, bool free) noexcept;
 
-/// The factor of item 2 for this tick, on the torques at which `running` was left. To be called
-/// once per tick outside `running`.
+/// The factor of item 2 for this tick, on the torques at which `running` was left. Call it
+/// once per tick outside of `running`.
 double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Whether the ramp after a fault has ended, so that torques are zero.

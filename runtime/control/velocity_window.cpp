@@ -9,9 +9,9 @@ namespace {
 
 /// A state that is later than a period by less than this share is on time.
 constexpr double kOnTime = 1.01;
-/// With encoders that are not exact: a shorter interval before the last one would multiply their
+/// The interval for inexact encoders: a shorter interval before the last one would multiply their
 /// noise.
-constexpr double kLeastBefore = 0.5;
+constexpr double kMinBefore = 0.5;
 
 /// The slopes of the lines through an encoder's newest reading that are within a count of all
 /// readings so far.
@@ -28,15 +28,15 @@ void VelocityWindow::add(const DeviceState& state, const Pose& T_device_plate) n
   count_ = std::min(count_ + 1, static_cast<int>(ring_.size()));
 }
 
-EarlierPose VelocityWindow::begin(double count_rad, double period_s) const noexcept {
+PreviousPose VelocityWindow::begin(double count_rad, double period_s) const noexcept {
   if (!(count_rad > 0)) return late_begin(period_s, 0);
-  const EarlierPose begin = steady_begin(count_rad);
-  return begin.ago_s > 0 ? begin : late_begin(period_s, kLeastBefore);
+  const PreviousPose begin = steady_begin(count_rad);
+  return begin.ago_s > 0 ? begin : late_begin(period_s, kMinBefore);
 }
 
 /// Item 4, unless the interval before is shorter than `least_before` of the last one.
-EarlierPose VelocityWindow::late_begin(double period_s, double least_before) const noexcept {
-  EarlierPose begin;
+PreviousPose VelocityWindow::late_begin(double period_s, double least_before) const noexcept {
+  PreviousPose begin;
   if (count_ < 3) return begin;
   const Sample &now = ago(0), &last = ago(1), &before = ago(2);
   const double last_s = now.state.t_s - last.state.t_s;
@@ -54,8 +54,8 @@ EarlierPose VelocityWindow::late_begin(double period_s, double least_before) con
 }
 
 /// Items 2 and 3.
-EarlierPose VelocityWindow::steady_begin(double count_rad) const noexcept {
-  EarlierPose begin;
+PreviousPose VelocityWindow::steady_begin(double count_rad) const noexcept {
+  PreviousPose begin;
   const double within_rad = count_rad * (1 + 1e-9);  // rounding
   const DeviceState& now = ago(0).state;
   std::array<Slopes, kEncoders> slopes;

@@ -37,11 +37,11 @@ class VelocityWindow {
   /// The pose at which a window begins that ends at the newest one, or from where a steady motion
   /// would have item 4's velocity; none: the last state's. `count_rad`: the encoders' resolution,
   /// 0: exact. `period_s`: of the loop.
-  EarlierPose begin(double count_rad, double period_s) const noexcept;
+  PreviousPose begin(double count_rad, double period_s) const noexcept;
 
  private:
-  EarlierPose late_begin(double period_s, double least_before) const noexcept;
-  EarlierPose steady_begin(double count_rad) const noexcept;
+  PreviousPose late_begin(double period_s, double least_before) const noexcept;
+  PreviousPose steady_begin(double count_rad) const noexcept;
   struct Sample {
     DeviceState state;
     Pose T_device_plate;

@@ -17,7 +17,8 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr int kPlaces = 12;
-constexpr double kReachesAround = 7;  ///< the sheet's border changes a stiffness by exp(-2 * 7)
+constexpr double kDecayLengthsAround =
+    7;  ///< the sheet's border changes a stiffness by exp(-2 * 7)
 
 /// A square sheet of two triangles around the origin.
 SliceMesh two_triangles(std::int32_t half) {
@@ -43,13 +44,13 @@ Ring placed(const Ring& tool, const Vector2d& centre, int k, double scatter) {
 
 }  // namespace
 
-Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ring& tool,
+Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, const Ring& tool,
                               const Lattice& lattice, const Grading& grading) {
-  const double reach_steps = reach_m / lattice.step_m();
+  const double decay_length_steps = decay_length_m / lattice.step_m();
   if (!(stiffness_N_per_m > 0) || !std::isfinite(stiffness_N_per_m))
     return refused("a sheet's stiffness must be positive");
-  if (!(reach_steps > 0) || !(reach_steps <= 1 << 26))
-    return refused("a sheet's reach must be positive, and at most 2^26 lattice steps");
+  if (!(decay_length_steps > 0) || !(decay_length_steps <= 1 << 26))
+    return refused("a sheet's decay length must be positive, and at most 2^26 lattice steps");
   if (tool.size() < 3) return refused("a tool has at least three corners");
 
   std::vector<Vector2d> outline_m;
@@ -57,13 +58,13 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ri
   const Circle circle = circle_around(tool);
   for (const LatticePoint& p : tool)
     outline_m.push_back((Vector2d(p.x, p.y) - circle.centre) * lattice.step_m());
-  const auto exact = membrane_for_tool(stiffness_N_per_m, reach_m, outline_m);
+  const auto exact = membrane_for_tool(stiffness_N_per_m, decay_length_m, outline_m);
   if (!exact) return exact.error();
-  Calibration out{*exact, 0, 0, exact->bed_N_per_m3};
+  Calibration out{*exact, 0, 0, exact->foundation_N_per_m3};
   if (!grading.graded) return out;
 
   const double scatter = circle.radius;
-  const double half = kReachesAround * reach_steps + 2 * circle.radius + scatter;
+  const double half = kDecayLengthsAround * decay_length_steps + 2 * circle.radius + scatter;
   if (!(half < kMaxCoordinate / 2.0)) return refused("the tool is too large for the lattice");
   const auto sheet = make_sheet_mesh(two_triangles(static_cast<std::int32_t>(half)), 0, 0);
   if (!sheet) return sheet.error();
@@ -96,7 +97,7 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ri
       double beds = 0;
       for (std::size_t i = 0; i < w.size(); ++i)
         beds += region.network.bed_N_per_m[i] * w[i] * w[i];
-      stiffness[k] = region.solution.stiffness_N_per_m + out.membrane.bed_N_per_m3 *
+      stiffness[k] = region.solution.stiffness_N_per_m + out.membrane.foundation_N_per_m3 *
                                                              region.mesh.under_tool.area_steps2 *
                                                              lattice.step_m() * lattice.step_m();
       mean += stiffness[k] / kPlaces;

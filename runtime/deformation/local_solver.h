@@ -17,6 +17,7 @@
 //       M <= B = max over m of g_m / (sum over free j of k_mj (1 - p_j) + sum over tool nodes of
 //       k_mt + f_m).
 //  3. By reciprocity F_v - F_w = sum over m of g_m w_m, so F_v - F_w <= B sum of g_m as well.
+// Tests: tests/runtime/deformation/deformation_local_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -40,7 +41,7 @@ struct RingBounds {
 /// A region's equilibrium for depth 1.
 struct LocalSolution {
   SparseFactor factor;
-  std::vector<double> w;         ///< of each node: 1 under the tool's rim, 0 on the ring
+  std::vector<double> w;  ///< displacement of each node: 1 under the tool's rim, 0 on the ring
   double stiffness_N_per_m = 0;  ///< sum of the tool nodes' reactions
   RingBounds bounds;             ///< all 0 without ring nodes
 };

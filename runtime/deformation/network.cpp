@@ -79,8 +79,8 @@ SpringSigns for_each_edge(const Edges& all, Visit&& visit) {
 
 }  // namespace
 
-double reach_m(const Membrane& membrane) noexcept {
-  return std::sqrt(membrane.tension_N_per_m / membrane.bed_N_per_m3);
+double decay_length_m(const Membrane& membrane) noexcept {
+  return std::sqrt(membrane.tension_N_per_m / membrane.foundation_N_per_m3);
 }
 
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane) {
@@ -111,7 +111,7 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
   out.first.pop_back();
 
   const double step_m = lattice.step_m();
-  const double bed_per_doubled_area = membrane.bed_N_per_m3 * step_m * step_m / 6;
+  const double bed_per_doubled_area = membrane.foundation_N_per_m3 * step_m * step_m / 6;
   out.bed_N_per_m.assign(n, 0);
   for (const Triangle& t : mesh.triangles) {
     const double share =

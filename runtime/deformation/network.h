@@ -3,19 +3,20 @@
 //   E(w) = 1/2 sum over springs k_ij (w_i - w_j)^2 + 1/2 sum over nodes f_i w_i^2,
 // where k_ij = T (cot a + cot b) / 2 over the angles opposite to the edge ij (one of them on the
 // boundary) and f_i = f A_i with A_i a third of the area of the triangles around i. These are
-// linear finite elements of a membrane of tension T on a bed f, with the bed lumped (Pinkall and
+// linear finite elements of a membrane of tension T on a Winkler foundation f, lumped at the nodes (Pinkall and
 // Polthier 1993 for the cotangents; MacNeal 1949 for the network).
 //
 // Laws (tests/runtime/deformation/deformation_network_test.cpp tests each):
 //  1. sum of f_i = f times the mesh's area.
 //  2. The springs' energy is the membrane's: 1/2 T times the integral of |grad w|^2 for the w that
 //     is linear in each triangle. So it is positive semidefinite for any angles, and positive
-//     definite together with the bed: a Cholesky factorisation always exists.
+//     definite together with the foundation: a Cholesky factorisation always exists.
 //  3. An inner spring is non-negative iff its edge is locally Delaunay; a boundary one iff the
 //     angle opposite to it is at most 90 degrees. Both signs are decided exactly, in integers.
 //  4. Maximum principle: if no spring is negative, an equilibrium without load has its largest
 //     value, if positive, and its smallest, if negative, at held nodes. The error bounds of
 //     local_solver.h follow from this.
+// Tests: tests/runtime/deformation/deformation_network_test.cpp
 #pragma once
 
 #include <cstddef>
@@ -31,12 +32,12 @@ namespace trocar::runtime {
 /// The sheet's elastic constants; both positive.
 struct Membrane {
   double tension_N_per_m = 0;
-  double bed_N_per_m3 = 0;  ///< force per area and displacement
+  double foundation_N_per_m3 = 0;  ///< force per area and displacement
 };
 /// lambda = sqrt(T / f): the length over which the response decays.
-double reach_m(const Membrane& membrane) noexcept;
+double decay_length_m(const Membrane& membrane) noexcept;
 
-/// What holds a node.
+/// How a node is held.
 enum class NodeKind : std::uint8_t {
   kFree,  ///< not held: in equilibrium
   kTool,  ///< held by the tool, at its depth

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The part of a sheet around the tool, as a separate mesh.
+// Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +10,7 @@
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
-#include "runtime/mesh/sheet_mesh.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 
@@ -31,8 +32,8 @@ struct OuterEdge {
 
 struct SheetPart {
   SliceMesh mesh;                                    ///< valid
-  std::vector<std::array<std::uint32_t, 3>> across;  ///< as SheetMesh's
-  std::vector<std::uint32_t> parent;                 ///< of each vertex: its slot in the sheet
+  std::vector<std::array<std::uint32_t, 3>> across;  ///< SheetMesh::across
+  std::vector<std::uint32_t> parent;                 ///< slot in the sheet of each vertex
   std::vector<OuterEdge> outer;                      ///< ascending
 };
 

@@ -9,7 +9,7 @@ PropagationPlan plan_propagation(const Network& network, std::span<const NodeKin
                                  const PropagationOptions& options) {
   PropagationPlan plan;
   plan.options = options;
-  plan.options.damping = std::clamp(options.damping, kLeastDamping, 1.0);
+  plan.options.damping = std::clamp(options.damping, kMinDamping, 1.0);
   std::vector<std::uint8_t> reached(network.size(), 0);
   for (std::uint32_t i = 0; i < network.size(); ++i) {
     if (kind[i] != NodeKind::kTool) continue;

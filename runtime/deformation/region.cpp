@@ -7,11 +7,11 @@
 #include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
-#include "runtime/cut/cavity.h"
-#include "runtime/cut/cut.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/region_boundary.h"
-#include "runtime/mesh/triangle_grid.h"
+#include "runtime/hole_cutting/cavity.h"
+#include "runtime/hole_cutting/cut.h"
+#include "runtime/sheet_mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 namespace {
@@ -20,7 +20,7 @@ using Eigen::Vector2d;
 
 /// Free slots for a cut without refinement; retried with more if they do not suffice.
 constexpr std::size_t kSpareForCut = 64;
-constexpr std::size_t kMostSpare = std::size_t{1} << 20;
+constexpr std::size_t kMaxSpare = std::size_t{1} << 20;
 
 Vector2d relative(LatticePoint p, LatticePoint origin) {
   return {static_cast<double>(std::int64_t{p.x} - origin.x),
@@ -131,8 +131,8 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   if (!under.empty())
     part = part_around(sheet, under, circle_around(tool_in_sheet),
                        options.radius_m / lattice.step_m(), workspace.queue);
-  // From here on coordinates are relative to the tool and in a canonical rotation by right angles.
-  // Rounding then does not depend on the place in the slice, nor on the rotation of the slice
+  // Coordinates are now relative to the tool and in a canonical rotation by right angles.
+  // Rounding then does not depend on the position in the slice, nor on the rotation of the slice
   // (contract 5).
   const CanonicalRotation rotation = rotation_by_moments([&](auto&& visit) {
     for (const LatticePoint p : part.mesh.vertices)
@@ -162,7 +162,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   std::sort(part.outer.begin(), part.outer.end());
   for (std::size_t spare = options.grading.graded ? kSpareForCut + options.grading.max_new_vertices
                                                   : kSpareForCut;
-       spare <= kMostSpare; spare *= 8) {
+       spare <= kMaxSpare; spare *= 8) {
     SheetMesh mesh = to_sheet(part, spare, 2 * spare);
     ensure_capacity(mesh, workspace);
     region.under_tool.moment_steps3 = moment(mesh, middle);

@@ -13,11 +13,11 @@
 //     circumradius from the tool are kTool as well (the tip of a wedge between the two). All others
 //     are kFree. With infinite R there is no ring. Edges on the ring are edges of the sheet, so
 //     that the mesh conforms to the rest of the sheet.
-//  3. `under_tool` is the material under the tool: its area is exactly the area that the cut
-//     removed.
+//  3. `under_tool` is the material under the tool: its area is exactly the area that the cut removed.
 //  4. The time is proportional to the region, not to the sheet.
 //  5. Sheet and tool moved by lattice steps or rotated by right angles give the same region, moved
 //     and rotated, to the bit (unless the canonical rotation is undecided).
+// Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -29,11 +29,11 @@
 
 #include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
-#include "runtime/cut/cut_workspace.h"
 #include "runtime/deformation/network.h"
-#include "runtime/mesh/sheet_edit.h"
-#include "runtime/mesh/sheet_mesh.h"
-#include "runtime/refine/local_refinement.h"
+#include "runtime/hole_cutting/cut_workspace.h"
+#include "runtime/local_refinement/local_refinement.h"
+#include "runtime/sheet_mesh/sheet_edit.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 
@@ -53,7 +53,7 @@ struct RegionOptions {
   Grading grading;
 };
 
-/// The part of the sheet under the tool. Its bed acts on the tool directly. Relative to the
+/// The part of the sheet under the tool. Its Winkler foundation acts on the tool directly. Relative to the
 /// region's `origin`.
 struct MaterialUnderTool {
   double area_steps2 = 0;
@@ -62,7 +62,7 @@ struct MaterialUnderTool {
 
 struct RegionMesh {
   SliceMesh mesh;              ///< valid; empty if the tool covers the whole sheet
-  std::vector<NodeKind> kind;  ///< of each vertex
+  std::vector<NodeKind> kind;  ///< kind of each vertex
   LatticePoint origin;         ///< near the tool; reference point of moments
   MaterialUnderTool under_tool;
 };
@@ -78,7 +78,7 @@ struct RegionWorkspace {
 };
 
 /// `sheet` must be valid. `seeds`: slots that include every triangle with a point of the tool in it
-/// (triangle_grid.h finds them); others are ignored. `tool` as for cut() (runtime/cut/cut.h). A
+/// (triangle_grid.h finds them); others are ignored. `tool` as for cut() (runtime/hole_cutting/cut.h). A
 /// tool beside all material gives an empty mesh and an empty `under_tool`. Errors: as cut().
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,

@@ -11,10 +11,10 @@ namespace {
 using Eigen::Vector2d;
 
 /// Largest distance, in steps, of a node on the tool from the tool's outline: where the outline
-/// crosses the sheet's, both are rounded to the lattice (runtime/cut/cut.h).
+/// crosses the sheet's, both are rounded to the lattice (runtime/hole_cutting/cut.h).
 constexpr double kOnTool = 2;
 
-/// Where the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
+/// If the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
 /// is too thin for well-shaped triangles. It moves with the tool: nodes of the outline that are
 /// this near to the tool, in circumradii, are kTool.
 constexpr double kWedgeDistance = 0.02;

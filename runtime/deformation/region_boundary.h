@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kinds of a region's nodes, found from its boundary edges: those along the tool, those towards
 // the rest of the sheet (the ring), and those on the sheet's outline.
+// Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -8,7 +9,7 @@
 
 #include "runtime/deformation/network.h"
 #include "runtime/deformation/part.h"
-#include "runtime/mesh/sheet_mesh.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 
@@ -18,8 +19,8 @@ double distance_to_outline(const Ring& tool, double x, double y) noexcept;
 /// The boundary edges by the slot of the vertex where they start: at most one for each vertex,
 /// which has one fan of triangles.
 struct BoundaryEdges {
-  std::vector<std::uint32_t> next;  ///< where the edge ends; kNone: no edge starts here
-  std::vector<NodeKind> kind;       ///< of the edge
+  std::vector<std::uint32_t> next;  ///< end vertex of the edge; kNone: no edge starts here
+  std::vector<NodeKind> kind;       ///< kind of the edge
 };
 
 /// The boundary edges of a mesh after the tool was cut out: kTool along the tool, kRing for those

@@ -20,7 +20,7 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
 
   const LocalSolution& solution = region.solution;
   const double step_m = lattice.step_m();
-  const double bed_per_step2 = membrane.bed_N_per_m3 * step_m * step_m;
+  const double bed_per_step2 = membrane.foundation_N_per_m3 * step_m * step_m;
   RegionResponse& out = region.response;
   out.stiffness_N_per_m =
       solution.stiffness_N_per_m + bed_per_step2 * region.mesh.under_tool.area_steps2;
@@ -37,7 +37,7 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
   if (out.stiffness_N_per_m > 0) {
     out.centre_steps += moment / out.stiffness_N_per_m;
     out.bounds = solution.bounds;
-    // The bed under the tool is exact; only the network's share has an error.
+    // The foundation under the tool is exact; only the network's part has an error.
     out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
   }
   out.nodes = static_cast<std::uint32_t>(region.network.size());
@@ -55,9 +55,9 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace) {
   const bool chosen = options.error_bound > 0;
-  const double lambda_m = reach_m(membrane);
+  const double lambda_m = decay_length_m(membrane);
   RegionOptions region_options = options.region;
-  // With a reach below the tool's size the sheet is steep along the outline: finer triangles.
+  // If the decay length is smaller than the tool, the sheet is steep along the outline: finer triangles.
   const double circumradius_m = circle_around(tool).radius * lattice.step_m();
   region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
   // Along a strip the response decays as exp(-r / lambda), and the ring doubles the remaining error

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sheet's response to the tool at one place: a stiffness, where the force acts, the sheet's
+// A sheet's response to the tool at one position: a stiffness, the point where the force acts, the sheet's
 // shape, and bounds on their difference from the whole sheet's. A worker prepares it. The problem
 // is linear in the depth, so a haptic tick needs only the product stiffness * depth.
+// Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -22,16 +23,16 @@ struct ResponseOptions {
 
 /// The part of a response that the haptic thread needs: numbers only.
 struct RegionResponse {
-  double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: no material under it
-  /// Where the resultant of the reactions acts in the slice plane, in lattice steps (not rounded).
+  double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: the tool misses the sheet
+  /// Point of action of the resultant reaction in the slice plane, in lattice steps (not rounded).
   Eigen::Vector2d centre_steps = Eigen::Vector2d::Zero();
-  double radius_m = 0;  ///< of the region; infinite if it is the whole sheet
+  double radius_m = 0;  ///< radius of the region; infinite if it is the whole sheet
   RingBounds bounds;    ///< relative; `force` refers to stiffness_N_per_m
   std::uint32_t nodes = 0, free_nodes = 0;
-  std::uint32_t negative_springs = 0;  ///< of free nodes
+  std::uint32_t negative_springs = 0;  ///< number at free nodes
 };
 
-/// Mesh, network, solution and response for one place of the tool.
+/// Mesh, network, solution and response for one position of the tool.
 struct Region {
   RegionMesh mesh;
   Network network;

@@ -3,11 +3,12 @@
 // tree (Davis, "Algorithm 849", 2005) in the order of approximate minimum degree (Eigen's).
 //
 // Eigen's SimplicialLDLT takes 1.1 to 1.2 times as long to factor 100 to 10,000 nodes, as long for
-// 40,000, and 1.2 to 1.4 times as long to solve. With it a response to a new place would take 1.03
+// 40,000, and 1.2 to 1.4 times as long to solve. With it a response at a new position would take 1.03
 // times as long, a calibration 1.02 times (medians, one run: deformation_bench
 // --benchmark_filter=none). That alone would not justify a factorisation of our own. It is kept
-// because Eigen's answers differ in the last bits: recordings by the law `network` contain them,
+// because Eigen's answers differ in the last bits: recordings with the force law `network` contain them,
 // and a recording in virtual time is to have the same bytes in every version.
+// Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
 #include <cstddef>
@@ -27,12 +28,14 @@ class SparseFactor {
 
   /// Factors the matrix of `network` between the free nodes of `kind` (network.size() elements). It
   /// is positive definite for springs of any sign (network.h, law 2). False, with an empty factor,
-  /// if rounding or beds of zero lead to a pivot that is not positive. Allocates. O(fill), about
+  /// if rounding or a foundation of zero leads to a pivot that is not positive. Allocates. O(fill), about
   /// n^1.5 for a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }
-  std::size_t entries() const noexcept { return row_.size(); }  ///< of L below its diagonal
+  std::size_t entries() const noexcept {
+    return row_.size();
+  }  ///< number of entries of L below its diagonal
 
   /// The node of each unknown.
   std::span<const std::uint32_t> nodes() const noexcept { return node_; }
@@ -42,7 +45,7 @@ class SparseFactor {
   void solve(std::span<double> x) const noexcept;
 
  private:
-  std::vector<std::uint32_t> node_;   ///< of each unknown
+  std::vector<std::uint32_t> node_;   ///< node of each unknown
   std::vector<std::uint32_t> first_;  ///< column k of L: [first_[k], first_[k + 1])
   std::vector<std::uint32_t> row_;
   std::vector<double> value_;

@@ -106,8 +106,9 @@ double polygon_area(std::span<const Vector2d> outline) {
   return doubled / 2;
 }
 
-Result<void> check(std::span<const Vector2d> outline, double reach, int panels_per_side) {
-  if (!(reach > 0) || !std::isfinite(reach)) return refused("the reach must be positive");
+Result<void> check(std::span<const Vector2d> outline, double decay_length, int panels_per_side) {
+  if (!(decay_length > 0) || !std::isfinite(decay_length))
+    return refused("the decay length must be positive");
   if (outline.size() < 3) return refused("a tool has at least three corners");
   if (panels_per_side < 2 ||
       outline.size() * static_cast<std::size_t>(panels_per_side) > kMaxPanels)
@@ -123,9 +124,10 @@ Result<void> check(std::span<const Vector2d> outline, double reach, int panels_p
 
 }  // namespace
 
-Result<double> unbounded_stiffness_per_bed_m2(std::span<const Vector2d> outline_m, double reach_m,
-                                              const UnboundedOptions& options) {
-  if (const auto fine = check(outline_m, reach_m, options.panels_per_side); !fine)
+Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Vector2d> outline_m,
+                                                     double decay_length_m,
+                                                     const UnboundedOptions& options) {
+  if (const auto fine = check(outline_m, decay_length_m, options.panels_per_side); !fine)
     return fine.error();
   const std::vector<Panel> panels = make_panels(outline_m, options.panels_per_side);
   const auto n = static_cast<Eigen::Index>(panels.size());
@@ -137,11 +139,11 @@ Result<double> unbounded_stiffness_per_bed_m2(std::span<const Vector2d> outline_
     for (Eigen::Index j = 0; j < n; ++j) {
       const Panel& panel = panels[static_cast<std::size_t>(j)];
       if (i == j) {
-        single(i, j) = own_potential(panel.length, reach_m);
+        single(i, j) = own_potential(panel.length, decay_length_m);
         continue;
       }
       Potentials sum;
-      add(x, panel.from, panel.to, panel.normal, reach_m, 12, sum);
+      add(x, panel.from, panel.to, panel.normal, decay_length_m, 12, sum);
       single(i, j) = sum.single;
       right[i] -= sum.twice;
     }
@@ -150,19 +152,19 @@ Result<double> unbounded_stiffness_per_bed_m2(std::span<const Vector2d> outline_
   double flux = 0;
   for (Eigen::Index i = 0; i < n; ++i)
     flux += slope[i] * panels[static_cast<std::size_t>(i)].length;
-  const double area = polygon_area(outline_m) + reach_m * reach_m * flux;
+  const double area = polygon_area(outline_m) + decay_length_m * decay_length_m * flux;
   if (!std::isfinite(area) || !(area > 0))
     return refused("no stiffness can be found for this tool: is its outline simple?");
   return area;
 }
 
-Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
+Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double decay_length_m,
                                    std::span<const Vector2d> outline_m,
                                    const UnboundedOptions& options) {
-  const auto per_bed = unbounded_stiffness_per_bed_m2(outline_m, reach_m, options);
+  const auto per_bed = unbounded_stiffness_per_foundation_m2(outline_m, decay_length_m, options);
   if (!per_bed) return per_bed.error();
   const double bed = stiffness_N_per_m / *per_bed;
-  return Membrane{bed * reach_m * reach_m, bed};
+  return Membrane{bed * decay_length_m * decay_length_m, bed};
 }
 
 }  // namespace trocar::runtime

@@ -8,6 +8,7 @@
 //   integral of G q ds = c(x) - integral of dG/dn_y ds for x on the outline (c = 1/2 off corners),
 // solved by collocation with constant q on panels graded towards the corners, where q is singular
 // (r^(pi/omega - 1), omega the angle outside the tool).
+// Tests: tests/runtime/deformation/deformation_exact_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -22,14 +23,15 @@ struct UnboundedOptions {
   int panels_per_side = 16;  ///< error of a hexagon's stiffness: below 3e-5
 };
 
-/// F / (w f) in m^2: the stiffness under a rigid tool for a bed of 1 N/m^3. `outline_m`: a simple
-/// polygon, counter-clockwise, of positive area; reach_m > 0. Refused: anything else, or a system
+/// F / (w f) in m^2: the stiffness under a rigid tool for a foundation of 1 N/m^3. `outline_m`: a simple
+/// polygon, counter-clockwise, of positive area; decay_length_m > 0. Refused: anything else, or a system
 /// that cannot be solved. O((edges panels)^3): some ms for a hexagon.
-Result<double> unbounded_stiffness_per_bed_m2(std::span<const Eigen::Vector2d> outline_m,
-                                              double reach_m, const UnboundedOptions& options = {});
+Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Eigen::Vector2d> outline_m,
+                                                     double decay_length_m,
+                                                     const UnboundedOptions& options = {});
 
-/// The membrane of reach lambda that has the stiffness K under the tool far from any edge.
-Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
+/// The membrane of decay length lambda that has the stiffness K under the tool far from any edge.
+Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double decay_length_m,
                                    std::span<const Eigen::Vector2d> outline_m,
                                    const UnboundedOptions& options = {});
 

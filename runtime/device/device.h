@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and a device: the simulated one in the process, a drive
+// The interface between the haptic loop and a device: the simulated device in the process, a drive
 // behind UDP, a recording that is replayed, or a test's device. runtime/session/open_device.h opens
-// one by its URI.
+// a device by its URI.
+// Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
 #include <array>
@@ -19,7 +20,7 @@ inline constexpr int kMotors = 2 * kLegs;    ///< leg-major: th1, th4 of leg 1, 
 inline constexpr int kEncoders = 4 * kLegs;  ///< leg-major: th1, th2, th3, th4 of leg 1, ...
 
 struct DeviceState {
-  double t_s = 0;  ///< when the encoders were read, on the device's clock; ascending
+  double t_s = 0;  ///< time of the encoders' reading on the device's clock; ascending
   std::array<double, kEncoders> encoder_rad{};
 };
 
@@ -27,13 +28,13 @@ struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
 };
 
-/// What the link to a device counted.
+/// Counts of the link to a device.
 struct LinkReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
   /// States that were sent in these sessions after the first torques, but lost or overtaken.
   std::uint64_t states_missed = 0;
-  std::optional<Error> restore_error;  ///< why the last attempt to restore the session failed
+  std::optional<Error> restore_error;  ///< failure of the last attempt to restore the session
 };
 
 /// A session calls start() once, then in each tick read(), write() and advance(), and close() at
@@ -43,26 +44,27 @@ class Device {
  public:
   virtual ~Device() = default;
 
-  /// Begins a session with the device, which from then on may expect ticks. May block. Called once.
+  /// Begins a session with the device, which may expect ticks from then on. May block. Called once.
   virtual Result<void> start() { return {}; }
-  /// The latest state. `state` changes only on kOk.
+  /// Reads the latest state. `state` changes only on kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
-  /// Torques to hold until the next write. Never gives kEndOfData.
+  /// Sets the torques to hold until the next write. Never returns kEndOfData.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
-  /// After a read() of kMotorFault: bit i is set if motor i does not give its torque; 0: not known.
+  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque. 0
+  /// means that the faulty motors are not known.
   virtual std::uint8_t motor_faults() const noexcept { return 0; }
-  /// After a read() of kLinkLost or kMotorFault: requests a new connection. Returns at once; read()
-  /// gives kLinkLost until the connection is there.
+  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
+  /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() {}
-  /// Ends a tick of `dt_s`: moves the time of a device that is paced by the loop.
-  /// Called on the thread of read() and write(); may block only if is_paced_by_loop().
+  /// Ends a tick of `dt_s` and advances the time of a device that is paced by the loop. Called on
+  /// the thread of read() and write(); may block only if is_paced_by_loop().
   virtual void advance(double /*dt_s*/) {}
   /// Ends the session.
   virtual void close() {}
 
-  /// True: the device's time moves in advance() only, so a late tick does no harm.
+  /// If true, the device's time advances in advance() only, so a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// After close(): what the link counted; none: a device without a link.
+  /// The counts of the link, after close(); none for a device without a link.
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 

@@ -26,8 +26,8 @@ int value_of(char digit) noexcept {
   return -1;
 }
 
-/// Reads an open key file. Gives the reason why it is refused, or an empty string. `is_open`: other
-/// users have access to it.
+/// Reads an open key file. Returns the reason why it is refused, or an empty string. `is_open` is
+/// set if other users have access to the file.
 std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes,
                          bool& is_open) {
   struct stat status {};
@@ -62,7 +62,8 @@ Result<LinkKey> read_link_key(const std::filesystem::path& file) {
     key.bytes[i] = static_cast<std::uint8_t>(16 * high + low);
   }
   if (!ends) return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
-  // Last, so that nobody is asked to change the mode of a file that is no key.
+  // This check is the last one, so that no user is asked to change the mode of a file that is no
+  // key.
   if (is_open) return refused(file.string() + ": other users have access to it; chmod 600 it");
   return key;
 }
@@ -75,8 +76,8 @@ Result<LinkKey> make_link_key(const std::filesystem::path& file) {
     text += "0123456789abcdef"[byte & 15];
   }
   text += '\n';
-  // Private from the start: a temporary file of mode 0600, which gets its name when it is complete,
-  // and only if no file has that name.
+  // The key is never readable by others: it goes to a temporary file of mode 0600, which gets its
+  // name when it is complete, and only if no file has that name.
   std::string temporary = file.string() + ".XXXXXX";
   const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
   if (fd < 0) return unwritable(file.string() + ": " + why(errno));

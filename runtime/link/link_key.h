@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device link's shared key in a file: 64 hexadecimal digits and a line feed. Only its owner may
-// have access (mode 0600 or 0400).
+// The file of the device link's shared key: 64 hexadecimal digits and a line feed. Only its owner
+// may have access (mode 0600 or 0400).
 #pragma once
 
 #include <filesystem>
@@ -10,11 +10,11 @@
 
 namespace trocar::runtime {
 
-/// Refused: not a regular file, owned by another user, readable or writable by others, or not 64
-/// digits.
+/// Errors: refused if the file is not a regular file, is owned by another user, is readable or
+/// writable by others, or does not contain 64 digits.
 Result<LinkKey> read_link_key(const std::filesystem::path& file);
 
-/// A new random key in a new file of mode 0600. Errors: unwritable, also if the file exists.
+/// Writes a new random key to a new file of mode 0600. Errors: unwritable, also if the file exists.
 Result<LinkKey> make_link_key(const std::filesystem::path& file);
 
 }  // namespace trocar::runtime

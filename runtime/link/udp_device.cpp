@@ -94,13 +94,13 @@ bool UdpDevice::shake_hands_again() {
   return static_cast<bool>(done);
 }
 
-/// What an attempt to reach the drive met, for the message if it fails.
+/// The observations of an attempt to reach the drive, for the message if it fails.
 struct UdpDevice::Attempt {
   LinkNonce nonce{};
   bool welcomed = false, wrong_key = false, busy = false;
   bool other_program = false, other_version = false;
 
-  /// A datagram that is no welcome.
+  /// Evaluates a datagram that is no welcome.
   void note(std::span<const std::uint8_t> datagram) noexcept {
     constexpr std::size_t kVersionAt = 4;  // after the magic
     DenialPacket denial;
@@ -113,12 +113,12 @@ struct UdpDevice::Attempt {
     const bool is_link = datagram.size() > kVersionAt &&
                          std::equal(kLinkMagic.begin(), kLinkMagic.end(), datagram.begin());
     other_version = other_version || (is_link && datagram[kVersionAt] != kLinkVersion);
-    // A hello comes back from a program that echoes.
+    // A program that echoes sends back the hello.
     other_program = other_program || !is_link || hello_nonce(datagram, ignored);
   }
 
   std::string why(int socket_error) const {
-    // Also where another host's session began between the welcome and the first command.
+    // This also happens if another host's session began between the welcome and the first command.
     if (welcomed) {
       return "the device answered but sends no states; end another host's session with it, or "
              "restart it";
@@ -145,14 +145,14 @@ struct UdpDevice::Attempt {
 };
 
 Result<void> UdpDevice::shake_hands(bool fresh) {
-  // Ends an old session, or an earlier attempt at a new one.
+  // End an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
   const std::int64_t start_ns = now_ns();
   HelloPacket hello;
   hello.host_nonce = random_nonce();
   hello.period_s = options_.period_s;
   hello.fresh = fresh;
-  std::array<std::uint8_t, kLargestPacketBytes> buffer{};
+  std::array<std::uint8_t, kMaxPacketBytes> buffer{};
   WelcomePacket welcome;
   Attempt attempt;
   attempt.nonce = hello.host_nonce;
@@ -197,7 +197,7 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   last_command_ = last_state_ = 0;
   newest_ = {};
   fresh_state_ = has_written_ = counts_missed_ = false;
-  // The first command begins the session; repeated, since it may be lost.
+  // The first command begins the session. It is repeated, since it may be lost.
   for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
     if (!in_time()) return no_answer();
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
@@ -226,9 +226,9 @@ UdpSocket::Outcome UdpDevice::send(CommandMode mode, const DeviceCommand& comman
 }
 
 bool UdpDevice::drain() noexcept {
-  std::array<std::uint8_t, kLargestPacketBytes> buffer;
+  std::array<std::uint8_t, kMaxPacketBytes> buffer;
   queued_ = 0;
-  for (int i = 0; i < kMostDatagrams; ++i) {
+  for (int i = 0; i < kMaxDatagrams; ++i) {
     std::size_t bytes = 0;
     Endpoint from;
     switch (socket_.receive(buffer, bytes, from)) {
@@ -244,7 +244,7 @@ bool UdpDevice::drain() noexcept {
       counts_.add(LinkRefusal::kSize);
       continue;
     }
-    // Of a hello that was repeated while its welcome was on the way.
+    // This denial answers a hello that was repeated while its welcome was in transit.
     if (claimed_kind(std::span(buffer).first(bytes)) == PacketKind::kDenial) continue;
     const std::uint64_t before = last_state_;
     const LinkRefusal refusal =
@@ -282,7 +282,7 @@ DeviceStatus UdpDevice::status_of_newest() const noexcept {
   if (newest_.mode == DriveMode::kEmergencyStop) return DeviceStatus::kEmergencyStop;
   if (newest_.motor_faults != 0) return DeviceStatus::kMotorFault;
   if (!has_written_) return DeviceStatus::kOk;
-  // The state says which of our commands the drive has received.
+  // The state contains the number of the last command that the drive has received.
   const std::uint64_t not_received = last_command_ - std::min(last_command_, newest_.command_taken);
   const bool receives_nothing = static_cast<double>(not_received) * options_.period_s >
                                 std::max(options_.no_state_s, 2.5 * options_.period_s);

@@ -3,9 +3,9 @@
 // haptic thread it only makes non-blocking receive and send calls: no allocation, lock or
 // exception. Packets that are not authentic, or old, are counted and otherwise ignored.
 //
-// restore() requests a new session after the old one is lost. With the real clock a separate
-// thread makes it, and is the only user of the socket meanwhile; in lock-step, where the drive's
-// time does not advance, advance() makes it.
+// restore() requests a new session after the old one is lost. With the real clock a separate thread
+// establishes it, and is the only user of the socket meanwhile. In lock-step the drive's time does
+// not advance, so advance() establishes it.
 #pragma once
 
 #include <atomic>
@@ -24,63 +24,64 @@ namespace trocar::runtime {
 struct UdpDeviceOptions {
   Endpoint peer;
   LinkKey key;
-  double period_s = 1e-3;              ///< of the loop; in lock-step the drive's step as well
-  LinkClock clock = LinkClock::kReal;  ///< must be the drive's
-  bool fresh = true;                   ///< a simulated world starts again
+  double period_s = 1e-3;              ///< period of the loop; in lock-step also the drive's step
+  LinkClock clock = LinkClock::kReal;  ///< must be the same as the drive's
+  bool fresh = true;                   ///< a simulated world is reset
   double connect_timeout_s = 5;
-  double no_state_s = 0.01;  ///< real clock: without a state for so long, the link is lost
-  double answer_s = 2;       ///< lock-step: longest wait for an answer; no_state_s after an answer
-                             ///< was missed, until the next one comes
+  double no_state_s = 0.01;  ///< real clock: the link is lost after this time without a state
+  /// Lock-step: longest wait for an answer. After a missed answer, no_state_s applies until the
+  /// next answer arrives.
+  double answer_s = 2;
 };
 
 class UdpDevice final : public Device {
  public:
   /// Opens the socket. No packet is sent before start(). Errors: device fault.
   static Result<std::unique_ptr<UdpDevice>> make(const UdpDeviceOptions& options);
-  /// make() and start().
+  /// Calls make() and start().
   static Result<std::unique_ptr<UdpDevice>> connect(const UdpDeviceOptions& options);
-  /// close().
+  /// Calls close().
   ~UdpDevice() override;
   UdpDevice(const UdpDevice&) = delete;
   UdpDevice& operator=(const UdpDevice&) = delete;
 
-  /// Hello, welcome and a first state. Blocks for at most connect_timeout_s. Errors: device fault
-  /// (no answer, another key, another host or another program); usage (the drive has another
-  /// clock).
+  /// Establishes a session: hello, welcome and a first state. Blocks for at most connect_timeout_s.
+  /// Errors: device fault (no answer, another key, another host or another program); usage (the
+  /// drive has another clock).
   Result<void> start() override;
-  /// Sends the drive the end of the session, and ends a restore(). The counts can still be read.
+  /// Ends the session at the drive, and a restore() under way. The counts can still be read.
   void close() override;
 
-  /// The newest state since the last call.
-  ///  - kNoData: no new state, for less than no_state_s; or, after a slow start of the loop, so
-  ///    many are queued that the socket may have dropped the newest.
-  ///  - kLinkLost: no state for no_state_s; the other end is closed; the drive has received none of
-  ///    the torques of the last no_state_s (2.5 periods if that is longer); or its watchdog
-  ///    tripped.
-  ///  - kEmergencyStop, kMotorFault: as the drive reports.
+  /// Reads the newest state since the last call.
+  ///  - kNoData: there has been no new state for less than no_state_s; or, after a slow start of
+  ///    the loop, so many states are queued that the socket may have dropped the newest.
+  ///  - kLinkLost: there has been no state for no_state_s; the other end is closed; the drive has
+  ///    received none of the torques of the last no_state_s (2.5 periods if that is longer); or its
+  ///    watchdog tripped.
+  ///  - kEmergencyStop, kMotorFault: the drive reports it.
   DeviceStatus read(DeviceState& state) noexcept override;
-  /// kLinkLost: the other end is closed. kNoData: not sent, since a torque is not finite or too
-  /// large, or the socket's buffer is full.
+  /// Sends torques. kLinkLost: the other end is closed. kNoData: they were not sent, because a
+  /// torque is not finite or too large, or the socket's buffer is full.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
-  /// Lock-step: wait_for_answer().
+  /// In lock-step, calls wait_for_answer().
   void advance(double /*dt_s*/) noexcept override {
     if (options_.clock == LinkClock::kLockStep) wait_for_answer();
   }
   std::uint8_t motor_faults() const noexcept override { return newest_.motor_faults; }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
-  /// Lock-step: waits at most answer_s for the answer to the last write. The next read() gives it,
-  /// or kLinkLost. Blocks. False: no answer.
+  /// Lock-step: waits at most answer_s for the answer to the last write. The next read() returns
+  /// it, or kLinkLost. Blocks. False if there is no answer.
   bool wait_for_answer() noexcept;
 
-  /// A new session with the same drive, or with one started in its place; it joins the simulated
-  /// world as it is. Real clock: tried until it succeeds, with a pause after each attempt.
-  /// Lock-step: tried for connect_timeout_s, then given up. Torques are zero; read() and write()
-  /// give kLinkLost until then. Acts only if the last read() gave kLinkLost or kMotorFault, which a
-  /// drive keeps for a session.
+  /// Requests a new session with the same drive, or with one started in its place; the session
+  /// joins the simulated world in its present state. With the real clock it is tried until it
+  /// succeeds, with a pause after each attempt; in lock-step it is tried for connect_timeout_s and
+  /// then given up. Until then torques are zero, and read() and write() return kLinkLost. Acts only
+  /// if the last read() returned kLinkLost or kMotorFault, which a drive keeps for a session.
   void restore() noexcept override;
 
-  // Only while no restore() is under way, or after close().
+  // The following may be called only while no restore() is under way, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
   std::uint64_t states_missed() const noexcept { return states_missed_; }
@@ -94,17 +95,18 @@ class UdpDevice final : public Device {
       : options_(options), socket_(std::move(socket)) {}
   struct Attempt;
   Result<void> shake_hands(bool fresh);
-  /// The same as part of restore(); keeps its error.
+  /// The same as part of restore(); stores the error in restore_error_.
   bool shake_hands_again();
   void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;
-  /// Takes the waiting datagrams, at most kMostDatagrams. False: the other end is closed.
+  /// Takes the waiting datagrams, at most kMaxDatagrams. False if the other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const DeviceCommand& command) noexcept;
 
-  /// Taken in one tick, so that a flood cannot delay it.
-  static constexpr int kMostDatagrams = 512;
-  /// States; a socket's buffer holds some 270.
+  /// Largest number of datagrams taken in one tick, so that a flood cannot delay it.
+  static constexpr int kMaxDatagrams = 512;
+  /// Number of queued states beyond which the socket may have dropped the newest; a socket's buffer
+  /// holds about 270.
   static constexpr int kLongQueue = 128;
 
   UdpDeviceOptions options_;
@@ -113,21 +115,21 @@ class UdpDevice final : public Device {
   std::uint64_t session_ = 0, last_command_ = 0, last_state_ = 0;
   StatePacket newest_;
   bool fresh_state_ = false;
-  int queued_ = 0;              ///< states that the last drain() took
+  int queued_ = 0;              ///< number of states that the last drain() took
   std::int64_t newest_ns_ = 0;  ///< arrival time of newest_
   bool has_written_ = false;    ///< torques were sent in this session
   LinkCounts counts_;
   std::uint64_t states_missed_ = 0, sessions_ = 0;
   bool counts_missed_ = false;  ///< states missed from now on are counted
-  bool answers_come_ = true;    ///< lock-step
-  bool is_lost_ = false;        ///< the last read() gave kLinkLost or kMotorFault
+  bool answers_come_ = true;    ///< lock-step: the last answer arrived in time
+  bool is_lost_ = false;        ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;       ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
-  /// While it is set, all other members belong to the restoring thread, else to the haptic thread.
+  /// While it is set, the restoring thread owns all other members, otherwise the haptic thread.
   std::atomic<bool> restoring_{false};
   std::atomic<bool> closing_{false};
   static_assert(std::atomic<bool>::is_always_lock_free);
-  std::thread restorer_;  ///< real clock
+  std::thread restorer_;  ///< used with the real clock only
 };
 
 }  // namespace trocar::runtime

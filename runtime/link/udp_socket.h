@@ -21,15 +21,15 @@ struct Endpoint {
 };
 std::string to_string(const Endpoint& endpoint);
 
-/// HOST:PORT; HOST is a dotted address, or a name, which is looked up (IPv4). Usage errors quote
-/// `text`. `lowest_port` 0 allows port 0, with which the system chooses a port to listen on.
+/// Parses HOST:PORT. HOST is a dotted address, or a name, which is looked up (IPv4). Usage errors
+/// quote `text`. `lowest_port` 0 allows port 0, with which the system chooses a port to listen on.
 Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port);
 
 class UdpSocket {
  public:
-  /// Bound to `local`. Errors: unwritable, if the address is not available.
+  /// Opens a socket bound to `local`. Errors: unwritable if the address is not available.
   static Result<UdpSocket> listen(const Endpoint& local);
-  /// Sends to `peer` and receives from it only.
+  /// Opens a socket that sends to `peer` and receives from `peer` only.
   static Result<UdpSocket> connect(const Endpoint& peer);
   UdpSocket(UdpSocket&& other) noexcept;
   UdpSocket& operator=(UdpSocket&&) = delete;
@@ -40,14 +40,15 @@ class UdpSocket {
     kNothing,  ///< no datagram is waiting, or the send buffer is full
     kGone,     ///< the other end is closed, or the socket failed
   };
-  /// One datagram into `buffer`; `bytes` is its whole length even if the buffer is shorter.
+  /// Receives one datagram into `buffer`; `bytes` is its full length even if the buffer is shorter.
   Outcome receive(std::span<std::uint8_t> buffer, std::size_t& bytes, Endpoint& from) noexcept;
-  Outcome send(std::span<const std::uint8_t> datagram) noexcept;  ///< only if connected
+  /// Sends to the peer of connect().
+  Outcome send(std::span<const std::uint8_t> datagram) noexcept;
   Outcome send_to(std::span<const std::uint8_t> datagram, const Endpoint& to) noexcept;
-  /// Waits for a datagram for at most `seconds`. False: none is waiting.
+  /// Waits for a datagram for at most `seconds`. False if none is waiting then.
   bool wait(double seconds) noexcept;
   Endpoint local() const noexcept;
-  /// errno of the last Outcome::kGone; 0: there was none.
+  /// errno of the last Outcome::kGone; 0 if there was none.
   int error() const noexcept { return error_; }
 
  private:

@@ -13,8 +13,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Below this ratio of singular values, G^T G, which squares it, is too inexact for the smallest
-// one.
+// Below this ratio of singular values, G^T G, which squares the ratio, is too inexact for the
+// smallest one.
 constexpr double kSmallestSquared = 1e-3;
 
 KinematicsStatus singular(int leg, int joint) noexcept {
@@ -62,7 +62,7 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
     return range;
   }
-  // Takes nearly 4 us more, near a singularity only.
+  // This takes nearly 4 us more, but is needed near a singularity only.
   const Eigen::JacobiSVD<Jacobian> svd(scaled);
   if (svd.info() != Eigen::Success) return {};
   return {svd.singularValues()[5], svd.singularValues()[0]};

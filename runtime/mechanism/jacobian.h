@@ -21,17 +21,17 @@ struct JacobianResult {
   Jacobian G = Jacobian::Zero();  ///< valid only if status holds
 };
 
-/// By differentiating |C - E| = l2 and |D - F| = l4. `joints` must be those of the pose
-/// (inverse_kinematics). About 200 multiplications.
+/// Computes the Jacobian by differentiating |C - E| = l2 and |D - F| = l4. `joints` must be those
+/// of the pose (inverse_kinematics). About 200 multiplications.
 JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                         const JointAngles& joints) noexcept;
 
-/// Length that makes a rotation in rad comparable with a translation: about the plate's radius.
+/// Length that makes a rotation in rad comparable with a translation, about the plate's radius.
 inline constexpr double kCharacteristicLength_m = 0.05;
 
 /// Smallest and largest singular value of G with its columns of omega divided by a characteristic
-/// length, each to about 1e-13 of the largest. Both 0 if G is not finite. Further measures:
-/// singularity.h.
+/// length. Both are accurate to about 1e-13 of the largest, and 0 if G is not finite. singularity.h
+/// has further measures.
 struct SingularRange {
   double smallest = 0, largest = 0;
 };

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/leg.h"
 
 namespace trocar::runtime {
@@ -12,10 +13,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kUnitTolerance = 1e-9;   // of a quaternion's squared length
-constexpr double kSmallestSpan_m = 1e-9;  // below it a direction is undefined
-constexpr double kLargestStep_m = 0.02;   // Gauss-Newton's trust region
-constexpr double kPlateLength_m = 0.05;   // makes a rotation in rad comparable with a translation
+constexpr double kUnitTolerance = 1e-9;  // error of a unit quaternion's squared length
+constexpr double kMaxStep_m = 0.02;      // trust region of Gauss-Newton
 
 KinematicsStatus failure(KinematicsFailure why, int leg, int joint) noexcept {
   return {why, static_cast<std::int8_t>(leg + 1), static_cast<std::int8_t>(joint)};
@@ -44,7 +43,7 @@ KinematicsStatus same_branch(const DeviceDescription& device, const MotorVector&
   }
   const double travel_m =
       std::hypot((T.p_m - T_last.p_m).norm(),
-                 kPlateLength_m * rotation_vector(T.q * T_last.q.conjugate()).norm());
+                 kCharacteristicLength_m * rotation_vector(T.q * T_last.q.conjugate()).norm());
   if (!(travel_m <= options.travel_max_m) || !(found.residual_m <= options.residual_max_m)) {
     return {KinematicsFailure::kOtherBranch, 0, 0};
   }
@@ -205,7 +204,7 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
       const Vector3d upper = C - E[m];
       const Vector3d lower = E[m] + k * upper - F[m];
       const double upper_m = upper.norm(), lower_m = lower.norm();
-      if (!(upper_m > kSmallestSpan_m) || !(lower_m > kSmallestSpan_m)) {
+      if (!(upper_m > leg::kMinSpan_m) || !(lower_m > leg::kMinSpan_m)) {
         result.status = failure(KinematicsFailure::kSingular, m, upper_m > lower_m ? 4 : 1);
         return result;
       }
@@ -214,9 +213,9 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
       const Vector3d n_upper = upper / upper_m;
       const Vector3d n_lower = (k / lower_m) * lower;
       J.row(motor_index(m, 0)) << n_upper.transpose(),
-          r.cross(n_upper).transpose() / kPlateLength_m;
+          r.cross(n_upper).transpose() / kCharacteristicLength_m;
       J.row(motor_index(m, 1)) << n_lower.transpose(),
-          r.cross(n_lower).transpose() / kPlateLength_m;
+          r.cross(n_lower).transpose() / kCharacteristicLength_m;
     }
     result.residual_m = std::sqrt(error_m.squaredNorm() / kMotors);
     if (result.status || result.iterations == options.max_iterations) break;
@@ -230,9 +229,9 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
       return result;
     }
     const double largest = step.cwiseAbs().maxCoeff();
-    if (largest > kLargestStep_m) step *= kLargestStep_m / largest;
+    if (largest > kMaxStep_m) step *= kMaxStep_m / largest;
     T.p_m += step.head<3>();
-    T.q = (from_rotation_vector(step.tail<3>() / kPlateLength_m) * T.q).normalized();
+    T.q = (from_rotation_vector(step.tail<3>() / kCharacteristicLength_m) * T.q).normalized();
     if (largest <= options.step_m) result.status.failure = KinematicsFailure::kOk;
   }
   if (result.status) {

@@ -14,7 +14,7 @@
 
 namespace trocar::runtime {
 
-/// Leg-major th1, th4 of leg 1, of leg 2, ... (as DeviceCommand).
+/// One value per motor, leg-major: th1, th4 of leg 1, then of leg 2, ... (as in DeviceCommand).
 using MotorVector = Eigen::Matrix<double, kMotors, 1>;
 
 /// Indices into MotorVector and into the encoders' array. Legs count from 0; which = 0 for th1 and
@@ -29,19 +29,19 @@ constexpr int encoder_index(int leg, int joint) noexcept {
 enum class KinematicsFailure : std::uint8_t {
   kOk,
   kBadInput,      ///< not finite, or a quaternion that is not of unit length
-  kOutOfReach,    ///< the joint's two links cannot span the distance
+  kOutOfReach,    ///< the pose is outside the workspace: the joint's links cannot span the distance
   kSingular,      ///< the joint's direction or rate is not determined
   kBeyondLimit,   ///< outside the description's joint limits
   kNotConverged,  ///< the iteration reached its limit
   kOtherBranch,   ///< the iteration ended on another assembly branch, or may have
 };
-/// Name for logs, such as "out of reach".
+/// A name for logs and messages, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
 
 struct KinematicsStatus {
   KinematicsFailure failure = KinematicsFailure::kOk;
-  std::int8_t leg = 0;    ///< 1..4; 0: the failure concerns no single leg
-  std::int8_t joint = 0;  ///< 1..6, theta's index; 0: the failure concerns no single joint
+  std::int8_t leg = 0;    ///< 1..4; 0 if the failure concerns no single leg
+  std::int8_t joint = 0;  ///< theta's index 1..6; 0 if the failure concerns no single joint
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
@@ -49,21 +49,21 @@ struct KinematicsStatus {
 struct JointAngles {
   std::array<std::array<double, kJointsPerLeg>, kLegs> theta_rad{};
 };
-/// th1, th4 of each leg.
+/// The angles th1, th4 of each leg.
 MotorVector motor_angles(const JointAngles& joints) noexcept;
-/// th1..th4 of each leg, as DeviceState::encoder_rad.
+/// The angles th1..th4 of each leg, as in DeviceState::encoder_rad.
 std::array<double, kEncoders> encoder_angles(const JointAngles& joints) noexcept;
-/// The motors' part of the encoders.
+/// The angles of the motors' encoders.
 MotorVector motor_angles(const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct InverseResult {
   KinematicsStatus status;
-  /// Valid only if status holds; each within half a turn of the middle of its limits.
+  /// Valid only if status holds. Each angle is within half a turn of the middle of its limits.
   JointAngles joints;
 };
 
-/// All 24 joint angles of a pose, in closed form, on the description's branches.
-/// Does not check the joint limits: see check_joint_limits. A failure names the first leg and joint
+/// Computes all 24 joint angles of a pose, in closed form, on the description's branches. It does
+/// not check the joint limits; see check_joint_limits. A failure names the first leg and joint
 /// without a solution.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
@@ -74,40 +74,40 @@ struct LegBranch {
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
 };
 
-/// The first of th1..th4 that is outside its limits, or not finite.
+/// Finds the first of th1..th4 that is outside its limits or not finite.
 KinematicsStatus check_joint_limits(const DeviceDescription& device,
                                     const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct ForwardResult {
   KinematicsStatus status;
   Pose T_device_plate;    ///< valid only if status holds
-  double residual_m = 0;  ///< health check, see the functions
+  double residual_m = 0;  ///< consistency of the encoders; see the functions
   int iterations = 0;
 };
 
-/// The pose from th1, th2, th3 of every leg (th4 is not used). They give the ball joints C_m; the
-/// least-squares rigid fit to them gives the pose (Kabsch; in closed form, since the C_m form a
-/// square on the plate). residual_m is the root mean square distance between measured and fitted
-/// C_m: zero if the encoders agree.
+/// Computes the pose from th1, th2, th3 of every leg (th4 is not used). The angles determine the
+/// ball joints C_m, and the least-squares rigid fit to these is the pose (Kabsch; in closed form,
+/// since the C_m form a square on the plate). residual_m is the root mean square distance between
+/// measured and fitted C_m, which is zero if the encoders agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct GaussNewtonOptions {
   int max_iterations = 20;
-  double step_m = 1e-12;  ///< converged when no component moves the plate further than this
+  double step_m = 1e-12;  ///< the iteration has converged if no component moves farther than this
   /// Beyond either of these the result is kOtherBranch. With the defaults every wrong solution is
   /// detected from starts up to 100 mm and 60 deg away
   /// (tests/runtime/mechanism/kinematics_test.cpp). To search from farther away, raise the first.
-  double travel_max_m = 0.01;  ///< of the plate since the last pose; a radian counts as 0.05 m
+  double travel_max_m = 0.01;  ///< plate motion since the last pose; a radian counts as 0.05 m
   double residual_max_m = 3e-4;
 };
-/// The pose from the eight motor angles alone, for a device without passive encoders: Gauss-Newton
-/// on the eight constraints |C - E| = l2, |D - F| = l4, from the last pose, which selects one of
-/// the mechanism's several solutions. Eight angles for six degrees of freedom leave few exact
-/// solutions but many near ones, in which an iteration that starts far away can end. kOtherBranch
-/// says that it did, or may have; the pose found is given:
-///  - with leg and joint: that chain is on the branch that is not the description's;
-///  - with leg 0: the plate has travelled too far since the last pose, or the angles fit the pose
+/// Computes the pose from the eight motor angles alone, for a device without passive encoders, by
+/// Gauss-Newton on the eight constraints |C - E| = l2, |D - F| = l4. The iteration starts at the
+/// last pose, which selects one of the mechanism's several solutions. Eight angles for six degrees
+/// of freedom leave few exact solutions but many near ones, in which an iteration that starts far
+/// away can end. kOtherBranch means that it did, or may have. The pose is returned then too:
+///  - With leg and joint, that chain is on the branch that is not the description's.
+///  - With leg 0, the plate has travelled too far since the last pose, or the angles fit the pose
 ///    too badly (an encoder may be wrong).
 /// residual_m is the root mean square of the constraints' errors at the end. Each iteration moves
 /// at most 20 mm and 0.4 rad per axis.

@@ -10,9 +10,8 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr double kSmallestSpan_m = 1e-9;  // below it a direction is undefined
 // A chain counts as stretched or folded below this sine of the angle between its links.
-constexpr double kSmallestSine = 1e-6;
+constexpr double kMinSine = 1e-6;
 
 double wrapped_near(double angle, double centre) noexcept {
   return angle - kTurn * std::round((angle - centre) / kTurn);
@@ -26,9 +25,9 @@ int sign(double x) noexcept {
   return (x > 0) - (x < 0);
 }
 
-// A two-link chain: the first link (length a) turns in the plane of coordinates (px, py), the
-// second one (length b) may also leave it, by pn along the normal. Gives the first joint's angle,
-// the second's relative to it, and the lift out of the plane.
+// The angles of a two-link chain. The first link (length a) turns in the plane of coordinates (px,
+// py), the second one (length b) may also leave it, by pn along the normal. `first` is the first
+// joint's angle, `second` the second's relative to it, `lift` the angle out of the plane.
 struct ChainAngles {
   double first = 0, second = 0, lift = 0;
 };
@@ -37,10 +36,10 @@ KinematicsFailure solve_chain(double px, double py, double pn, double a, double 
   const double sine = pn / b;
   lift_failed = !(std::abs(sine) < 1);
   if (lift_failed) return KinematicsFailure::kOutOfReach;
-  const double reach = b * std::sqrt((1 - sine) * (1 + sine));  // second link within the plane
+  const double projected = b * std::sqrt((1 - sine) * (1 + sine));  // second link, projected
   const double span = std::hypot(px, py);
-  if (span < kSmallestSpan_m) return KinematicsFailure::kSingular;
-  const double cosine = (span * span + a * a - reach * reach) / (2 * a * span);
+  if (span < kMinSpan_m) return KinematicsFailure::kSingular;
+  const double cosine = (span * span + a * a - projected * projected) / (2 * a * span);
   if (!(std::abs(cosine) <= 1)) return KinematicsFailure::kOutOfReach;
   out.lift = std::asin(sine);
   out.first = std::atan2(py, px) + branch * std::acos(cosine);
@@ -49,7 +48,7 @@ KinematicsFailure solve_chain(double px, double py, double pn, double a, double 
 }
 
 // Lever arm of each motor's link on the link that it drives: link . E', with E' the motion per rad
-// of the end of the motor's link. Zero where the chain is stretched or folded.
+// of the end of the motor's link. It is zero if the chain is stretched or folded.
 struct Arms {
   Vector3d upper, lower;  // E to C, F to D
   Vector3d E_th1;         // dE / dth1
@@ -104,14 +103,14 @@ LegBranch branch_of(const DeviceGeometry& g, const Vector3d& C, double th1, doub
 LegStatus motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4,
                       Vector3d& w1, Vector3d& w4) noexcept {
   const Arms a = arms(g, C, th1, th4);
-  if (!(std::abs(a.upper_arm_m2) > kSmallestSine * g.l1_m * g.l2_m)) {
+  if (!(std::abs(a.upper_arm_m2) > kMinSine * g.l1_m * g.l2_m)) {
     return {KinematicsFailure::kSingular, 1};
   }
-  if (!(std::abs(a.lower_arm_m2) > kSmallestSine * g.l3_m * g.l4_m)) {
+  if (!(std::abs(a.lower_arm_m2) > kMinSine * g.l3_m * g.l4_m)) {
     return {KinematicsFailure::kSingular, 4};
   }
-  // From |C - E| = l2: th1' = w1 . C'. D' = (1 - k) E_th1 th1' + k C', and from
-  // |D - F| = l4: th4' = lower . D' / lower_arm.
+  // |C - E| = l2 implies th1' = w1 . C'. With D' = (1 - k) E_th1 th1' + k C', |D - F| = l4 implies
+  // th4' = lower . D' / lower_arm.
   const double k = g.l5_m / g.l2_m;
   w1 = a.upper / a.upper_arm_m2;
   w4 = ((1 - k) * a.lower.dot(a.E_th1) * w1 + k * a.lower) / a.lower_arm_m2;

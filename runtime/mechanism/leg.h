@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // One leg of the mechanism in its own frame: x radially outward, y tangential, z up, origin at {B}.
-// Points A, B, C, D, E, F as in README.md. Internal to the kinematics and the simulation. Called
-// from the haptic thread: no allocation, no exception. The device's legs are at kAzimuth; the
-// functions take any azimuth, for comparison with other numbers of legs
+// README.md defines the points A, B, C, D, E, F. Internal to the kinematics and the simulation.
+// Called from the haptic thread: no allocation, no exception. The device's legs are at kAzimuth;
+// the functions take any azimuth, for comparison with other numbers of legs
 // (tests/reference/mechanism/leg_ring.h).
+// Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -16,10 +17,13 @@
 
 namespace trocar::runtime::leg {
 
+/// The direction of a shorter span is undefined.
+inline constexpr double kMinSpan_m = 1e-9;
+
 struct Azimuth {
   double cosine = 1, sine = 0;
 };
-/// Of the device's legs: multiples of a right angle, so that the rotation is exact.
+/// The azimuths of the device's legs: multiples of a right angle, so that the rotation is exact.
 inline constexpr std::array<Azimuth, kLegs> kAzimuth = {Azimuth{1, 0}, Azimuth{0, 1},
                                                         Azimuth{-1, 0}, Azimuth{0, -1}};
 
@@ -43,22 +47,22 @@ inline Eigen::Vector3d plate_joint(const DeviceGeometry& g, int leg) noexcept {
   return plate_joint(g, kAzimuth[leg]);
 }
 
-/// A, on the axis of theta1.
+/// The point A on the axis of theta1.
 inline Eigen::Vector3d upper_motor(const DeviceGeometry& g) noexcept {
   return {g.R_B1_m, 0, g.z_A_m};
 }
-/// B, on the axis of theta4.
+/// The point B on the axis of theta4.
 inline Eigen::Vector3d lower_motor(const DeviceGeometry& g) noexcept {
   return {g.R_B2_m * std::cos(g.d_rad), g.R_B2_m * std::sin(g.d_rad), g.z_A_m - g.H_B_m};
 }
-/// u(a) = (cos a, 0, sin a), the upper chain's plane, and u'(a).
+/// The direction u(a) = (cos a, 0, sin a) in the upper chain's plane, and its derivative u'(a).
 inline Eigen::Vector3d upper_direction(double a) noexcept {
   return {std::cos(a), 0, std::sin(a)};
 }
 inline Eigen::Vector3d upper_derivative(double a) noexcept {
   return {-std::sin(a), 0, std::cos(a)};
 }
-/// v(a) = (cos a, sin a, 0), the lower chain's plane, and v'(a).
+/// The direction v(a) = (cos a, sin a, 0) in the lower chain's plane, and its derivative v'(a).
 inline Eigen::Vector3d lower_direction(double a) noexcept {
   return {std::cos(a), std::sin(a), 0};
 }
@@ -69,17 +73,17 @@ inline Eigen::Vector3d lower_derivative(double a) noexcept {
 inline Eigen::Vector3d elbow(const DeviceGeometry& g, double th1) noexcept {
   return upper_motor(g) + g.l1_m * upper_direction(th1);
 }
-/// F, the end of the lower motor's link.
+/// The point F at the end of the lower motor's link.
 inline Eigen::Vector3d lower_elbow(const DeviceGeometry& g, double th4) noexcept {
   return lower_motor(g) + g.l3_m * lower_direction(th4);
 }
-/// The ball joint C by the upper chain.
+/// The ball joint C, computed along the upper chain.
 inline Eigen::Vector3d upper_tip(const DeviceGeometry& g, double th1, double th2,
                                  double th3) noexcept {
   return elbow(g, th1) + g.l2_m * (std::cos(th3) * upper_direction(th1 + th2) +
                                    std::sin(th3) * Eigen::Vector3d::UnitY());
 }
-/// D on the upper link EC.
+/// The point D on the upper link EC.
 inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d& E,
                                   const Eigen::Vector3d& C) noexcept {
   return E + (g.l5_m / g.l2_m) * (C - E);
@@ -92,28 +96,28 @@ struct LegStatus {
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
-/// theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`, each within half a
-/// turn of the middle of its limits.
+/// Computes theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`, each
+/// within half a turn of the middle of its limits.
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// The branch on which each chain is assembled, from the positions of its links: the branch whose
-/// inverse gives these th1 and th4. 0 where the chain is stretched or folded, so that both branches
-/// meet.
+/// The branch on which each chain is assembled, from the positions of its links: the branch for
+/// which inverse() returns these th1 and th4. It is 0 if the chain is stretched or folded, so that
+/// both branches meet.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 
-/// th1' = w1 . C' and th4' = w4 . C', all in the leg's frame. kSingular: the chain is stretched or
-/// folded.
+/// The motor rates of one leg: th1' = w1 . C' and th4' = w4 . C', all in the leg's frame. Fails
+/// with kSingular if the chain is stretched or folded.
 LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
                       Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
 /// Distance in m of a chain's end point to the nearest point at which its branches meet (the acos
-/// saturates). (px, py) lie in the first link's plane, pn along its normal, from the motor's axis;
-/// a and b are the links' lengths. The second link's end moves on a sphere about the first link's
-/// end. So in the half plane of (radius, pn) the chain reaches exactly the points inside the circle
-/// of radius b about (a, 0) and outside the one about (-a, 0), and the branches meet on these
-/// circles. Negative: out of reach by that much.
+/// saturates). The end point is given relative to the motor's axis: (px, py) in the first link's
+/// plane, pn along its normal. a and b are the links' lengths. The second link's end moves on a
+/// sphere about the first link's end. In the half plane of (radius, pn), the chain's workspace is
+/// therefore the region inside the circle of radius b about (a, 0) and outside the one about
+/// (-a, 0), and the branches meet on these circles. The distance is negative outside the workspace.
 inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
   const double span = std::hypot(px, py);
   return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);

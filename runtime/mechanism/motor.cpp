@@ -12,8 +12,9 @@ MotorVector capacity_A2s(const MotorModel& model) noexcept {
   return (model.peak_A.cwiseAbs2() - model.continuous_A.cwiseAbs2()) * model.peak_time_s;
 }
 
-// 1 while the peak current is available, 0 when the i2t capacity is used up.
-double share_of_peak(double excess_A2s, double capacity_A2s) noexcept {
+// The fraction of the range between continuous and peak current that is available: 1 while the peak
+// is available, 0 when the i2t capacity is used up.
+double peak_fraction(double excess_A2s, double capacity_A2s) noexcept {
   if (!(capacity_A2s > 0)) return 0;
   return std::clamp((1 - excess_A2s / capacity_A2s) / kFoldBack, 0.0, 1.0);
 }
@@ -56,7 +57,7 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
   return next;
 }
 
-double i2t_share_used(const MotorModel& model, const MotorLoad& load, int* hottest) noexcept {
+double i2t_fraction_used(const MotorModel& model, const MotorLoad& load, int* hottest) noexcept {
   const MotorVector capacity = capacity_A2s(model);
   double most = 0;
   for (int i = 0; i < kMotors; ++i) {
@@ -71,7 +72,7 @@ MotorVector available_current(const MotorModel& model, const MotorLoad& load) no
   const MotorVector capacity = capacity_A2s(model);
   MotorVector current_A;
   for (int i = 0; i < kMotors; ++i) {
-    const double share = share_of_peak(load.excess_A2s[i], capacity[i]);
+    const double share = peak_fraction(load.excess_A2s[i], capacity[i]);
     const double low2 = model.continuous_A[i] * model.continuous_A[i];
     const double high2 = model.peak_A[i] * model.peak_A[i];
     current_A[i] = share >= 1 ? model.peak_A[i] : std::sqrt(low2 + share * (high2 - low2));

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid transforms, twists and wrenches of the device. SI units; fixed size, no
-// allocation. A pose's name says its frames: T_device_plate maps coordinates in
-// the plate's frame {T} to the device's frame {B}.
+// Rigid transforms, twists and wrenches of the device, in SI units, of fixed size and without
+// allocation. A pose's name says its frames: T_device_plate maps coordinates in the plate's frame
+// {T} to the device's frame {B}.
+// Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
 #include <Eigen/Core>
@@ -20,14 +21,14 @@ struct Pose {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit
 };
 
-/// The pose from which a steady motion would have led to the present one with the present velocity:
-/// velocities are taken over the time since (runtime/control/velocity_window.h).
-struct EarlierPose {
+/// The earlier pose from which the velocity is measured (runtime/control/velocity_window.h): a
+/// steady motion with the present velocity would have led from it to the present pose.
+struct PreviousPose {
   Pose T_device_plate;
-  double ago_s = 0;  ///< 0: none; velocities are taken from the last new pose
+  double ago_s = 0;  ///< time since this pose; 0 if there is none, then the last new pose is used
 };
 
-/// T_a_c = T_a_b * T_b_c.
+/// Composition: T_a_c = T_a_b * T_b_c.
 inline Pose operator*(const Pose& T_a_b, const Pose& T_b_c) noexcept {
   return {T_a_b.p_m + T_a_b.q * T_b_c.p_m, (T_a_b.q * T_b_c.q).normalized()};
 }
@@ -51,15 +52,15 @@ inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   return factor * v;
 }
 
-/// [translation of the frame's origin; rotation vector] from one pose to the next, in {B}: a wrench
-/// held meanwhile does the work wrench * displacement.
+/// [translation of the frame's origin; rotation vector] from one pose to the next, in {B}. A wrench
+/// that is constant during this motion does the work wrench * displacement.
 inline Twist displacement(const Pose& from, const Pose& to) noexcept {
   Twist step;
   step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
   return step;
 }
 
-/// The inverse: the unit quaternion of a rotation about r by |r|.
+/// The unit quaternion of a rotation about r by |r|; the inverse of rotation_vector().
 inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
   const double angle = r.norm();
   const double factor = angle < 1e-6 ? 0.5 - angle * angle / 48 : std::sin(angle / 2) / angle;
@@ -69,7 +70,7 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   return q.normalized();
 }
 
-/// The same wrench with its moment about another point: new point + lever_m = old point.
+/// The same wrench with its moment about another point, where new point + lever_m = old point.
 inline Wrench moved_by(const Wrench& wrench, const Eigen::Vector3d& lever_m) noexcept {
   Wrench moved = wrench;
   moved.tail<3>() += lever_m.cross(Eigen::Vector3d(wrench.head<3>()));

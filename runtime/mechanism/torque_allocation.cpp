@@ -12,13 +12,10 @@ namespace {
 using Eigen::Vector2d;
 using NullSpace = Eigen::Matrix<double, kMotors, 2>;  // orthonormal columns: G^T N = 0
 
-// Rotation's columns are scaled to metres before factoring; the answer does not
-// depend on it, only the rounding does.
-constexpr double kPlateLength_m = 0.05;
 constexpr double kParallel = 1e-8;
-constexpr int kMostSteps = 50;
-constexpr int kMostHalvings = 30;
-constexpr double kSmallestRank = 1e-9;  // of R's diagonal, relative: G counts as rank deficient
+constexpr int kMaxSteps = 50;
+constexpr int kMaxHalvings = 30;
+constexpr double kMinRank = 1e-9;  // relative size of R's diagonal below which G lacks rank
 
 double cross(const Vector2d& a, const Vector2d& b) noexcept {
   return a.x() * b.y() - a.y() * b.x();
@@ -28,7 +25,7 @@ double cross(const Vector2d& a, const Vector2d& b) noexcept {
 // the null space allows. Three terms determine a minimax over two unknowns. For three rows, the
 // combination that eliminates z, lambda = (n_j x n_k, n_k x n_i, n_i x n_j), bounds the load from
 // below by |lambda . tau| / (|lambda| . limit), with equality at the optimum of these three
-// (de la Vallee-Poussin; also the dual vertices of this linear programme). Exact.
+// (de la Vallee-Poussin; also the dual vertices of this linear programme). The result is exact.
 double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector& limit) noexcept {
   double load = 0;
   for (int i = 0; i < kMotors; ++i) {
@@ -40,7 +37,8 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
         const double weight = std::abs(lambda_i) * limit[i] + std::abs(lambda_j) * limit[j] +
                               std::abs(lambda_k) * limit[k];
         const double demand = std::abs(lambda_i * tau[i] + lambda_j * tau[j] + lambda_k * tau[k]);
-        // Three nearly parallel rows give an ill-conditioned bound that other triples give better.
+        // Three nearly parallel rows give an ill-conditioned bound; other triples give a better
+        // one.
         if (weight > kParallel * (limit[i] + limit[j] + limit[k]))
           load = std::max(load, demand / weight);
       }
@@ -49,8 +47,8 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
   return load;
 }
 
-// The minimisation of law 5 in null-space coordinates: tau = c + N y, cost |y|^2 + penalty. A
-// convex, piecewise quadratic function of two unknowns.
+// The minimisation of law 5 in null-space coordinates: tau = c + N y, cost |y|^2 + penalty. The
+// cost is a convex, piecewise quadratic function of two unknowns.
 struct Penalty {
   const MotorVector& c;
   const NullSpace& N;
@@ -96,18 +94,18 @@ bool same_signs(const MotorVector& a, const MotorVector& b) noexcept {
   return ((a.array() > 0) == (b.array() > 0)).all() && ((a.array() < 0) == (b.array() < 0)).all();
 }
 
-// The minimum by Newton's method: a full step that stays on its quadratic piece ends there; one
+// Finds the minimum by Newton's method: a full step within one quadratic region reaches it; a step
 // that would not lower the cost is halved. Random trials take at most a dozen steps.
 Vector2d least_cost(const Penalty& penalty) noexcept {
   Vector2d y = Vector2d::Zero();
   MotorVector excess = penalty.excess(y);
   double cost = penalty.cost(y, excess);
-  for (int iteration = 0; iteration < kMostSteps; ++iteration) {
+  for (int iteration = 0; iteration < kMaxSteps; ++iteration) {
     Vector2d step = penalty.step(y, excess);
     MotorVector next = penalty.excess(y + step);
     if (same_signs(next, excess)) return y + step;
     double next_cost = penalty.cost(y + step, next);
-    for (int halvings = 0; !(next_cost < cost) && halvings < kMostHalvings; ++halvings) {
+    for (int halvings = 0; !(next_cost < cost) && halvings < kMaxHalvings; ++halvings) {
       step /= 2;
       next = penalty.excess(y + step);
       next_cost = penalty.cost(y + step, next);
@@ -130,15 +128,16 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
     return result;
   }
 
+  // S scales the columns of rotation to metres, which affects only the rounding, not the result.
   // G S = Q [R; 0] gives both parts of Eq. 18: the pseudo-inverse solution
   // Q1 R^-T S w and, in Q's last two columns, the null space.
   Jacobian scaled = G;
-  scaled.rightCols<3>() /= kPlateLength_m;
+  scaled.rightCols<3>() /= kCharacteristicLength_m;
   Wrench wanted = wrench_device;
-  wanted.tail<3>() /= kPlateLength_m;
+  wanted.tail<3>() /= kCharacteristicLength_m;
   const Eigen::HouseholderQR<Jacobian> qr(scaled);
   const auto diagonal = qr.matrixQR().diagonal().cwiseAbs();
-  if (!(diagonal.minCoeff() > kSmallestRank * diagonal.maxCoeff())) return result;
+  if (!(diagonal.minCoeff() > kMinRank * diagonal.maxCoeff())) return result;
   const Eigen::Matrix<double, kMotors, kMotors> Q = qr.householderQ();
   const Eigen::Matrix<double, 6, 6> R = qr.matrixQR().topRows<6>();
   const Wrench in_Q = R.triangularView<Eigen::Upper>().transpose().solve(wanted);
@@ -161,7 +160,7 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
         (limit_Nm.norm() / kTorqueReserve * limit_Nm.cwiseInverse()).cwiseAbs2();
     tau = part + N * least_cost({part, N, working, stiffness});
     if (!(tau.array().abs() <= limit_Nm.array()).all()) {
-      // Law 1 despite rounding: the minimum-norm torques, scaled down, are feasible.
+      // Law 1 must hold despite rounding: the minimum-norm torques, scaled down, are feasible.
       result.kind = AllocationKind::kScaled;
       result.scale = 1 / (minimum_norm.array().abs() / working.array()).maxCoeff();
       tau = result.scale * minimum_norm;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a wanted wrench to eight motor torques: paper Eq. 17-18 within the motors' limits. Called
-// from the haptic thread: no allocation, no exception, bounded time.
+// Computes eight motor torques from a wanted wrench: paper Eq. 17-18 within the motors' limits.
+// Called from the haptic thread: no allocation, no exception, bounded time.
 //
 // Laws (tests/runtime/mechanism/torque_allocation_test.cpp). The working limits are
 // (1 - kTorqueReserve) limit; c = (G^T)^+ wanted are the minimum-norm torques; P projects torques
@@ -8,18 +8,19 @@
 //  1. |tau_i| <= limit_i, always.
 //  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench keeps its direction.
 //  3. If c keeps the working limits, tau = c and scale = 1.
-//  4. Else, if any torques within the working limits give `wanted`, scale = 1; else scale is the
-//     largest for which some do.
+//  4. Otherwise, if any torques within the working limits produce `wanted`, scale = 1; if none do,
+//     scale is the largest for which some produce scale * wanted.
 //  5. tau minimises |tau|^2 + sum_i stiffness_i max(0, |tau_i| - working_i)^2 among the torques
 //     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), at any pose, with
-//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min); where scale = 1 and the pose
-//     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 142 for eight equal motors.
+//  6. Along any path tau changes no faster than K (|dc| + |limit| |dP|), at any pose, with
+//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the pose is
+//     constant, it changes no faster than sqrt(1 + max stiffness / 4) |dc|, a factor of 142 for
+//     eight equal motors.
 //
-// Why a reserve: at the boundary of the feasible wrenches a single torque vector gives the wrench.
-// Where several rows of the null space are nearly parallel (all four upper motors at any upright,
-// centred pose) that vector changes arbitrarily fast with the pose. A bound on the rate needs a
-// reserve, and is inversely proportional to it. Law 1 follows from law 5: some y0 with
+// The reserve is needed because at the boundary of the feasible wrenches a single torque vector
+// produces the wrench. If several rows of the null space are nearly parallel (all four upper motors
+// at any upright, centred pose), that vector changes arbitrarily fast with the pose. A bound on the
+// rate needs a reserve, and is inversely proportional to it. Law 1 follows from law 5: some y0 with
 // |y0| < |limit| keeps the working limits at no penalty, so at the optimum
 // stiffness_i excess_i^2 <= |y0|^2, hence excess_i < kTorqueReserve limit_i.
 #pragma once
@@ -32,27 +33,28 @@
 
 namespace trocar::runtime {
 
-/// Share of every limit that is held back so that torques change at a bounded rate (laws 4 to 6).
+/// Fraction of every limit held in reserve so that torques change at a bounded rate (laws 4 to 6).
 inline constexpr double kTorqueReserve = 0.01;
 
 enum class AllocationKind : std::uint8_t {
   kMinimumNorm,  ///< law 3
   kNullSpace,    ///< law 4, scale = 1
-  kScaled,       ///< law 4, scale < 1: the device cannot render the wrench in full
-  kRefused,      ///< G or the wrench is not finite, a limit is not positive and finite, or G
-                 ///< lacks full rank; torques are zero
+  kScaled,       ///< law 4, scale < 1: the device cannot render the full wrench
+  /// G or the wrench is not finite, a limit is not positive and finite, or G lacks full rank. The
+  /// torques are zero.
+  kRefused,
 };
 
 struct AllocationResult {
   AllocationKind kind = AllocationKind::kRefused;
   MotorVector tau_motor_Nm = MotorVector::Zero();
-  Wrench wrench_device = Wrench::Zero();  ///< delivered: G^T tau
-  double scale = 0;                       ///< delivered over wanted
+  Wrench wrench_device = Wrench::Zero();  ///< the delivered wrench G^T tau
+  double scale = 0;                       ///< delivered wrench over wanted wrench
   bool limited() const noexcept { return kind >= AllocationKind::kScaled; }
 };
 
-/// `wrench_device`: wanted [f; n] on the plate about its origin in {B}; `G`: at the current pose;
-/// one positive limit per motor.
+/// Allocates the torques. `wrench_device` is the wanted [f; n] on the plate about its origin in
+/// {B}, `G` the Jacobian at the current pose; each motor has one positive limit.
 AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
                                   const MotorVector& limit_Nm) noexcept;
 

@@ -3,20 +3,21 @@
 // posix_memalign and free (and so of new and delete) on a thread that is inside a
 // NoAllocationScope.
 //
-// Programs that link the target trocar_allocation_hooks (tests/reference/hooks) count; the shipped
-// programs and sanitizer builds do not, and there a scope costs one thread-local store.
+// Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count. The
+// shipped programs and sanitizer builds do not; a scope costs them one thread-local store.
+// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <cstdint>
 
 namespace trocar::runtime {
 
-/// Whether this program counts.
+/// Does this program count allocations?
 bool allocations_are_counted() noexcept;
-/// By all threads, inside scopes, since the start; 0 where nothing is counted.
+/// Number of allocations of all threads inside scopes since the start; 0 if they are not counted.
 std::uint64_t allocations_in_scopes() noexcept;
 
-/// While it exists, its thread's allocations are counted. Scopes may not nest.
+/// While a scope exists, its thread's allocations are counted. Scopes may not nest.
 class NoAllocationScope {
  public:
   NoAllocationScope() noexcept;
@@ -25,11 +26,12 @@ class NoAllocationScope {
   NoAllocationScope& operator=(const NoAllocationScope&) = delete;
 };
 
-/// For the hooks: whether the calling thread is inside a scope.
+// The hooks call the following functions.
+/// Is the calling thread inside a scope?
 bool in_no_allocation_scope() noexcept;
-/// For the hooks: one allocation by the calling thread; counted inside a scope only.
+/// Counts one allocation by the calling thread if it is inside a scope.
 void note_allocation() noexcept;
-/// For the hooks: from now on this program counts.
+/// Makes this program one that counts.
 void announce_allocation_hooks() noexcept;
 
 }  // namespace trocar::runtime

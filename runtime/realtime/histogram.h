@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Durations counted in logarithmic buckets of 1/64 octave (1.6 %) from 1 ns to
-// 18 minutes: fixed size, no allocation, any number of samples.
+// A histogram of durations in logarithmic buckets of 1/64 octave (1.6 %) from 1 ns to 18 minutes,
+// of fixed size, without allocation, for any number of samples.
+// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -21,11 +22,11 @@ class Histogram {
   std::uint64_t samples() const noexcept { return samples_; }
   double max_us() const noexcept { return static_cast<double>(max_ns_) * 1e-3; }
 
-  /// The upper end of the bucket that holds the sample of rank ceil(share * samples), not
-  /// above max_us(); 0 without samples.
-  double quantile_us(double share) const noexcept {
+  /// The upper end of the bucket that holds the sample of rank ceil(share * samples), but at most
+  /// max_us(); 0 without samples.
+  double quantile_us(double fraction) const noexcept {
     if (samples_ == 0) return 0;
-    const double wanted = share * static_cast<double>(samples_);
+    const double wanted = fraction * static_cast<double>(samples_);
     std::uint64_t seen = 0;
     for (std::size_t i = 0; i < kBuckets; ++i) {
       seen += count_[i];
@@ -37,7 +38,7 @@ class Histogram {
   }
 
   /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in ascending
-  /// order: `count` samples were at most upper_us and above the previous quarter's.
+  /// order: `count` samples were at most upper_us and above the previous quarter.
   template <typename Found>
   void each_quarter_octave(Found&& found) const {
     constexpr std::size_t kPerQuarter = (std::size_t{1} << kBits) / 4;

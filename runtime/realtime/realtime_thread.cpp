@@ -141,7 +141,7 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
     const std::int64_t woken_ns = now_ns();
     timing.late_ns = woken_ns - time_of(call);
     report.wake.add(timing.late_ns);
-    // A call that wakes up late learns of the deadlines that it slept through before it acts.
+    // Deadlines missed while the thread was asleep are counted before the call.
     for (; time_of(call + 1) <= woken_ns; ++call) {
       ++timing.missed_in_row;
       ++report.missed_deadlines;

@@ -2,6 +2,7 @@
 // A bounded queue from one writing to one reading thread: no lock, no wait, no allocation after
 // construction (L. Lamport's ring; each side caches the other's index and reads the shared one only
 // when the queue seems full or empty).
+// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <array>
@@ -18,7 +19,7 @@ class SpscQueue {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Writer. False, and nothing happens, if the queue is full.
+  /// Writer: appends a value. Returns false and changes nothing if the queue is full.
   bool push(const T& value) noexcept {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail - head_seen_ == Capacity) {
@@ -30,7 +31,8 @@ class SpscQueue {
     return true;
   }
 
-  /// Reader. False, and `value` stays as it is, if the queue is empty.
+  /// Reader: takes the first value. Returns false and leaves `value` unchanged if the queue is
+  /// empty.
   bool pop(T& value) noexcept {
     const std::size_t head = head_.load(std::memory_order_relaxed);
     if (head == tail_seen_) {
@@ -44,9 +46,9 @@ class SpscQueue {
 
  private:
   static constexpr std::size_t kLine = 64;
-  alignas(kLine) std::atomic<std::size_t> head_{0};  // next to read; never wraps
+  alignas(kLine) std::atomic<std::size_t> head_{0};  // index of the next read; never wraps
   alignas(kLine) std::size_t tail_seen_ = 0;         // the reader's cache of tail_
-  alignas(kLine) std::atomic<std::size_t> tail_{0};  // next to write
+  alignas(kLine) std::atomic<std::size_t> tail_{0};  // index of the next write
   alignas(kLine) std::size_t head_seen_ = 0;         // the writer's cache of head_
   alignas(kLine) std::array<T, Capacity> ring_{};
 };

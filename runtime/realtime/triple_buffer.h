@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Passes the latest value from one writing to one reading thread. Neither waits; the reader sees
-// complete values only, and never an older one after a newer one.
+// Passes the latest value from one writing to one reading thread. Neither waits; the reader
+// receives complete values only, and never an older one after a newer one.
+// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <array>
@@ -15,14 +16,15 @@ class TripleBuffer {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Writer.
+  /// Writer: replaces the latest value.
   void write(const T& value) noexcept {
     slots_[back_] = value;
     back_ = middle_.exchange(static_cast<std::uint8_t>(back_ | kFresh), std::memory_order_acq_rel) &
             kIndex;
   }
 
-  /// Reader. False, and `value` stays as it is, if nothing was written since the last read.
+  /// Reader: reads the latest value. Returns false and leaves `value` unchanged if no value was
+  /// written since the last read.
   bool read(T& value) noexcept {
     if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
     front_ = middle_.exchange(front_, std::memory_order_acq_rel) & kIndex;
@@ -34,8 +36,8 @@ class TripleBuffer {
   static constexpr std::uint8_t kIndex = 3, kFresh = 4;
   std::array<T, 3> slots_{};
   std::atomic<std::uint8_t> middle_{1};
-  std::uint8_t back_ = 0;   // the writer's
-  std::uint8_t front_ = 2;  // the reader's
+  std::uint8_t back_ = 0;   // slot owned by the writer
+  std::uint8_t front_ = 2;  // slot owned by the reader
 };
 
 }  // namespace trocar::runtime

@@ -5,6 +5,7 @@
 
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_device.h"
+#include "runtime/session/simulated_hand.h"
 
 namespace trocar::runtime {
 namespace {

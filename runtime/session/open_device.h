@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that a session can use, by URI. A new device is one file with a class derived from
-// Device, and one entry in the table of open_device.cpp.
+// The devices that a session can use, by URI. A new device is one class derived from Device, in a
+// file of its own, and one entry in the table of open_device.cpp.
 #pragma once
 
 #include <filesystem>
@@ -12,25 +12,25 @@
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/device/device.h"
-#include "runtime/session/session.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 
 inline constexpr std::string_view kDefaultDevice = "inproc";
 
 struct OpenDeviceOptions {
-  const Scene& scene;                    ///< its hand holds a simulated device
-  std::string scene_name;                ///< for errors
-  const DeviceDescription& description;  ///< of a simulated device
-  std::filesystem::path key_file;        ///< of a device behind the link
-  Clock clock = Clock::kReal;            ///< the session's
-  double rate_Hz = 1000;                 ///< the session's
+  const Scene& scene;      ///< its hand holds a simulated device
+  std::string scene_name;  ///< named in error messages
+  const DeviceDescription& description;
+  std::filesystem::path key_file;  ///< key of the link to a device process
+  Clock clock = Clock::kReal;      ///< the session's clock
+  double rate_Hz = 1000;           ///< the session's rate
 };
 
-/// Usage errors: no device has this URI; a key file is missing, or given though none is needed.
+/// Usage errors: no device has this URI; a key file is missing; a key file is given but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
-/// The device of a URI, ready for start(). Errors: those of check_device_uri, and the device's own.
+/// The device of a URI, ready for start(). Errors are those of check_device_uri() and the device's.
 Result<std::unique_ptr<Device>> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// The help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT: ...".

@@ -72,7 +72,7 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {"passivity", options.passivity.on ? "on" : "off"},
       {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},
-      {"energy-budget", shortest(options.limits.energy_given_max_J)}};
+      {"energy-limit", shortest(options.limits.energy_limit_J)}};
   return origin;
 }
 

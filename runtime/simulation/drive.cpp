@@ -8,10 +8,11 @@
 namespace trocar::runtime {
 namespace {
 
-// A motor whose torque differs from its command by more than these, for so long, is reported.
-constexpr double kFollows_Nm = 0.1, kFollowsShare = 0.1, kFollows_s = 5e-3;
+// A motor is reported if its torque differs from its command by more than kFollows_Nm plus the
+// fraction kFollowsFraction of the command for kFollows_s.
+constexpr double kFollows_Nm = 0.1, kFollowsFraction = 0.1, kFollows_s = 5e-3;
 // A peak of the hand's force rises by at least this.
-constexpr double kSmallestPeak_N = 10;
+constexpr double kMinPeak_N = 10;
 
 double seconds(std::int64_t ns) noexcept {
   return static_cast<double>(ns) * 1e-9;
@@ -86,7 +87,7 @@ void Drive::deny(std::span<const std::uint8_t> hello, DenialReason reason, std::
                  Answer& answer) noexcept {
   DenialPacket denial;
   if (!hello_nonce(hello, denial.host_nonce)) return;
-  // Several hosts that ask again and again all get theirs.
+  // Each of several hosts that keep sending hellos gets its denial.
   const bool again = denied_nonce_ == denial.host_nonce;
   const double pause_s = again ? kRepeatedDenial_s : kDenialPeriod_s;
   if (denied_ns_ && seconds(now_ns - *denied_ns_) < pause_s) return;
@@ -179,7 +180,7 @@ void Drive::zero_torques(DriveMode mode) noexcept {
 void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
   answer.size = 0;
   catch_up(now_ns, periods);
-  check_watchdog(now_ns);  // also where no period has passed
+  check_watchdog(now_ns);  // even if no period has passed
   if (session_) send_state(answer);
 }
 
@@ -204,7 +205,7 @@ void Drive::check_watchdog(std::int64_t now_ns) noexcept {
   zero_torques(DriveMode::kWatchdog);
 }
 
-/// The injected emergency stop. It is also reported to a session that begins while it is pressed.
+/// Applies the injected emergency stop. A session that begins while it is pressed is informed too.
 void Drive::check_emergency_stop() noexcept {
   const bool pressed = is_injected(FaultKind::kStop);
   if (pressed && !stop_pressed_) ++report_.emergency_stops;
@@ -252,7 +253,8 @@ void Drive::supervise(double dt_s) noexcept {
     const double wanted = command_.tau_motor_Nm[i];
     const double given = model_.truth().tau_applied_Nm[static_cast<int>(i)];
     report_.largest_torque_Nm = std::max(report_.largest_torque_Nm, std::abs(given));
-    const bool follows = std::abs(given - wanted) <= kFollows_Nm + kFollowsShare * std::abs(wanted);
+    const bool follows =
+        std::abs(given - wanted) <= kFollows_Nm + kFollowsFraction * std::abs(wanted);
     not_following_s_[i] = follows ? 0 : not_following_s_[i] + dt_s;
     if (not_following_s_[i] > kFollows_s) {
       motor_faults_ = static_cast<std::uint8_t>(motor_faults_ | (1U << i));
@@ -265,14 +267,14 @@ void Drive::record_hand_force() noexcept {
   report_.largest_hand_force_N = std::max(report_.largest_hand_force_N, force_N);
   if (falling_) {
     valley_N_ = std::min(valley_N_, force_N);
-    falling_ = force_N < valley_N_ + kSmallestPeak_N;
+    falling_ = force_N < valley_N_ + kMinPeak_N;
     if (!falling_) peak_N_ = 0;
   }
   if (falling_) return;
   if (force_N > peak_N_) {
     peak_N_ = force_N;
     peak_t_s_ = session_time_s();
-  } else if (force_N < peak_N_ / 2 && peak_N_ >= kSmallestPeak_N) {
+  } else if (force_N < peak_N_ / 2 && peak_N_ >= kMinPeak_N) {
     if (report_.peaks.size() < DriveReport::kMaxPeaks) {
       report_.peaks.push_back({peak_t_s_, peak_N_});
     }

@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The drive's side of the device link: session, watchdog and supervision in front of the simulated
-// device, with fault injection. It uses no socket: datagrams come in and go out as bytes.
+// device, with fault injection. It uses no socket: datagrams are received and returned as bytes.
 //
 // Contract (tests/runtime/simulation/drive_test.cpp):
 //  1. Torques are nonzero only while the newest accepted command has mode torque and is not older
 //     than the watchdog's time (real clock), and no emergency stop is pressed. After the watchdog
-//     or the stop has set them to zero they stay at zero until the host acknowledges it: with a
-//     command of zero torques that was sent after the host received a state which reports it.
-//     Commands sent earlier, and nonzero torques of a host that ramps down, do not bring the
-//     torques back.
-//  2. A refused datagram changes nothing but a count. A hello that is refused for its key, or since
-//     a session is alive, is answered with a denial, at most one in kDenialPeriod_s, and
-//     one in kRepeatedDenial_s for the same nonce.
+//     or the stop has set them to zero they stay at zero until the host acknowledges it, that is
+//     until it sends a command of zero torques after it received a state which reports the zeroing.
+//     Commands sent earlier, and nonzero torques of a host that ramps down, have no effect.
+//  2. A refused datagram only changes a count. A hello that is refused because of its key, or
+//     because a session is alive, is answered with a denial, at most once in kDenialPeriod_s, and
+//     once in kRepeatedDenial_s for the same nonce.
 //  3. While a session is alive no other session begins.
-//  4. Lock-step: each torque command advances time by one period of the host; nothing else does.
+//  4. In lock-step each torque command advances time by one period of the host; nothing else does.
 #pragma once
 
 #include <array>
@@ -31,12 +30,12 @@ namespace trocar::runtime {
 struct DriveOptions {
   LinkKey key;
   LinkClock clock = LinkClock::kReal;
-  double period_s = 2.5e-4;  ///< of the drive's own clock
+  double period_s = 2.5e-4;  ///< period of the drive's own clock
   /// Time without a command after which torques are set to zero; 2.5 periods of the host if that is
   /// longer.
   double watchdog_s = 0.01;
-  /// Time without a command after which a session is over and its host gets no more states.
-  /// Lock-step: after which another host may begin a session.
+  /// Time without a command after which a session is over and its host receives no more states. In
+  /// lock-step, the time after which another host may begin a session.
   double session_s = 1;
   FaultPlan faults;
   std::size_t record_steps = 0;  ///< capacity of DriveReport::steps
@@ -44,19 +43,19 @@ struct DriveOptions {
 
 /// One simulation step of the drive.
 struct DriveStep {
-  std::uint64_t session = 0;  ///< from 1
+  std::uint64_t session = 0;  ///< number of the session, from 1
   double t_s = 0;             ///< simulated time at the end of the step
   DriveMode mode = DriveMode::kReady;
   std::uint8_t motor_faults = 0;
   bool fault = false;                 ///< an injected fault was active at the start of the step
-  std::uint64_t command_taken = 0;    ///< as in StatePacket
-  double commanded_max_Nm = 0;        ///< largest of the motors, as commanded
-  double applied_max_Nm = 0;          ///< and as applied
-  std::uint64_t packets_refused = 0;  ///< so far
-  TrueTip tip;                        ///< at the end of the step
+  std::uint64_t command_taken = 0;    ///< see StatePacket
+  double commanded_max_Nm = 0;        ///< largest commanded torque of a motor
+  double applied_max_Nm = 0;          ///< largest applied torque of a motor
+  std::uint64_t packets_refused = 0;  ///< packets refused so far
+  TrueTip tip;                        ///< tip at the end of the step
 };
 
-/// A peak of the force on the hand: the force fell to less than half of it afterwards.
+/// A peak of the force on the hand, after which the force fell to less than half of it.
 struct ForcePeak {
   double t_s = 0;
   double force_N = 0;
@@ -66,11 +65,11 @@ struct ForcePeak {
 struct DriveReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
-  std::uint64_t commands_missed = 0;  ///< never accepted: lost, or overtaken
-  std::uint64_t watchdog_trips = 0;   ///< with nonzero torques
-  std::uint64_t stale_commands = 0;   ///< before the host's acknowledgement (1)
+  std::uint64_t commands_missed = 0;  ///< never accepted, because they were lost or overtaken
+  std::uint64_t watchdog_trips = 0;   ///< watchdog trips with nonzero torques
+  std::uint64_t stale_commands = 0;   ///< refused until the host's acknowledgement (contract 1)
   std::uint64_t emergency_stops = 0;
-  double largest_torque_Nm = 0;     ///< applied
+  double largest_torque_Nm = 0;     ///< largest applied torque
   double largest_hand_force_N = 0;  ///< norm of the hand's force on the tool's tip
   std::vector<ForcePeak> peaks;     ///< the first kMaxPeaks
   std::vector<DriveStep> steps;     ///< the first DriveOptions::record_steps
@@ -79,32 +78,32 @@ struct DriveReport {
 
 class Drive {
  public:
-  /// A session with a fresh world starts with a copy of `model`.
+  /// A session that resets the world starts with a copy of `model`.
   Drive(const DriveOptions& options, SimulatedDevice model);
 
   struct Answer {
-    std::array<std::uint8_t, kLargestPacketBytes> bytes{};
-    std::size_t size = 0;  ///< 0: no answer
+    std::array<std::uint8_t, kMaxPacketBytes> bytes{};
+    std::size_t size = 0;  ///< 0 if there is no answer
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
 
-  /// One datagram; `answer` is for its sender. kNone: it was accepted. `from_host`: it was a
-  /// command of the session, so states go to its sender.
+  /// Processes one datagram; `answer` is for its sender. kNone means that it was accepted.
+  /// `from_host` is set if it was a command of the session, so that states go to its sender.
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
-  /// Real clock: the `periods` up to `until_ns` that a delayed process slept through, with the
-  /// command that the drive had. To be called before the commands that have come meanwhile are
-  /// received, so that a fault of the link or the watchdog acts at its time.
+  /// Real clock: simulates the `periods` up to `until_ns` that a delayed process missed, with the
+  /// present command. Call it before receiving the commands that have arrived meanwhile, so that a
+  /// fault of the link or the watchdog acts at its time.
   void catch_up(std::int64_t until_ns, int periods) noexcept;
-  /// Real clock: advances by `periods` of the drive's periods, of which the last ends now.
-  /// `answer`: the state for the host, if there is a session.
+  /// Real clock: advances by `periods` of the drive's periods, of which the last ends now. `answer`
+  /// is the state for the host, if there is a session.
   void tick(std::int64_t now_ns, int periods, Answer& answer) noexcept;
 
   bool in_session() const noexcept { return session_.has_value(); }
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
-  /// An injected `kill` is due.
+  /// Is an injected `kill` due?
   bool kill_is_due() const noexcept;
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }
@@ -114,12 +113,12 @@ class Drive {
     LinkKey key;
     LinkNonce host_nonce{}, drive_nonce{};
     std::uint64_t number = 0;
-    double period_s = 0;    ///< the host's
-    double watchdog_s = 0;  ///< for it
-    bool fresh = false;
+    double period_s = 0;    ///< period of the host
+    double watchdog_s = 0;  ///< watchdog time for this period
+    bool fresh = false;     ///< resets the simulated world
     std::uint64_t last_command = 0, last_state = 0;
-    /// Sequence of the first state that reports zeroed torques (contract 1); 0: none to
-    /// acknowledge.
+    /// Sequence number of the first state that reports zeroed torques (contract 1); 0 if there is
+    /// none to acknowledge.
     std::uint64_t reported_from = 0;
     std::int64_t last_command_ns = 0;
   };
@@ -148,8 +147,8 @@ class Drive {
   std::optional<LinkSession> session_;
   std::array<std::optional<LinkSession>, kOffers> offers_;
   std::size_t next_offer_ = 0;
-  std::optional<std::int64_t> denied_ns_;  ///< the last denial
-  LinkNonce denied_nonce_{};               ///< its host's
+  std::optional<std::int64_t> denied_ns_;  ///< time of the last denial
+  LinkNonce denied_nonce_{};               ///< nonce of the host that received it
   DeviceCommand command_;
   std::array<double, kMotors> not_following_s_{};
   std::array<std::optional<double>, kEncoders> stuck_at_rad_;
@@ -158,7 +157,7 @@ class Drive {
   DriveMode mode_ = DriveMode::kReady;
   std::uint8_t motor_faults_ = 0;
   bool stop_pressed_ = false;
-  bool falling_ = false;  ///< the hand's force, after a peak
+  bool falling_ = false;  ///< the hand's force has passed a peak
 };
 
 }  // namespace trocar::runtime

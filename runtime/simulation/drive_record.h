@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive's steps as CSV: a header that names every column and its unit, numbers in shortest
-// round-trip form.
+// Writes a drive's steps as CSV: a header that names every column and its unit, and numbers in
+// shortest round-trip form.
+// Tests: tests/runtime/simulation/drive_test.cpp
 #pragma once
 
 #include <span>

@@ -13,7 +13,7 @@ namespace trocar::runtime {
 namespace {
 
 // A packet that no other packet overtakes is delivered after this time.
-constexpr std::int64_t kLongestReorder_ns = 20'000'000;
+constexpr std::int64_t kMaxReorder_ns = 20'000'000;
 
 struct Grammar {
   const char* name;
@@ -34,7 +34,7 @@ constexpr Grammar kGrammar[] = {
     {"stop", FaultKind::kStop, 0, "stop without a value"},
     {"kill", FaultKind::kKill, 0, "kill without a value"},
 };
-static_assert(kEncoders == 16 && kMotors == 8);  // as in the texts
+static_assert(kEncoders == 16 && kMotors == 8);  // the texts above contain these numbers
 
 bool is_of_packets(FaultKind kind) noexcept {
   return kind <= FaultKind::kFlip;
@@ -48,7 +48,7 @@ std::optional<double> number_in(std::string_view text, double lowest, double hig
   return value;
 }
 
-/// Cuts `text` at the first `mark`: gives the part before it; `text` keeps the part after it.
+/// Cuts `text` at the first `mark`: returns the part before it; `text` keeps the part after it.
 std::string_view cut(std::string_view& text, std::string_view mark, bool& found) {
   const std::size_t at = text.find(mark);
   found = at != std::string_view::npos;
@@ -192,7 +192,7 @@ FaultyLink::Delivery FaultyLink::decide(Datagram& datagram, double t_s,
         hold(datagram, now_ns + std::llround(fault.delay_s * 1e9), false);
         return {0};
       case FaultKind::kReorder:
-        hold(datagram, now_ns + kLongestReorder_ns, true);
+        hold(datagram, now_ns + kMaxReorder_ns, true);
         return {0};
       default:
         break;

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults to inject into a simulated drive and its link: kind, time and probability. Random choices
 // are seeded: the same plan, seed and packets give the same faults.
+// Tests: tests/runtime/simulation/drive_test.cpp
 //
-// The text: items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]], times in s of the
-// session, P a probability per packet.
+// A plan is a text of items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]]. Times are
+// in s of the session; P is a probability per packet.
 //   loss:P  delay:P:MS  duplicate:P  reorder:P  flip:P      packets, either way; with "command-" or
 //                                                            "state-" before the kind, only these
 //   stuck:ENCODER  jump:ENCODER:RAD                          encoders 0 to 15
 //   dead:MOTOR                                               motors 0 to 7
 //   stop                                                     the emergency stop is pressed
 //   kill                                                     the process is killed
-// For instance: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
+// Example: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
 #pragma once
 
 #include <array>
@@ -43,8 +44,8 @@ enum class LinkDirection : std::uint8_t { kCommands, kStates };
 
 struct PlannedFault {
   FaultKind kind = FaultKind::kLoss;
-  bool on_commands = true, on_states = true;  ///< faults of packets
-  double probability = 1;                     ///< faults of packets
+  bool on_commands = true, on_states = true;  ///< directions of a packet fault
+  double probability = 1;                     ///< probability of a packet fault
   double delay_s = 0;
   int channel = 0;  ///< encoder or motor
   double jump_rad = 0;
@@ -53,17 +54,17 @@ struct PlannedFault {
 };
 using FaultPlan = std::vector<PlannedFault>;
 
-/// Usage errors quote the item. An empty text gives an empty plan.
+/// Parses a plan. Usage errors quote the item. An empty text gives an empty plan.
 Result<FaultPlan> parse_fault_plan(std::string_view text);
 
-/// One direction of a link with faults. Holds back at most kHeld packets; further ones that should
-/// wait are lost.
+/// One direction of a link with faults. It holds back at most kHeld packets; further packets that
+/// should wait are lost.
 class FaultyLink {
  public:
   static constexpr std::size_t kHeld = 64;
   struct Datagram {
     std::array<std::uint8_t, 512> bytes{};
-    std::size_t size = 0;  ///< of the datagram, at most bytes.size()
+    std::size_t size = 0;  ///< size of the datagram, at most bytes.size()
     Endpoint peer;
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
@@ -71,14 +72,14 @@ class FaultyLink {
   FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
   /// Passes `datagram` to `deliver` (called with a Datagram): once, twice, changed, later or never.
-  /// `t_s`: the session's time; `now_ns`: a monotonic clock.
+  /// `t_s` is the session's time, `now_ns` that of a monotonic clock.
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;
     const Delivery delivery = decide(changed, t_s, now_ns);
     for (int i = 0; i < delivery.copies; ++i)
       deliver(changed);
-    // This datagram has overtaken those that wait for it.
+    // This datagram has overtaken those that wait until one does.
     if (delivery.copies > 0) release(now_ns, true, deliver);
   }
   /// Delivers the delayed datagrams that are due.
@@ -90,7 +91,7 @@ class FaultyLink {
 
  private:
   struct Delivery {
-    int copies = 1;  ///< delivered at once
+    int copies = 1;  ///< number of copies delivered immediately
   };
   struct Held {
     Datagram datagram;
@@ -116,7 +117,7 @@ class FaultyLink {
 
   FaultPlan plan_;
   std::mt19937_64 random_;
-  std::vector<Held> held_;  ///< of size kHeld
+  std::vector<Held> held_;  ///< always of size kHeld
   std::size_t held_count_ = 0;
 };
 

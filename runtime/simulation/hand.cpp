@@ -54,15 +54,15 @@ Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
 Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance) {
   for (std::size_t i = 0; i < trajectory.keyframes.size(); ++i) {
     const HandKeyframe& keyframe = trajectory.keyframes[i];
-    const std::string place = "hand: keyframe " + std::to_string(i);
+    const std::string where = "hand: keyframe " + std::to_string(i);
     if (!std::isfinite(keyframe.t_s) || !is_finite(keyframe.T_device_tool)) {
-      return refused(place + ": not finite");
+      return refused(where + ": not finite");
     }
     if (std::abs(keyframe.T_device_tool.q.squaredNorm() - 1) > 1e-9) {
-      return refused(place + ": quaternion is not of unit length");
+      return refused(where + ": quaternion is not of unit length");
     }
     if (i > 0 && !(keyframe.t_s > trajectory.keyframes[i - 1].t_s)) {
-      return refused(place + ": time does not increase");
+      return refused(where + ": time does not increase");
     }
   }
   const double parts[] = {impedance.stiffness_N_per_m, impedance.damping_Ns_per_m,

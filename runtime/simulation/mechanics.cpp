@@ -10,7 +10,7 @@ using Eigen::Vector3d;
 using Row = Eigen::Matrix<double, 1, 6>;
 using PointJacobian = Eigen::Matrix<double, 3, 6>;
 
-/// p' = v + omega x r.
+/// The Jacobian of a point of the plate at r: p' = v + omega x r.
 PointJacobian rigid_point(const Vector3d& r) noexcept {
   PointJacobian J;
   J << 1, 0, 0, 0, r.z(), -r.y(),  //
@@ -23,7 +23,7 @@ PointJacobian rigid_point(const Vector3d& r) noexcept {
 class Sum {
  public:
   Sum(Mechanics& result, double gravity_m_per_s2) : result_(result), gravity_(gravity_m_per_s2) {}
-  /// A point of mass m with Jacobian J and acceleration a at V' = 0.
+  /// Adds a point of mass m with Jacobian J and acceleration a at V' = 0.
   void add(double m, const PointJacobian& J, const Vector3d& a, bool has_weight = true) noexcept {
     if (m == 0) return;
     result_.mass.noalias() += m * J.transpose() * J;
@@ -53,7 +53,8 @@ void add_plate(const DeviceDescription& device, const Pose& T, const Twist& twis
   result.weight[2] = -device.plate_mass_kg * device.gravity_m_per_s2;
 }
 
-/// Points and joints of one leg. Points, velocities and accelerations in the leg's frame.
+/// Adds the point masses and rotors of one leg. Points, velocities and accelerations are in the
+/// leg's frame.
 void add_leg(const DeviceDescription& device, const MechanicsOptions& options, int m, const Pose& T,
              const JointAngles& joints, const Twist& twist, const Jacobian& G, Sum& sum) noexcept {
   const DeviceGeometry& g = device.geometry;
@@ -65,7 +66,7 @@ void add_leg(const DeviceDescription& device, const MechanicsOptions& options, i
   const Vector3d C_rate = leg::to_leg(m, Vector3d(twist.head<3>()) + omega.cross(r));
   const Vector3d C_second = leg::to_leg(m, omega.cross(omega.cross(r)));
 
-  // |C - E|^2 = l2^2, differentiated twice, gives th1''; |D - F|^2 = l4^2 then th4''.
+  // Differentiating |C - E|^2 = l2^2 twice gives th1''; then |D - F|^2 = l4^2 gives th4''.
   const Vector3d C = leg::to_leg(m, T.p_m + r), E = leg::elbow(g, th1);
   const Vector3d upper = C - E, E_th1 = g.l1_m * leg::upper_derivative(th1);
   const Vector3d E_centre = -g.l1_m * rate1 * rate1 * leg::upper_direction(th1);

@@ -20,18 +20,18 @@
 
 namespace trocar::runtime {
 
-/// Properties that the paper does not give. Every default is assumed: aluminium links of some 10 mm
-/// diameter, direct-drive motors with a bevel pair, drives with a current loop of 500 Hz.
+/// Properties that the paper does not give. Every default is assumed: aluminium links of about 10
+/// mm diameter, direct-drive motors with a bevel pair, drives with a current loop of 500 Hz.
 struct MechanicsOptions {
-  std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< of l1, l2, l3, l4
-  double rotor_inertia_kg_m2 = 1.5e-4;  ///< of each motor, gear squared, at its joint
-  double coulomb_friction_Nm = 0.004;   ///< of each motor joint
+  std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
+  double rotor_inertia_kg_m2 = 1.5e-4;  ///< inertia of each rotor at its joint (with gear squared)
+  double coulomb_friction_Nm = 0.004;   ///< Coulomb friction of each motor joint
   double presliding_rad = 5e-4;         ///< deflection of the friction's spring at Coulomb torque
   double presliding_damping_s = 1e-3;   ///< damping of that spring over its stiffness
-  double current_lag_s = 3e-4;          ///< time constant of torque after command; 0: none
+  double current_lag_s = 3e-4;          ///< time constant of torque after command; 0 for no lag
   double encoder_noise_rad = 0;         ///< standard deviation, before quantisation
-  std::uint64_t seed = 1;               ///< of the noise
-  /// No links, rotors, dry friction, lag or noise.
+  std::uint64_t seed = 1;               ///< seed of the noise
+  /// Options without links, rotors, dry friction, lag and noise.
   static constexpr MechanicsOptions none() noexcept {
     return {{0, 0, 0, 0}, 0, 0, 5e-4, 1e-3, 0, 0, 1};
   }
@@ -40,15 +40,16 @@ struct MechanicsOptions {
 using MassMatrix = Eigen::Matrix<double, 6, 6>;
 
 struct Mechanics {
-  KinematicsStatus status;        ///< the Jacobian's; the rest is valid only if it holds
-  Jacobian G = Jacobian::Zero();  ///< of the motors
+  KinematicsStatus status;        ///< status of the Jacobian; the rest is valid only if it holds
+  Jacobian G = Jacobian::Zero();  ///< motor rates per twist
   MassMatrix mass = MassMatrix::Zero();
-  Wrench bias = Wrench::Zero();    ///< h
-  Wrench weight = Wrench::Zero();  ///< of plate and links, by the description's gravity
+  Wrench bias = Wrench::Zero();    ///< the term h
+  Wrench weight = Wrench::Zero();  ///< weight of plate and links under the description's gravity
 };
 
-/// `joints` must be those of the pose. `tip_mass_kg` moves with the tip at `lever_m` from the
-/// plate's origin, in {B}; it has no weight, since it is the hand's.
+/// Evaluates the equation of motion. `joints` must be those of the pose. `tip_mass_kg` moves with
+/// the tip at `lever_m` from the plate's origin, in {B}; it has no weight, since it belongs to the
+/// hand.
 Mechanics mechanics(const DeviceDescription& device, const MechanicsOptions& options,
                     const Pose& T_device_plate, const JointAngles& joints,
                     const Twist& twist_device, double tip_mass_kg,

@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kMostSubsteps = 100000;  // kLongestStep_s over the shortest maximum_substep_s
+constexpr int kMaxSubsteps = 100000;  // kMaxStep_s over the shortest maximum_substep_s
 
 Vector3d plate_inertia(const DeviceDescription& device) noexcept {
   return Vector3d(device.plate_inertia_kg_m2[0], device.plate_inertia_kg_m2[1],
@@ -27,8 +27,8 @@ double plate_energy(const DeviceDescription& device, const Pose& T, const Twist&
                 omega_plate.dot(plate_inertia(device).cwiseProduct(omega_plate)));
 }
 
-/// Approximately normal with standard deviation 1: the sum of four uniform numbers from 64 random
-/// bits, at most 3.5. Not std::normal_distribution, which differs between libraries.
+/// An approximately normal number with standard deviation 1: the sum of four uniform numbers from
+/// 64 random bits, at most 3.5. (std::normal_distribution differs between libraries.)
 double approximately_normal(std::uint64_t bits) noexcept {
   double sum = 0;
   for (int i = 0; i < 4; ++i)
@@ -121,10 +121,10 @@ TrueTip SimulatedDevice::tip() const noexcept {
 }
 
 bool SimulatedDevice::step(double dt_s) noexcept {
-  if (!(dt_s > 0 && dt_s <= kLongestStep_s)) return false;
+  if (!(dt_s > 0 && dt_s <= kMaxStep_s)) return false;
   const double wanted = std::ceil(dt_s / device_.maximum_substep_s);
   const int substeps =
-      std::max(device_.minimum_substeps, static_cast<int>(std::min<double>(wanted, kMostSubsteps)));
+      std::max(device_.minimum_substeps, static_cast<int>(std::min<double>(wanted, kMaxSubsteps)));
   const double h_s = dt_s / substeps;
   truth_.at_stop = false;
   for (int i = 0; i < substeps; ++i) {
@@ -146,8 +146,8 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Twist before = truth_.twist_device;
   const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
 
-  // Wrenches on the plate. At a singular pose those of motors and friction are undefined; it counts
-  // as an end of reach.
+  // Wrenches on the plate. At a singular pose those of motors and friction are undefined; such a
+  // pose counts as a limit of the workspace.
   const JacobianResult motion = jacobian(device_, T, truth_.joints);
   const Jacobian G = motion.status ? motion.G : Jacobian::Zero();
   truth_.tau_applied_Nm = truth_.tau_motor_Nm;
@@ -164,8 +164,8 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   gravity[2] = -device_.plate_mass_kg * device_.gravity_m_per_s2;
   const Wrench total = truth_.wrench_motors + friction + hand + gravity;
 
-  // The momentum first, then the pose with the new velocity. The angular momentum is expressed in
-  // {B}, so gyroscopic moments need no term.
+  // Update the momentum first, then the pose with the new velocity. The angular momentum is
+  // expressed in {B}, so gyroscopic moments need no term.
   const Vector3d inertia = plate_inertia(device_);
   const auto momentum = [&](const Eigen::Quaterniond& q, const Vector3d& omega) -> Vector3d {
     return q * Vector3d(inertia.cwiseProduct(q.conjugate() * omega));
@@ -210,8 +210,8 @@ struct SimulatedDevice::Forces {
   Twist acceleration = Twist::Zero();
 };
 
-/// `since_s`: time since the start of the substep, at which presliding_rad_ and the applied torques
-/// are known.
+/// `since_s` is the time since the start of the substep, at which presliding_rad_ and the applied
+/// torques are known.
 SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles& joints,
                                                 const Twist& twist, double t_s,
                                                 double since_s) const noexcept {
@@ -292,7 +292,7 @@ void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
   truth_.joints = joints_after.joints;
 }
 
-/// The hand's mass leaves with its speed, and takes its kinetic energy along.
+/// Removes the hand's mass, which keeps its speed and takes its kinetic energy with it.
 void SimulatedDevice::release_hand_mass() noexcept {
   const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
   const Twist tip = moved_to(truth_.twist_device, lever_m);

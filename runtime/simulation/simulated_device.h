@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A model of the haptic device in the process, moved by the motors' wrench G^T tau at its true
-// pose, the joints' friction and a simulated hand. Two models: the light one, in which only the
-// plate has mass and friction is viscous; and the full one of mechanics.h
-// (SimulatedDeviceOptions::mechanics), with links, rotors, dry friction, current lag and encoder
-// noise. The mechanism is taken as balanced (gravity 0 unless the description says otherwise).
-// Deterministic: the same calls give the same bits.
+// pose, the joints' friction and a simulated hand. There are two models. In the light one only the
+// plate has mass and friction is viscous. The full one of mechanics.h
+// (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
+// noise. The mechanism is assumed to be balanced (gravity 0) unless the description says otherwise.
+// The model is deterministic: the same calls give the same bits.
 #pragma once
 
 #include <optional>
@@ -21,69 +21,73 @@
 namespace trocar::runtime {
 
 struct SimulatedDeviceOptions {
-  Pose T_plate_tool;                          ///< the tool's tip on the plate
-  std::optional<Pose> T_device_plate_start;   ///< none: the tip at the hand's first keyframe, or
-                                              ///< without a hand kSimulatedHomeHeight_m
-  std::optional<MechanicsOptions> mechanics;  ///< none: the light model
+  Pose T_plate_tool;  ///< pose of the tool's tip on the plate
+  /// Start pose. By default the tip starts at the hand's first keyframe or, without a hand, the
+  /// plate at kSimulatedHomeHeight_m.
+  std::optional<Pose> T_device_plate_start;
+  std::optional<MechanicsOptions> mechanics;  ///< properties of the full model; none for the light
 };
-/// Default start of the plate: upright on the z axis at this height.
+/// Without a hand the plate starts upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, by midpoint velocities. The energy balance of the light model closes to
-/// rounding for translation, and to first order in the substep for rotation.
+/// Work since the start, computed with midpoint velocities. The energy balance of the light model
+/// closes to rounding for translation, and to first order in the substep for rotation.
 struct EnergyBalance {
-  double hand_J = 0;      ///< done by the hand on the plate
-  double motors_J = 0;    ///< done by the motors on the plate
-  double friction_J = 0;  ///< done by joint friction on the plate; not positive, except for energy
-                          ///< returned by the springs of dry friction
-  double gravity_J = 0;   ///< done by gravity
-  double stop_J = 0;      ///< lost by the plate at the end of reach, not positive
+  double hand_J = 0;    ///< done by the hand on the plate
+  double motors_J = 0;  ///< done by the motors on the plate
+  /// Work done by joint friction on the plate. It is not positive, except for energy returned by
+  /// the springs of dry friction.
+  double friction_J = 0;
+  double gravity_J = 0;  ///< done by gravity
+  double stop_J = 0;     ///< lost by the plate at the limit of the workspace; not positive
 };
 
 /// The true state of the model, which a real device does not provide.
 struct SimulatedTruth {
   double t_s = 0;
   Pose T_device_plate;
-  Twist twist_device = Twist::Zero();  ///< of the plate's origin, in {B}
+  Twist twist_device = Twist::Zero();  ///< twist of the plate's origin, in {B}
   JointAngles joints;
-  MotorVector tau_motor_Nm = MotorVector::Zero();    ///< as commanded, after the drives' limit
+  MotorVector tau_motor_Nm = MotorVector::Zero();    ///< commanded torques after the drives' limit
   MotorVector tau_applied_Nm = MotorVector::Zero();  ///< the same after the current loop's lag
   Wrench wrench_motors = Wrench::Zero();  ///< on the plate about its origin, at the last substep
   Wrench wrench_hand = Wrench::Zero();    ///< on the tool about its tip, at the last substep
-  double kinetic_J = 0;                   ///< of all moving masses, including the hand's
+  double kinetic_J = 0;                   ///< energy of all moving masses, including the hand's
   EnergyBalance work;
   bool torque_limited = false;   ///< the last command exceeded a motor's peak
   bool command_refused = false;  ///< the last command was not finite; zero torques are applied
-  bool at_stop = false;          ///< the last step ended at the end of reach
+  bool at_stop = false;          ///< the last step ended at the limit of the workspace
 };
 
-/// The tool's tip, in {B}.
+/// Position and velocity of the tool's tip, in {B}.
 struct TrueTip {
   Eigen::Vector3d at_m = Eigen::Vector3d::Zero(), velocity_m_per_s = Eigen::Vector3d::Zero();
 };
 
 class SimulatedDevice final : public Device {
  public:
-  /// Refused: a hand that check_hand refuses, invalid mechanics, a start out of reach.
+  /// Makes a device. Errors: refused for a hand that check_hand() refuses, invalid mechanics, or a
+  /// start outside the workspace.
   static Result<SimulatedDevice> make(const DeviceDescription& device,
                                       const HandTrajectory& trajectory,
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
-  /// Time (whole nanoseconds, as over the link) and encoders of the true pose, with the noise of
-  /// the mechanics (new in each call), quantised as the description says.
+  /// Reads the time (whole nanoseconds, as over the link) and the encoders of the true pose, with
+  /// the noise of the mechanics (new in each call), quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
-  /// Holds the torques (zero-order hold) for the steps to come.
+  /// Sets the torques that are held (zero-order hold) in the following steps.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
 
-  /// step().
+  /// Calls step().
   void advance(double dt_s) noexcept override { step(dt_s); }
   bool is_paced_by_loop() const noexcept override { return true; }
 
-  /// Advances time by dt_s in (0, kLongestStep_s]; for any other dt_s it gives false and changes
-  /// nothing. At least minimum_substeps of the description, none longer than its maximum_substep_s:
-  /// semi-implicit Euler for the light model, the midpoint rule for the full one and for a hand
-  /// with mass. At the end of reach the plate stops: pose kept, velocity zero. No allocation.
+  /// Advances time by dt_s in (0, kMaxStep_s]; for any other dt_s it returns false and changes
+  /// nothing. The step has at least minimum_substeps of the description, none longer than its
+  /// maximum_substep_s. The integrator is semi-implicit Euler for the light model, and the midpoint
+  /// rule for the full one and for a hand with mass. At the limit of the workspace the plate stops:
+  /// it keeps its pose, and its velocity is zero. No allocation.
   bool step(double dt_s) noexcept;
 
   const SimulatedTruth& truth() const noexcept { return truth_; }
@@ -118,6 +122,6 @@ class SimulatedDevice final : public Device {
   std::mt19937_64 noise_;
 };
 
-inline constexpr double kLongestStep_s = 0.1;
+inline constexpr double kMaxStep_s = 0.1;
 
 }  // namespace trocar::runtime

@@ -51,12 +51,12 @@ install(DIRECTORY runtime/console/page/ DESTINATION ${share}/console COMPONENT t
   FILES_MATCHING PATTERN *.html PATTERN *.js PATTERN *.css PATTERN LICENSE.* PATTERN node_modules EXCLUDE)
 install(FILES runtime/console/protocol.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-console COMPONENT trocar-console)
-install(FILES formats/session/device_link.md formats/session/live_memory.md
+install(FILES formats/session/device_link.md formats/session/telemetry.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
 # The head CT of the tutorial, from Debian's invesalius-examples.
 install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
 install(FILES pipeline/farm/store.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
-install(FILES TUTORIAL.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
+install(FILES TUTORIAL.md docs/wrong-uses.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
 
 # --- the library of formats -----------------------------------------------------------------------
 target_compile_features(trocar_formats PUBLIC cxx_std_20)
@@ -72,7 +72,8 @@ install(EXPORT trocar_formats_targets NAMESPACE Trocar:: FILE trocar-formats-tar
 install(DIRECTORY formats/base formats/geometry formats/asset formats/session
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar/formats COMPONENT trocar-formats-dev
   FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
-  PATTERN draco_settings.h EXCLUDE
+  PATTERN draco_settings.h EXCLUDE PATTERN decode_surfaces.h EXCLUDE PATTERN stated_entries.h EXCLUDE
+  PATTERN scene_readers.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
   PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE
   # Their code is in libraries of their own, which are not installed.
   PATTERN command_line.h EXCLUDE PATTERN device_protocol.h EXCLUDE)

@@ -22,7 +22,7 @@ _trocar() {
         case $prev in
             --clock) COMPREPLY=($(compgen -W "real $([[ $program == *run ]] && echo virtual || echo lock-step)" -- "$cur")) ;;
             --device) COMPREPLY=($(compgen -W "inproc $([[ $program == *console ]] && echo sim || echo udp:)" -- "$cur")) ;;
-            --force-law) COMPREPLY=($(compgen -W "hooke network" -- "$cur")) ;;
+            --force-law) COMPREPLY=($(compgen -W "hooke network cutting" -- "$cur")) ;;
             --passivity) COMPREPLY=($(compgen -W "on off" -- "$cur")) ;;
             --recover) COMPREPLY=($(compgen -W "never auto signal" -- "$cur")) ;;
             --compensate) COMPREPLY=($(compgen -W "none friction weight both" -- "$cur")) ;;
@@ -44,7 +44,7 @@ _trocar() {
         grep -qE -- "^ *(-[a-z],)?$prev(,--[a-z-]+)? [A-Z]" <<<"$help" && return
     fi
     if [[ $cur == -* ]]; then
-        COMPREPLY=($(compgen -W '$(_parse_help - <<<"$help")' -- "$cur"))
+        COMPREPLY=($(compgen -W '$(_parse_help - <<<"$help" | sort -u)' -- "$cur"))
         return
     fi
     case ${program##*/} in

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""watch_session.py CONSOLE FOLDER SCENE: starts the console on the folder, and a session of the scene; prints the console's links, and
-waits until it ends."""
+"""watch_session.py CONSOLE FOLDER SCENE: starts the console on the folder and a session of the scene, prints the console's links, and
+waits until the console ends."""
 import json
 import re
 import signal
@@ -12,7 +12,7 @@ import urllib.request
 def main():
     program, folder, scene = sys.argv[1:]
     console = subprocess.Popen([program, folder, "--port", "0"], stdout=subprocess.PIPE, text=True)
-    # Ctrl-C reaches both; the console ends its session first.
+    # Ctrl-C reaches this script, too: it waits for the console, which ends its session first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: console.terminate())
     links = [console.stdout.readline(), console.stdout.readline()]

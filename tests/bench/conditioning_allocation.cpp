@@ -60,7 +60,7 @@ std::optional<Row> solve(Matrix A, Row b) {
 struct Exact {
   Row c;                    ///< minimum-norm torques of the wanted wrench
   std::array<Row, 2> null;  ///< an orthonormal basis of the torques without wrench
-  Row working, stiffness;   ///< of each motor
+  Row working, stiffness;   ///< limits and stiffness of each motor
   Precise scale = 1;
   Row tau;
 };
@@ -234,7 +234,7 @@ Jacobian jacobian_at(const Pose& T) {
   return jacobian(device, T, inverse_kinematics(device, T).joints).G;
 }
 
-/// From singular values, independent of inverse_condition().
+/// The inverse condition computed from singular values, independently of inverse_condition().
 double inverse_condition_of(const Jacobian& G) {
   Jacobian scaled = G;
   scaled.rightCols<3>() /= kCharacteristicLength_m;
@@ -293,7 +293,7 @@ json allocation_rows(int inputs) {
         off = std::max(off, Precise(abs(given - goal) * length));
         wanted = std::max(wanted, Precise(abs(goal) * length));
       }
-      // What a relative change of every number by eps moves at most (law 6).
+      // The largest change of the torques if every number changes by a relative eps (law 6).
       const double condition = inverse_condition_of(in.G);
       const double spread = in.limit.norm() / in.limit.minCoeff();
       const bool direct = got.kind == AllocationKind::kMinimumNorm;

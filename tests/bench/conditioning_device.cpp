@@ -38,14 +38,14 @@ Precise dot(const Vector& a, const Vector& b) {
 
 struct PrecisePose {
   Vector p;
-  std::array<Vector, 3> rows;  ///< of the rotation
+  std::array<Vector, 3> rows;  ///< rows of the rotation matrix
 };
 
 Vector apply(const std::array<Vector, 3>& rows, const Vector& v) {
   return {dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)};
 }
 
-/// From the pose's numbers, with the quaternion normalised.
+/// The pose in high precision, with the quaternion normalised.
 PrecisePose precise(const Pose& T) {
   const Precise w = T.q.w(), x = T.q.x(), y = T.q.y(), z = T.q.z();
   const Precise s = 2 / (w * w + x * x + y * y + z * z);

@@ -21,7 +21,7 @@ using runtime::NodeKind;
 struct Sheet {
   const char* name;
   std::int32_t cell_x, cell_y;  ///< steps
-  double jitter;                ///< of inner vertices, in cells
+  double jitter;                ///< displacement of inner vertices, in cells
   LatticePoint origin;
   double reach_cells;  ///< in the longer direction
   double tension_N_per_m;
@@ -95,7 +95,7 @@ std::vector<NodeKind> make_kinds(int side, bool ring) {
 }
 
 /// The network computed from the lattice's integers, as a dense matrix: springs off the diagonal
-/// (negated), beds separately.
+/// (negated), the Winkler foundation apart from them.
 struct PreciseNetwork {
   std::vector<std::vector<Precise>> spring;
   std::vector<Precise> bed;
@@ -115,7 +115,7 @@ PreciseNetwork make_precise(const SliceMesh& mesh, const Lattice& lattice, const
       const Precise half = Precise(m.tension_N_per_m) / 2 * dot / area;
       out.spring[a][b] += half;
       out.spring[b][a] += half;
-      out.bed[a] += Precise(m.bed_N_per_m3) * step_m * step_m * area / 6;
+      out.bed[a] += Precise(m.foundation_N_per_m3) * step_m * step_m * area / 6;
     }
   }
   return out;
@@ -189,7 +189,7 @@ PreciseSolution solve_precise(const PreciseNetwork& network, const std::vector<N
   return out;
 }
 
-/// Largest error of a spring, relative to the stiffest of its node, and of a bed.
+/// Largest error of a spring, relative to the stiffest spring of its node, and of the foundation.
 double coefficient_error(const Network& network, const PreciseNetwork& precise) {
   double worst = 0;
   for (std::size_t i = 0; i < network.size(); ++i) {

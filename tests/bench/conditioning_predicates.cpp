@@ -101,8 +101,8 @@ Points nearly_collinear(Inputs& in) {
   return {a, b, on_line(), on_line()};
 }
 
-// As near to a line as lattice points of this extent can be: c with p_x q_y - p_y q_x = 1, 0 or -1
-// for p = b - a, q = c - a; the same for d.
+// Points as near to a line as lattice points of this extent can be: c with p_x q_y - p_y q_x = 1, 0
+// or -1 for p = b - a, q = c - a; the same for d.
 Points next_to_collinear(Inputs& in) {
   const LatticePoint a{-kMaxCoordinate + 4 + in.within(3), -kMaxCoordinate + 4 + in.within(3)};
   std::int64_t px = kHalf / 2 + 1 + in.within(kHalf / 2), py = kHalf / 2 + 1 + in.within(kHalf / 2);

@@ -1,24 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""conditioning_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: on few inputs, every error is within its stated
+"""On few inputs, every error is within its stated
 bound, the hard inputs are hard, and the report makes a page of the results. Environment: TROCAR_CONDITIONING times as many inputs."""
 import json
 import os
-import pathlib
-import subprocess
-import sys
 
-PROGRAM, LIBRARY, PLOTS = sys.argv[1:]
-sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
+from sweeps import sweep
 
 
-def sweep(plan):
-    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
+def test_conditioning_sweep():
     many = int(os.environ.get("TROCAR_CONDITIONING", "1"))
     plan = {"predicate_inputs": 3000 * many, "network_side": 8, "poses": 40 * many, "allocations": 60 * many}
-    done = sweep(plan)
+    done = sweep("conditioning_sweep", plan)
     assert done.returncode == 0, done.returncode
     data = json.loads(done.stdout)
 
@@ -57,10 +49,5 @@ def main():
     assert "<svg" in page.text() and "wrong sign" in page.text()
     assert len(conditioning.results(data)) == 1
 
-    assert sweep({**plan, "poses": 0}).returncode == 2 and sweep({**plan, "network_side": 3}).returncode == 2
-    assert sweep({}).returncode == 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sweep("conditioning_sweep", {**plan, "poses": 0}).returncode == 2 and sweep("conditioning_sweep", {**plan, "network_side": 3}).returncode == 2
+    assert sweep("conditioning_sweep", {}).returncode == 2

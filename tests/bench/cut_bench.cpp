@@ -23,8 +23,8 @@
 #include <string>
 #include <utility>
 
-#include "runtime/cut/cut.h"
-#include "runtime/refine/local_refinement.h"
+#include "runtime/hole_cutting/cut.h"
+#include "runtime/local_refinement/local_refinement.h"
 #include "tests/bench/synthetic_sheet.h"
 
 namespace trocar::bench {

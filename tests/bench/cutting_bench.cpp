@@ -16,7 +16,7 @@
 #include <cstdio>
 #include <vector>
 
-#include "runtime/cutting/cutting_law.h"
+#include "runtime/bone_cutting/law/cutting_law.h"
 
 namespace trocar::bench {
 namespace {

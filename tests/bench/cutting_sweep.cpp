@@ -17,7 +17,7 @@
 #include <string>
 #include <vector>
 
-#include "runtime/cutting/slabs.h"
+#include "runtime/bone_cutting/material/slabs.h"
 #include "tests/bench/procedures.h"
 #include "tests/bench/sweep_main.h"
 
@@ -27,14 +27,22 @@ namespace {
 using namespace trocar::runtime;
 using nlohmann::json;
 
+// CuttingOptions::wall_points of this program.
+#ifdef TROCAR_SWEEP_MIDPOINT
+constexpr std::size_t kSweptWallPoints = 1;
+#else
+constexpr std::size_t kSweptWallPoints = kMaxWallPoints;
+#endif
+
 constexpr double kBody_m = 0.032, kLength_m = 0.1, kIn_m = 0.025;
-// With these a tick is converged: the reference.
+// The reference uses these options, with which a tick has converged.
 constexpr int kReferenceSteps = 200;
 constexpr double kReferenceTolerance = 1e-10;
 
 // A hand that holds a point: the walls alone keep the tool from turning about it.
 CuttingOptions guided_options() {
   CuttingOptions o;
+  o.wall_points = kSweptWallPoints;
   o.tool.tip_plate_m = {0, 0, -kLength_m};
   o.tool.radius_m = 1.5e-3;
   o.coupling.translation_N_per_m = 2e5;
@@ -43,6 +51,7 @@ CuttingOptions guided_options() {
 }
 CuttingOptions options() {
   CuttingOptions o;
+  o.wall_points = kSweptWallPoints;
   o.tool.tip_plate_m = {0, 0, -kLength_m};
   o.tool.radius_m = 1.5e-3;
   return o;
@@ -132,11 +141,11 @@ struct Errors {
 };
 
 json row(const std::string& setting, int value, Times& times, const Errors& errors) {
-  return {{"id",
-           setting + " " + std::to_string(value) + ", " + std::to_string(kWallPoints) + " points"},
+  return {{"id", setting + " " + std::to_string(value) + ", " + std::to_string(kSweptWallPoints) +
+                     " points"},
           {"setting", setting},
           {"value", value},
-          {"points_a_slab", kWallPoints},
+          {"points_a_slab", kSweptWallPoints},
           {"p50_us", times.at(0.5)},
           {"p999_us", times.at(0.999)},
           {"error_rms", errors.rms()},

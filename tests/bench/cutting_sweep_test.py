@@ -1,25 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""cutting_sweep_test.py PROGRAM MIDPOINT REPORT_LIBRARY PLOTS: small sweeps, whose results must have known properties; and
+"""Small sweeps, whose results must have known properties; and
 the report makes a page and CSV files of them."""
 import csv
 import json
 import pathlib
-import subprocess
-import sys
 import tempfile
 
-PROGRAM, MIDPOINT, LIBRARY, PLOTS = sys.argv[1:]
-sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
+from sweeps import sweep
 
 
-def sweep(program, plan):
-    return subprocess.run([program], input=plan, stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
+def test_cutting_sweep():
     plan = {"slabs": [8, 16, 64], "reference_slabs": 256, "most_steps": [1, 3, 12], "ticks": 600, "repetitions": 1,
             "stability": {"sessions": 8, "damping": [0, 0.5, 1, 2], "ratio": [0.1, 0.5, 2]}}
-    data, midpoint = (json.loads(sweep(program, json.dumps(plan)).stdout) for program in (PROGRAM, MIDPOINT))
+    data, midpoint = (json.loads(sweep(program, plan).stdout) for program in ("cutting_sweep", "cutting_sweep_midpoint"))
     data["pareto"] += midpoint["pareto"]
     of = {(row["setting"], row["value"], row["points_a_slab"]): row for row in data["pareto"]}
     assert len(of) == len({row["id"] for row in data["pareto"]}) == 12
@@ -51,10 +44,5 @@ def main():
         with open(path, newline="", encoding="utf-8") as file:
             assert [row["id"] for row in csv.DictReader(file)] == [row["id"] for row in data["pareto"]]
 
-    assert sweep(PROGRAM, "{}").returncode == 2 and sweep(PROGRAM, "x").returncode == 2
-    assert sweep(PROGRAM, json.dumps({**plan, "ticks": 0})).returncode == 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sweep("cutting_sweep", "{}").returncode == 2 and sweep("cutting_sweep", "x").returncode == 2
+    assert sweep("cutting_sweep", {**plan, "ticks": 0}).returncode == 2

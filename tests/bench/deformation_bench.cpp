@@ -25,7 +25,7 @@
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
-#include "runtime/mesh/triangle_grid.h"
+#include "runtime/sheet_mesh/triangle_grid.h"
 #include "tests/reference/deformation/general_load.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
@@ -142,7 +142,7 @@ void TickContactForceAndSolve(benchmark::State& state) {
   sheet.grid = TriangleGrid(sheet.mesh);
   const std::array<const Sheet*, 1> sheets{&sheet};
   ContactModel model;
-  model.law.kind = ForceLawKind::kNetwork;
+  model.uses_prefetched_stiffness = true;
   model.tool = make_tool(SceneTool{});
   ContactState contact;
   ContactOutput output;
@@ -261,7 +261,7 @@ BENCHMARK(PropagationTick)->DenseRange(1, 12)->Unit(benchmark::kMicrosecond);
 /// The free nodes' matrix, factored by Eigen in its order of approximate minimum degree.
 struct EigenFactor {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower> ldlt;
-  std::vector<std::uint32_t> nodes;  ///< of each unknown
+  std::vector<std::uint32_t> nodes;  ///< node of each unknown
 
   bool make(const Network& network, std::span<const NodeKind> kind) {
     nodes.clear();

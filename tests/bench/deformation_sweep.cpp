@@ -193,7 +193,7 @@ Result<json> sweep(const json& plan, const std::string& name, const std::string&
     if (!mesh) return mesh.error();
     Place place;
     place.mesh = std::move(*mesh);
-    place.borne_N_per_m = membrane.bed_N_per_m3 * place.mesh.under_tool.area_steps2 *
+    place.borne_N_per_m = membrane.foundation_N_per_m3 * place.mesh.under_tool.area_steps2 *
                           lattice.step_m() * lattice.step_m();
     place.network = make_network(place.mesh.mesh, lattice, membrane);
     Result<GlobalSolution> exact = bug("not solved");

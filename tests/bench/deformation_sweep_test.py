@@ -1,27 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""deformation_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: a small sweep over the assets of the folder
-TROCAR_ASSETS, whose results must have known properties; and the report makes a page of them."""
+"""A small sweep over the assets of the scans, whose results must have known properties; and the report makes a page of them."""
 import json
-import os
-import pathlib
-import subprocess
-import sys
 
-PROGRAM, LIBRARY, PLOTS = sys.argv[1:]
-sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
-SKIPPED = 77
+import pytest
+from programs import ASSETS
+from sweeps import sweep
 
 
-def sweep(plan):
-    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
-    asset = pathlib.Path(os.environ.get("TROCAR_ASSETS", "")) / "sample.glb"
+def test_deformation_sweep():
+    asset = ASSETS / "sample.glb"
     if not asset.is_file():
-        return SKIPPED
+        pytest.skip("no asset")
     plan = {"assets": [{"name": "phantom", "path": str(asset)}], "places": 12, "repetitions": 1, "reach_m": 0.008, "tool_radius_m": 0.003}
-    done = sweep(plan)
+    done = sweep("deformation_sweep", plan)
     assert done.returncode == 0, done.returncode
     data = json.loads(done.stdout)
     rows = {method: [row for row in data["rows"] if row["method"] == method] for method in ("propagation", "local", "auto", "global")}
@@ -43,11 +34,6 @@ def main():
     assert "kept all of its bounds" in page.text() and "<svg" in page.text()
     assert len(deformation.results(data)) == 2 + 7 + 2
 
-    assert sweep({**plan, "places": 0}).returncode == 2
-    assert sweep({"assets": []}).returncode == 2
-    assert sweep({**plan, "assets": [{"name": "x", "path": "/no/such.glb"}]}).returncode == 3
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sweep("deformation_sweep", {**plan, "places": 0}).returncode == 2
+    assert sweep("deformation_sweep", {"assets": []}).returncode == 2
+    assert sweep("deformation_sweep", {**plan, "assets": [{"name": "x", "path": "/no/such.glb"}]}).returncode == 3

@@ -210,7 +210,7 @@ json allocation(const DeviceDescription& device, const json& plan) {
       residual = std::max(residual, (ours.wrench_device - ours.scale * task.wanted).norm());
       largest = std::max(largest, ours.tau_motor_Nm.cwiseAbs().maxCoeff() / limit_Nm);
       bend_ours_deg.push_back(angle_deg(ours.wrench_device, task.wanted));
-      // With limits that much wider the working limits are the limits themselves.
+      // The limits are widened so that the working limits become the limits themselves.
       feasible += allocate_torques(task.G, task.wanted, limit_Nm / (1 - kTorqueReserve)).scale == 1;
 
       const MotorVector least = task.G * (task.G.transpose() * task.G).ldlt().solve(task.wanted);

@@ -1,19 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""device_sweep_test.py PROGRAM: a small sweep whose results must have known properties."""
+"""A small sweep whose results must have known properties."""
 import json
-import subprocess
-import sys
+
+from sweeps import sweep
 
 
-def sweep(plan):
-    text = plan if isinstance(plan, str) else json.dumps(plan)
-    return subprocess.run([sys.argv[1]], input=text, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
-
-
-def main():
+def test_device_sweep():
     plan = {"poses": 500, "tilts_deg": [0, 40], "forces_N": [10, 60, 140], "wrenches": 400, "timed": 300, "kinematics_poses": 200,
             "maps": [{"extent_m": 0.02, "heights_m": [0.1, 0.2], "points": 5, "tilt_deg": 10, "tilts": 6}]}
-    done = sweep(plan)
+    done = sweep("device_sweep", plan)
     assert done.returncode == 0, done.returncode
     answer = json.loads(done.stdout)
     four, three = answer["rings"]
@@ -53,9 +48,4 @@ def main():
     assert times["all"]["wrenches"] == 300 == sum(times[k]["wrenches"] for k in ("minimum norm", "null space", "scaled"))
     assert all(0 < r["median_us"] <= r["max_us"] for r in times.values())
 
-    assert sweep({"poses": 1}).returncode == 2 and sweep("{").returncode == 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sweep("device_sweep", {"poses": 1}).returncode == 2 and sweep("device_sweep", "{").returncode == 2

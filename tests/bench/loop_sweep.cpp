@@ -53,7 +53,7 @@ json press(double rate_Hz, double stiffness_N_per_m, double pressed_N, bool pass
               {"damping_added_max_N_s_per_m", rig.damping_max_},
               {"device_damping_N_s_per_m", rig.damping()},
               {"needed_damping_K_T_over_2_N_s_per_m", stiffness_N_per_m / rate_Hz / 2},
-              {"energy_given_max_mJ", rig.state_.passivity.given_max_J * 1e3},
+              {"energy_released_max_mJ", rig.state_.passivity.released_max_J * 1e3},
               {"fault", to_string(rig.state_.safety.fault)}};
   if (trace) row["depth_mm_at_s"] = std::move(points);
   return row;

@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""loop_sweep_test.py PROGRAM: a small sweep whose results must have known properties."""
+"""A small sweep whose results must have known properties."""
 import json
 import math
-import subprocess
-import sys
+
+from sweeps import sweep
 
 
-def sweep(plan):
-    return subprocess.run([sys.argv[1]], input=plan, stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
+def test_loop_sweep():
     plan = {
         "rates_Hz": [500, 1000], "traces": True,
         "walls": [{"rate_Hz": 500, "stiffness_N_per_m": 5000, "pressed_N": 35}],
         "region": {"damping_N_s_per_m": [0, 5], "bisections": 6},
     }
-    done = sweep(json.dumps(plan))
+    done = sweep("loop_sweep", plan)
     assert done.returncode == 0, done.returncode
     answer = json.loads(done.stdout)
     plain, controlled = answer["walls"]
@@ -37,9 +33,4 @@ def main():
         assert row["largest_stable_stiffness_N_per_m"] > 0.8 * row["bound_stiffness_N_per_m"], row
     for rate in (500, 1000):
         assert of[rate, 0, True]["largest_stable_stiffness_N_per_m"] > 3 * of[rate, 0, False]["largest_stable_stiffness_N_per_m"]
-    assert sweep("{}").returncode == 2 and sweep("x").returncode == 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sweep("loop_sweep", "{}").returncode == 2 and sweep("loop_sweep", "x").returncode == 2

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // mesher_bench [--list] [--out=ROWS.json] [NAME=]SCAN... [Google Benchmark's options]: our
 // triangulation and refinement compared with CGAL's on the same outlines, in the same run, on one
-// thread.
-// Ends with a table of ratios, also as JSON for scripts/report; --list names every triangle below
-// 30 degrees and the input angle in which it lies. Fails if one does not lie in an input angle
-// below 60 degrees, or if an edge has negative stiffness.
+// thread. Ends with a table of ratios, also as JSON for scripts/report; --list names every triangle
+// below 30 degrees and the input angle in which it lies. Fails if one does not lie in an input
+// angle below 60 degrees, or if an edge has negative stiffness.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -22,10 +21,11 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh/refinement.h"
-#include "pipeline/mesh/triangulation.h"
+#include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/triangulation/mesh_quality.h"
+#include "pipeline/triangulation/refinement.h"
+#include "pipeline/triangulation/triangulation.h"
 #include "tests/bench/cgal_mesher.h"
 
 namespace trocar::bench {
@@ -138,7 +138,7 @@ struct Counts {
   bool is_refined = true;
 };
 
-// With --list, lists every triangle below the angle.
+// Lists every triangle below the angle if --list is given.
 Counts count_ours(const Case& c, bool list) {
   Counts out;
   for (std::size_t k = 0; k < c.outlines->simple.size(); ++k) {
@@ -217,6 +217,49 @@ nlohmann::json describe(const Outlines& o, const Medians& medians) {
           {"cgal_over_ours_ratio", cgal_ms / ours_ms}};
 }
 
+/// Registers all benchmarks. The arguments must outlive them.
+void register_benchmarks(const std::vector<std::unique_ptr<Outlines>>& outlines,
+                         const std::vector<Case>& cases) {
+  for (const auto& o : outlines) {
+    benchmark::RegisterBenchmark(("simplify/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& full : o.full)
+          benchmark::DoNotOptimize(pipeline::simplify(
+              full, kLattice, {o.tolerance_mm, pipeline::SimplificationMethod::kDouglasPeucker}));
+      }
+    })->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("cdt_ours/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& pslg : o.simple)
+          benchmark::DoNotOptimize(pipeline::triangulate(pslg));
+      }
+    })->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("cdt_cgal/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& input : o.for_cgal)
+          benchmark::DoNotOptimize(cgal_triangulate(input));
+      }
+    })->Unit(benchmark::kMillisecond);
+  }
+  for (const Case& c : cases) {
+    benchmark::RegisterBenchmark(("ours/" + c.name()).c_str(), [&c](benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& pslg : c.outlines->simple)
+          benchmark::DoNotOptimize(our_mesh(pslg, c.options()));
+      }
+    })->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("cgal/" + c.name()).c_str(), [&c](benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& input : c.outlines->for_cgal)
+          benchmark::DoNotOptimize(cgal_mesh(input, kMinAngle_deg, c.area_steps2(), false));
+      }
+    })->Unit(benchmark::kMillisecond);
+  }
+}
+
 }  // namespace
 }  // namespace trocar::bench
 
@@ -257,45 +300,7 @@ int main(int argc, char** argv) {
     cases.push_back({o.get(), "200px2", 200 * o->pixel_mm2});
     cases.push_back({o.get(), "none", 0});
   }
-  for (const auto& o : outlines) {
-    benchmark::RegisterBenchmark(("simplify/" + o->name).c_str(), [&o = *o](
-                                                                      benchmark::State& state) {
-      for (auto _ : state) {
-        for (const auto& full : o.full)
-          benchmark::DoNotOptimize(trocar::pipeline::simplify(
-              full, kLattice,
-              {o.tolerance_mm, trocar::pipeline::SimplificationMethod::kDouglasPeucker}));
-      }
-    })->Unit(benchmark::kMillisecond);
-    benchmark::RegisterBenchmark(("cdt_ours/" + o->name).c_str(), [&o = *o](
-                                                                      benchmark::State& state) {
-      for (auto _ : state) {
-        for (const auto& pslg : o.simple)
-          benchmark::DoNotOptimize(trocar::pipeline::triangulate(pslg));
-      }
-    })->Unit(benchmark::kMillisecond);
-    benchmark::RegisterBenchmark(("cdt_cgal/" + o->name).c_str(), [&o = *o](
-                                                                      benchmark::State& state) {
-      for (auto _ : state) {
-        for (const auto& input : o.for_cgal)
-          benchmark::DoNotOptimize(cgal_triangulate(input));
-      }
-    })->Unit(benchmark::kMillisecond);
-  }
-  for (const Case& c : cases) {
-    benchmark::RegisterBenchmark(("ours/" + c.name()).c_str(), [&c](benchmark::State& state) {
-      for (auto _ : state) {
-        for (const auto& pslg : c.outlines->simple)
-          benchmark::DoNotOptimize(our_mesh(pslg, c.options()));
-      }
-    })->Unit(benchmark::kMillisecond);
-    benchmark::RegisterBenchmark(("cgal/" + c.name()).c_str(), [&c](benchmark::State& state) {
-      for (auto _ : state) {
-        for (const auto& input : c.outlines->for_cgal)
-          benchmark::DoNotOptimize(cgal_mesh(input, kMinAngle_deg, c.area_steps2(), false));
-      }
-    })->Unit(benchmark::kMillisecond);
-  }
+  register_benchmarks(outlines, cases);
   Medians medians;
   benchmark::RunSpecifiedBenchmarks(&medians);
 

@@ -17,9 +17,9 @@
 
 #include "formats/asset/asset.h"
 #include "formats/base/json_text.h"
-#include "pipeline/keep_memory.h"
-#include "pipeline/mesh_slice.h"
-#include "pipeline/report.h"
+#include "pipeline/base/malloc_tuning.h"
+#include "pipeline/scan/mesh_slice.h"
+#include "pipeline/scan/report.h"
 #include "tests/bench/sweep_main.h"
 #include "tests/bench/sweep_scan.h"
 
@@ -118,7 +118,7 @@ double cpu_ms() {
   return 1e3 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
 
-// From pixels to the encoded slice, in ms by stage.
+// Time from pixels to the encoded slice, in ms by stage.
 Result<json> measured(const MemoryStack& stack) {
   const double start_ms = cpu_ms();
   auto meshed = mesh_slice(stack, 0, {});

@@ -1,31 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""noise_sweep_test.py PROGRAM: the time of a vertex hardly depends on how large the slice is."""
+"""The time of a vertex hardly depends on how large the slice is."""
 import json
-import os
-import subprocess
-import sys
 
-SANITIZED = bool(os.environ.get("TROCAR_SANITIZE"))
-
-
-def sweep(plan):
-    return subprocess.run([sys.argv[1]], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
+from programs import SANITIZED
+from sweeps import sweep
 
 
 def rows_of(sizes, textures, repetitions):
-    done = sweep({"repetitions": repetitions, "sizes": sizes, "textures": textures})
+    done = sweep("noise_sweep", {"repetitions": repetitions, "sizes": sizes, "textures": textures})
     assert done.returncode == 0, done.returncode
     rows = json.loads(done.stdout)["rows"]
     assert [(r["texture"], r["size"]) for r in rows] == [(t, s) for t in textures for s in sizes]
     return rows
 
 
-def main():
+def test_noise_sweep():
     for row in rows_of([64], ["noise", "struts", "grains"], 1):
         assert row["vertices"] > 100 and row["bytes"] > 100, row
         assert row["cpu_ms"] > 0 and set(row["ms"]) > {"check", "contour", "encode", "refine", "simplify"}, row
-    assert sweep({"repetitions": 1}).returncode == 2
-    assert sweep({"repetitions": 1, "sizes": [64], "textures": ["wood"]}).returncode == 2
+    assert sweep("noise_sweep", {"repetitions": 1}).returncode == 2
+    assert sweep("noise_sweep", {"repetitions": 1, "sizes": [64], "textures": ["wood"]}).returncode == 2
     if SANITIZED:
         return 0
     # Six times as wide. The smaller slice fits into the caches, the larger one does not: 1.9 on a busy machine.
@@ -33,8 +27,3 @@ def main():
     ratio = large["us_per_vertex"] / small["us_per_vertex"]
     print(f"{small['us_per_vertex']:.2f} us a vertex, {ratio:.2f} times that in the larger slice")
     assert ratio < 2.5, (small, large)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,7 @@ namespace trocar::pipeline::bench {
 /// An outline in mm in its slice plane, in the type that SectionDistance takes.
 sample::CrossSection as_section(const Pslg& outline, const Lattice& lattice);
 
-/// The true outline of one slice; empty if the slice has no material.
+/// The true outline of one slice, which may be empty.
 struct Truth {
   explicit Truth(sample::CrossSection truth);
   sample::CrossSection section;
@@ -38,7 +38,7 @@ void add_errors(const sample::CrossSection& outline, const Truth& truth, double 
 struct ErrorSummary {
   double hausdorff_mm = 0;  ///< the greater of the two directed maxima
   double mean_mm = 0;       ///< mean of the two directed means
-  double p99_mm = 0;        ///< of both directions' samples together
+  double p99_mm = 0;        ///< 99th percentile of the samples of both directions
   double area_error = 0;    ///< area / truth - 1 over all slices, signed
 };
 ErrorSummary summarise(const ErrorSamples& samples);

@@ -21,10 +21,11 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
 #include "formats/base/file_io.h"
-#include "pipeline/batch.h"
+#include "pipeline/base/stopwatch.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/read/image/png_chunks.h"
 #include "pipeline/read/isal.h"
-#include "pipeline/read/png_chunks.h"
-#include "pipeline/stopwatch.h"
+#include "pipeline/scan/mesh_stack.h"
 #include "tests/bench/sweep_main.h"
 
 namespace {
@@ -47,13 +48,13 @@ struct Input {
 };
 
 struct Run {
-  BatchResult batch;
+  StackResult batch;
   std::vector<std::filesystem::path> files;  // of the input
   double pixels = 0;                         // of all slices
 };
 
 Result<Run> run_once(const Input& input) {
-  BatchOptions options;
+  StackOptions options;
   options.start = std::chrono::steady_clock::now();
   options.mesh.segmentation = Threshold{input.threshold};
   options.threads = 1;

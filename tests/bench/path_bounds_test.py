@@ -1,28 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""path_bounds_test.py PROGRAM SCAN REPORT_LIBRARY PLOTS: the stages of the sample's path and their bounds, and the report's page of
+"""The stages of the sample's path and their bounds, and the report's page of
 them. Figures of bytes are checked; times only as far as they hold on any machine."""
 import gzip
 import json
-import pathlib
-import subprocess
-import sys
 import types
 
-PROGRAM, SCAN, LIBRARY, PLOTS = sys.argv[1:]
-sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
-SCAN = pathlib.Path(SCAN)
+from programs import SCAN
+from sweeps import sweep
 
 
-def measured(plan):
-    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
+def test_path_bounds():
     import page as html
     import path as section
     plan = section.plan(types.SimpleNamespace(sample=SCAN, head_ct=None, full=False))
     plan["repetitions"] = 2
-    done = measured(plan)
+    done = sweep("path_bounds", plan)
     assert done.returncode == 0, done.returncode
     data = json.loads(done.stdout)
     assert data["copied_GB_per_s"] > 0
@@ -43,15 +35,10 @@ def main():
         expected |= {"segment", "hu"} if name != "sample, PNG" else set()
         assert with_bound == expected, (name, with_bound)
         assert all(stage["bound_ms"] > 0 for stage in stages.values() if "bound_ms" in stage), row
-    assert measured({"repetitions": 0, "inputs": []}).returncode == 2
-    assert measured({"repetitions": 1, "inputs": [{"id": "x", "path": "/no/such", "threshold": 1}]}).returncode in (2, 3)
+    assert sweep("path_bounds", {"repetitions": 0, "inputs": []}).returncode == 2
+    assert sweep("path_bounds", {"repetitions": 1, "inputs": [{"id": "x", "path": "/no/such", "threshold": 1}]}).returncode in (2, 3)
 
     page = html.Page("t")
     section.show(data, page)
     assert "<svg" in page.text() and "over the bound" in page.text()
     assert len(section.results(data)) == 2 + 3 + 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

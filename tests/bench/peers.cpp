@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/bench/peers.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/scan/mesh_stack.h"
 
 #include <ctime>
 
@@ -10,10 +14,6 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <set>
-
-#include "pipeline/batch.h"
-#include "pipeline/contour/contour.h"
-#include "pipeline/contour/simplification.h"
 
 namespace trocar::pipeline::bench {
 namespace {
@@ -273,7 +273,7 @@ Result<json> path_row(const std::filesystem::path& png, const std::filesystem::p
     open.spacing_mm = spacing_mm;
     const auto stack = open_stack({input}, open);
     if (!stack) return ok = stack.error(), void();
-    BatchOptions options;
+    StackOptions options;
     options.mesh.segmentation = Threshold{threshold};
     options.threads = threads;
     auto batch = mesh_stack(**stack, options, {});

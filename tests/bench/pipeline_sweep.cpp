@@ -15,7 +15,7 @@
 #include <iostream>
 
 #include "formats/asset/asset.h"
-#include "pipeline/mesh_slice.h"
+#include "pipeline/scan/mesh_slice.h"
 #include "tests/bench/peers.h"
 #include "tests/bench/sweep_main.h"
 
@@ -58,7 +58,7 @@ constexpr Stage kStages[] = {{"segment", &StageTimes::segment_ms},
                              {"check", &StageTimes::check_ms},
                              {"hu", &StageTimes::hu_ms}};
 
-// For each stage the median over the repetitions of each slice, then the mean over the slices. All
+// Returns, for each stage, the mean over the slices of the median over the repetitions. All
 // slices are encoded in one call, which is long enough to be interrupted: its time is CPU time.
 json stage_times(const std::vector<std::vector<StageTimes>>& by_slice, double encode_ms_per_slice) {
   json out;

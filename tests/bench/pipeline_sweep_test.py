@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pipeline_sweep_test.py PROGRAM: a small sweep whose results must have known properties."""
+"""A small sweep whose results must have known properties."""
 import json
 import math
-import subprocess
-import sys
+
+from sweeps import sweep
 
 DEFAULT = {"contour": "subpixel", "tolerance_mm": 0.2, "min_angle_deg": 30, "max_area_mm2": 50, "lattice_bits": 8}
 
 
-def sweep(plan):
-    return subprocess.run([sys.argv[1]], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
+def test_pipeline_sweep():
     plan = {
         "repetitions": 1,
         "scans": [{"name": "phantom", "slices": [17], "noise_hu": 0}],
@@ -22,7 +18,7 @@ def main():
         "simplifiers": {"tolerances_px": [1, 3]},
         "discs": {"radii_px": [5.3, 20.3], "blur_sigma_px": [0, 0.5], "offsets": 4},
     }
-    done = sweep(plan)
+    done = sweep("pipeline_sweep", plan)
     assert done.returncode == 0, done.returncode
     answer = json.loads(done.stdout)
     row = {r["point"]: r for r in answer["rows"]}
@@ -56,12 +52,7 @@ def main():
         assert r["subpixel_worst_area_error_percent"] < (1 if r["radius_px"] < 20 else 0.1), r
 
     # Wrong plans are refused.
-    assert sweep({"repetitions": 0, "scans": [], "points": []}).returncode == 2
-    assert sweep({"points": []}).returncode == 2
+    assert sweep("pipeline_sweep", {"repetitions": 0, "scans": [], "points": []}).returncode == 2
+    assert sweep("pipeline_sweep", {"points": []}).returncode == 2
     missing = {**plan, "scans": [{"name": "x", "path": "/no/such.nii", "first": 0, "stride": 1}]}
-    assert sweep(missing).returncode in (2, 3)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sweep("pipeline_sweep", missing).returncode in (2, 3)

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "runtime/cutting/bone_strength.h"
-#include "runtime/cutting/cutting_law.h"
+#include "runtime/bone_cutting/law/cutting_law.h"
+#include "runtime/bone_cutting/material/bone_strength.h"
 
 namespace trocar::test {
 namespace {

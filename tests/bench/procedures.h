@@ -8,12 +8,12 @@
 #include <string>
 #include <vector>
 
-#include "runtime/cutting/soft_layer.h"
-#include "runtime/cutting/tool_in_tissue.h"
+#include "runtime/bone_cutting/law/soft_layer.h"
+#include "runtime/bone_cutting/material/tool_in_tissue.h"
 
 namespace trocar::test {
 
-/// Of bone: what the authors' specimens do not tell.
+/// Bone values that the authors' publications do not give.
 struct BoneConstants {
   double pressure_over_yield = 1;  ///< on the tip and on the shaft, over the yield strength
   double friction = 0.2;           ///< coefficient of the tool on bone
@@ -28,14 +28,15 @@ enum class Standing {
 struct Procedure {
   std::string name;
   Standing standing = Standing::kPredicted;
-  std::string tool, tissue;  ///< as the law takes them, and what of that is assumed
+  std::string tool, tissue;  ///< values that the law uses, and which of them are assumed
   runtime::ToolShape shape;
-  double density_g_per_cm3 = 0;   ///< QCT, of the bone; 0: no bone
-  double strength_Pa = 0;         ///< of a tissue that is not bone
-  double rubbing_m = 0;           ///< of the shaft that rubs, at the depth of the published force
-  double slice_push = 0;          ///< twist
+  double density_g_per_cm3 = 0;  ///< QCT, of the bone; 0: no bone
+  double strength_Pa = 0;        ///< strength of a tissue other than bone
+  double rubbing_m = 0;   ///< length of the rubbing shaft at the depth of the published force
+  double slice_push = 0;  ///< twist
   bool is_share_of_work = false;  ///< not a force: friction's share of the work of the insertion
-  std::vector<runtime::SoftLayer> layers;        ///< of a procedure in soft tissue, instead
+  std::vector<runtime::SoftLayer>
+      layers;  ///< layers of a procedure in soft tissue, instead of bone
   double published_low = 0, published_high = 0;  ///< N, or the share
   std::string conditions, source;
 };

@@ -58,7 +58,7 @@ TEST(Procedures, EachRowSaysItsConditionsAndSource) {
   }
 }
 
-// What the law takes as given it renders; a miss is a miss.
+// The law reproduces its input values. A prediction outside of the published range stays one.
 TEST(Procedures, GivenForcesAreRenderedAndMissesAreFound) {
   const auto rows = procedures();
   const BoneConstants constants = fit(rows);

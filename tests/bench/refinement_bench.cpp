@@ -17,10 +17,11 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh/refinement.h"
-#include "pipeline/mesh/triangulation.h"
+#include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/triangulation/mesh_quality.h"
+#include "pipeline/triangulation/refinement.h"
+#include "pipeline/triangulation/triangulation.h"
 
 namespace trocar::bench {
 namespace {

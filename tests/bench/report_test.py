@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""report_test.py SOURCE: the parts of scripts/report that compare and choose: what has changed, what is recommended, what
+"""The parts of scripts/report that compare and choose: what has changed, what is recommended, what
 RESULTS.md and README.md get, how numbers are shown."""
 import contextlib
 import importlib
@@ -8,16 +8,14 @@ import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 
-SOURCE = pathlib.Path(sys.argv[1])
-LIBRARY = SOURCE / "scripts" / "lib" / "report"
-sys.path[:0] = [str(LIBRARY), str(LIBRARY / "sections"), str(SOURCE / "scripts" / "plots")]
+from programs import SOURCE
+from sweeps import LIBRARY  # and makes the following modules known
 
-import against  # noqa: E402
-import page as html  # noqa: E402
-import pipeline  # noqa: E402
-import results  # noqa: E402
+import against
+import page as html
+import pipeline
+import results
 
 
 def report(**changed):
@@ -25,7 +23,7 @@ def report(**changed):
     return {"form": "quick", "machine": {"processor": "x"}, "sections": {"s": {"rows": [{"id": "b", "error_mm": 1}, row]}}}
 
 
-def check_against():
+def test_against():
     assert against.moved(report(), report()) == ([], [], [])
     # Only times may vary. Rows are matched by id, not by position.
     assert against.moved(report(), report(total_ms=10.5, total_ms_per_slice=0.95, speedup_ratio=1.9))[0] == []
@@ -47,7 +45,7 @@ def check_against():
     assert "1 errors, counts or bytes and 1 times changed" in said.getvalue() and said.getvalue().count("x 2\n") == 2, said.getvalue()
 
 
-def check_sections():
+def test_sections():
     """All sections of the report, in this order; scripts/report builds the programs that they run."""
     import main as report_main
     sections = sorted((importlib.import_module(f"sections.{name}") for name in report_main.SECTION_NAMES), key=lambda s: s.ORDER)
@@ -76,7 +74,7 @@ def check_sections():
     assert "<svg" in page.text() and "overlaps 30 triangles" in page.text() and len(remeshing.results(data)) == 1
 
 
-def check_recommendation():
+def test_recommendation():
     # Down to 0.1 mm the error falls faster than the number of triangles grows; below it is constant.
     def row(tolerance):
         wanted = pipeline.point(tolerance_mm=tolerance)
@@ -87,9 +85,9 @@ def check_recommendation():
     assert len({p["id"] for p in (pipeline.point(), pipeline.point(lattice_bits=7), pipeline.point(contour="pixel"))}) == 3
 
 
-def check_page(folder):
+def test_page(tmp_path):
     """RESULTS.md is written whole, README.md between its marks; a second run changes nothing."""
-    file, page = folder / "README.md", folder / "RESULTS.md"
+    file, page = tmp_path / "README.md", tmp_path / "RESULTS.md"
     file.write_text(f"before\n{results.BEGIN}\nold\n{results.END}\nafter\n")
     for _ in range(2):
         results.update_readme(file, "a report", ["one", "two"])
@@ -108,29 +106,18 @@ def check_page(folder):
     assert sum(hasattr(section, "headline") for section in sections) == results.HEADLINES
 
 
-def check_arguments(folder):
+def test_arguments(tmp_path):
     def code(*words):
         return subprocess.run([sys.executable, "-B", LIBRARY / "main.py", "--check", *words], stderr=subprocess.DEVNULL, check=False).returncode
     assert code() == code("--full") == code("--quick", "--only", "pipeline") == 0
-    (folder / "no.json").write_text("{}")
-    assert code("--ful") == code("--quick", "--full") == code("--only", "nothing") == code("--against", folder / "no.json") == 2
+    (tmp_path / "no.json").write_text("{}")
+    assert code("--ful") == code("--quick", "--full") == code("--only", "nothing") == code("--against", tmp_path / "no.json") == 2
     assert code("--page") == code("--readme") == 0 and code("--page", "--only", "pipeline") == 2
 
 
-def main():
+def test_numbers_and_tables():
     for value, shown in ((0, "0"), (0.0, "0"), (1234567, "1\u202f234\u202f567"), (0.12345, "0.123"), (1234.5, "1\u202f234"), (None, "-"), (2e-6, "2.0e-06"), (True, "yes")):
         assert html.number(value) == shown, (value, html.number(value))
     page = html.Page("<t>")
     page.table(("a<b",), [("<script>",)])
     assert "<script>" not in page.text() and "&lt;script&gt;" in page.text()
-    check_against()
-    check_recommendation()
-    with tempfile.TemporaryDirectory() as folder:
-        check_page(pathlib.Path(folder))
-        check_arguments(pathlib.Path(folder))
-    check_sections()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

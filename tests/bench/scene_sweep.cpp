@@ -24,7 +24,7 @@
 #include "formats/session/scene.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
-#include "runtime/session/responder.h"
+#include "runtime/force_law/network_prefetch.h"
 #include "tests/bench/heap_meter.h"
 #include "tests/bench/sweep_main.h"
 
@@ -128,20 +128,20 @@ Result<Loaded> load(const Case& c) {
 /// Free nodes in the network's responses under the tool, one response for each slice.
 Result<std::uint64_t> factored_nodes(const Case& c, const Loaded& loaded) {
   std::vector<Tissue> tissues(loaded.sheets.size(), c.scene.tissue);
-  auto responder = runtime::Responder::make(c.scene, tissues, loaded.part.asset.lattice);
-  if (!responder) return responder.error();
+  auto prefetch = runtime::NetworkPrefetch::make(c.scene, tissues, loaded.part.asset.lattice);
+  if (!prefetch) return prefetch.error();
   const runtime::Tool tool = runtime::make_tool(c.scene.tool);
   std::uint64_t sum = 0;
   for (std::size_t i = 0; i < loaded.sheets.size(); ++i) {
     const runtime::Sheet& sheet = *loaded.sheets[i];
-    runtime::ResponseRequest request;
+    runtime::PrefetchRequest request;
     request.sheet = static_cast<std::int32_t>(i);
     request.middle_m = {sheet.transform.at_m.x(), sheet.transform.at_m.y()};
     runtime::Pose T_device_plate;
     T_device_plate.p_m << sheet.transform.at_m, sheet.z_m;
     T_device_plate.p_m -= tool.tip_plate_m;
     request.outline = runtime::outline_on_lattice(tool, T_device_plate, sheet.transform, sheet.z_m);
-    if ((*responder)->answer(request, sheet)) sum += (*responder)->report().free_nodes_last;
+    if ((*prefetch)->answer(request, sheet)) sum += (*prefetch)->report().free_nodes_last;
   }
   return sum;
 }
@@ -274,7 +274,7 @@ Result<json> sweep(const json& plan, const std::string& name, const fs::path& pa
     rows[i]["load_peak_bytes_relative"] = ratio("load_peak_bytes");
     rows[i]["kept_bytes_relative"] = ratio("kept_bytes");
   }
-  // The whole file, as other readers read it.
+  // Reads the complete file, as other readers do.
   json whole = json::array();
   for (const std::string& file : files) {
     std::vector<double> ms;

@@ -1,32 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scene_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: scenes of 1, 3 and 35 slices of assets of 35 and 350, made of the
+"""Scenes of 1, 3 and 35 slices of assets of 35 and 350, made of the
 sample's slices (and of the real scans', if available): what is read, decoded, factored and kept depends on the scene and not on the
 asset, and so does the processor time of one slice. The report makes a page of the results."""
 import json
-import os
 import pathlib
-import subprocess
-import sys
 import tempfile
 
-PROGRAM, LIBRARY, PLOTS = sys.argv[1:]
-sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
-SKIPPED = 77
+import pytest
+from programs import ASSETS
+from sweeps import sweep
+
 BOUND = 1.3
 
 
-def sweep(plan):
-    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
-
-
-def main():
-    folder = pathlib.Path(os.environ.get("TROCAR_ASSETS", ""))
-    assets = [{"name": path.stem, "path": str(path)} for path in sorted(folder.glob("*.glb"))]
+def test_scene_sweep():
+    assets = [{"name": path.stem, "path": str(path)} for path in sorted(ASSETS.glob("*.glb"))]
     if not assets:
-        return SKIPPED
+        pytest.skip("no asset")
     with tempfile.TemporaryDirectory() as scratch:
         plan = {"assets": assets, "asset_slices": [35, 350], "scene_slices": [1, 3, 35], "repetitions": 21, "folder": scratch}
-        done = sweep(plan)
+        done = sweep("scene_sweep", plan)
         assert done.returncode == 0, done.returncode
         assert list(pathlib.Path(scratch).iterdir()) == []
         data = json.loads(done.stdout)
@@ -54,12 +47,7 @@ def main():
         assert "<svg" in page.text() and "One slice of 350" in page.text()
         assert len(scenes.results(data)) == 2 + 3 * len(assets) + 2
 
-        assert sweep({**plan, "repetitions": 0}).returncode == 2
-        assert sweep({**plan, "scene_slices": [40]}).returncode == 2  # of an asset of 35
-        assert sweep({"assets": []}).returncode == 2
-        assert sweep({**plan, "assets": [{"name": "x", "path": "/no/such.glb"}]}).returncode == 3
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        assert sweep("scene_sweep", {**plan, "repetitions": 0}).returncode == 2
+        assert sweep("scene_sweep", {**plan, "scene_slices": [40]}).returncode == 2  # of an asset of 35
+        assert sweep("scene_sweep", {"assets": []}).returncode == 2
+        assert sweep("scene_sweep", {**plan, "assets": [{"name": "x", "path": "/no/such.glb"}]}).returncode == 3

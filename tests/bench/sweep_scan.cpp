@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/bench/sweep_scan.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/open/open_stack.h"
+#include "sample_ct/render.h"
 
 #include <algorithm>
 #include <cmath>
-
-#include "pipeline/contour/contour.h"
-#include "sample_ct/render.h"
 
 namespace trocar::pipeline::bench {
 namespace {

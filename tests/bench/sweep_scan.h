@@ -33,7 +33,7 @@ class MemoryStack final : public SliceStack {
 /// Smaller rings are removed from the true outlines.
 struct SweepScan {
   MemoryStack stack;
-  std::vector<Truth> truths;  ///< by slice, in plane coordinates
+  std::vector<Truth> truths;  ///< true outline of each slice, in plane coordinates
   double pixel_mm = 0;
   double min_region_mm2 =
       1;  ///< the default, moved off any ring of about that area: see file_scan()

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
-#include "runtime/cut/overlay.h"
+#include "runtime/hole_cutting/overlay.h"
 
 namespace trocar::bench {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hard case of the sheet's mechanics (tests/corpus/cut): a sheet, a sequence of cuts, and forces
-// of the law `network` on the remaining sheet. Format: tests/corpus/README.md.
+// A stress case of the sheet's mechanics (tests/corpus/cut): a sheet, a sequence of cuts, and
+// forces of the law `network` on the remaining sheet. Format: tests/corpus/README.md.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/cases/hard_case.h"
+#include "tests/cases/stress_case.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::test {
@@ -23,8 +23,8 @@ struct ForceCase {
   Ring tool;
   std::string refused;  ///< not empty: calibration must fail with this message
   std::optional<double> over_K_min, over_K_max;  ///< bounds of response over wanted stiffness
-  std::optional<double> over_bed_min,
-      over_bed_max;  ///< the same over the stiffness of the bed under the whole sheet
+  /// The same over the stiffness of the Winkler foundation under the full sheet.
+  std::optional<double> over_bed_min, over_bed_max;
   /// Bound of the stiffness after 1,000 sweeps of propagation, over the response.
   double propagated_max = 1.002;
 };
@@ -32,8 +32,8 @@ struct ForceCase {
 struct CutCase {
   std::string right;
   Lattice lattice;
-  Pslg outline;     ///< to be triangulated, if has_outline; else
-  SliceMesh sheet;  ///< the mesh itself
+  Pslg outline;     ///< outline to be triangulated, if has_outline
+  SliceMesh sheet;  ///< the mesh itself otherwise
   bool has_outline = false;
   std::vector<Ring> cuts;
   std::vector<ForceCase> forces;  ///< on the sheet after all cuts

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hard case of the device (tests/corpus/device): one input of kinematics, allocation, motors,
+// A stress case of the device (tests/corpus/device): one input of kinematics, allocation, motors,
 // limits, description, packets or the whole loop, and the correct result. Format:
 // tests/corpus/README.md.
 #pragma once
@@ -14,7 +14,7 @@
 
 #include "runtime/mechanism/kinematics.h"
 #include "runtime/mechanism/pose.h"
-#include "tests/cases/hard_case.h"
+#include "tests/cases/stress_case.h"
 
 namespace trocar::test {
 

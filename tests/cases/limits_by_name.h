@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loop's limits by their names in the hard cases of the device. The seeds of fuzz_device refer
-// to them by index, so the order must not change.
+// The loop's limits by their names in the stress cases of the device. The seeds of fuzz_device
+// refer to them by index, so the order must not change.
 #pragma once
 
 #include <utility>
@@ -36,7 +36,7 @@ inline std::vector<std::pair<const char*, double*>> limits_by_name(runtime::Safe
           {"workspace_max_y_m", &l.workspace_max_m[1]},
           {"quiet_s", &l.timing.quiet_s},
           {"ramp_up_s", &l.timing.ramp_up_s},
-          {"energy_given_max_J", &l.energy_given_max_J}};
+          {"energy_limit_J", &l.energy_limit_J}};
 }
 
 }  // namespace trocar::test

@@ -14,16 +14,16 @@
 
 namespace trocar::test {
 
-/// Which pixels are material, and the positions of their centres on the lattice.
+/// A flag for each pixel that is material, and the positions of pixel centres on the lattice.
 struct PixelTruth {
   int width = 0, height = 0;
   std::vector<bool> material;
-  double step_u = 0, step_v = 0;   ///< of a pixel, in lattice steps
+  double step_u = 0, step_v = 0;   ///< size of a pixel, in lattice steps
   int offset_x = 0, offset_y = 0;  ///< in pixels
   bool as_chains = false;          ///< outlined through pixel centres, else between them
   bool half_way = false;           ///< a mask: outlined exactly half way between centres
 
-  /// Outside the picture there is no material.
+  /// Is the pixel material? Pixels outside the picture are not.
   bool at(int x, int y) const {
     return x >= 0 && y >= 0 && x < width && y < height &&
            material[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hard case of meshing (tests/corpus/pslg): an outline on the lattice, or a picture to be
+// A stress case of meshing (tests/corpus/pslg): an outline on the lattice, or a picture to be
 // outlined. Format: tests/corpus/README.md.
 #pragma once
 
@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "tests/cases/hard_case.h"
+#include "tests/cases/stress_case.h"
 #include "tests/support/motions.h"
 
 namespace trocar::test {
@@ -23,8 +23,8 @@ struct Picture {
   bool is_mask = false;    ///< 0 and 1, given as labels
   bool as_chains = false;  ///< outlined by pixel chains rather than by the iso-contour
   std::array<double, 2> pixel_mm{1, 1};
-  std::array<double, 3> origin_mm{};  ///< of the first slice's plane, patient frame
-  std::vector<double> z_mm{0};        ///< of the slices, all with the same picture
+  std::array<double, 3> origin_mm{};  ///< origin of the first slice's plane, patient frame
+  std::vector<double> z_mm{0};        ///< positions of the slices, which have the same picture
 };
 
 struct PslgExpectation {

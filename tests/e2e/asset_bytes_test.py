@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""asset_bytes_test.py PROGRAMS SCAN WORK: how large the whole files of three scans are at the defaults, with and without HU, and that
+"""How large the whole files of three scans are at the defaults, with and without HU, and that
 the report gives the file's own figure. SCAN is trocar-sample-ct's folder; the vertebra of the folder TROCAR_REAL_CT and the head CT
 of the file TROCAR_HEAD_CT are taken where they are."""
 import json
-import os
-import pathlib
 import struct
-import sys
 
-from e2e import check, outcome, run
+from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, WORK, run
 
-PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:4])
-# Bytes a triangle of the whole file with and without HU; kB of the file with HU.
+# Bytes a triangle of the complete file with and without HU; kB of the file with HU.
 MOST = {"sample": (8.0, 6.7, 50), "l3": (6.3, 5.2, 135), "head": (5.6, 4.5, 460)}
 
 
@@ -29,15 +25,14 @@ def bytes_per_triangle(name, scan, *options):
     glb = asset.read_bytes()
     figure = len(glb) / triangles_of(glb)
     told = json.loads(report.read_text())["asset"]
-    check(told["bytes"] == len(glb) and abs(told["bytes_per_triangle"] - figure) < 1e-9, f"{name}: the report says {told}")
+    assert told["bytes"] == len(glb) and abs(told["bytes_per_triangle"] - figure) < 1e-9, f"{name}: the report says {told}"
     return figure, len(glb)
 
 
-def main():
-    WORK.mkdir(parents=True, exist_ok=True)
+def test_asset_bytes():
     scans = {"sample": SCAN / "dicom",
-             "l3": pathlib.Path(os.environ.get("TROCAR_REAL_CT", "/nowhere")) / "l3" / "sub-ct_label-22_ct.nii.gz",
-             "head": pathlib.Path(os.environ.get("TROCAR_HEAD_CT", "") or "/nowhere")}
+             "l3": L3_SCAN,
+             "head": HEAD_CT}
     for name, scan in scans.items():
         if not scan.exists():
             print(f"skipped: no {name}")
@@ -46,11 +41,6 @@ def main():
         figure, size = bytes_per_triangle(name, scan)
         bare, _ = bytes_per_triangle(f"{name}_no_hu", scan, "--no-hu")
         print(f"{name}: {figure:.2f} bytes a triangle, {bare:.2f} without HU, {size} bytes")
-        check(figure <= with_hu, f"{name}: {figure:.3f} bytes a triangle, wanted {with_hu}")
-        check(bare <= without_hu, f"{name}: {bare:.3f} bytes a triangle without HU, wanted {without_hu}")
-        check(size <= 1000 * most_kb, f"{name}: {size} bytes, wanted {most_kb} kB")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        assert figure <= with_hu, f"{name}: {figure:.3f} bytes a triangle, wanted {with_hu}"
+        assert bare <= without_hu, f"{name}: {bare:.3f} bytes a triangle without HU, wanted {without_hu}"
+        assert size <= 1000 * most_kb, f"{name}: {size} bytes, wanted {most_kb} kB"

@@ -6,7 +6,7 @@ results  a collection of 200 scans, ten of them broken: each asset is that of a 
 faults   a kill at every step around a temporary file, of the scan's process, the batch, and both
 kills    kill -9 at random moments, of a batch or one of its processes: N rounds
 trouble  a full disk, a store that cannot be written, damaged objects, a scan that changes while it is read, crashed processes
-several  two batches and a --gc at once; --gc alone; claims of other hosts
+several  two batches and a --gc at once; --gc alone; leases of other hosts
 hostile  wrong collections, wrong options
 many     N scans: memory, and the time of a second run (counted in files read, not in seconds)
 speed    two processes against one, interleaved: printed
@@ -33,8 +33,9 @@ except ImportError as missing:
     sys.exit(77)
 
 SOURCE, PROGRAMS, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:4])
-MESH = PROGRAMS / "trocar-mesh"
 PART = sys.argv[4]
+# Parts that kill or stop processes at failpoints need the program in which these act; without TROCAR_FAILPOINT it is trocar-mesh.
+MESH = PROGRAMS / ("trocar-mesh-failpoints" if PART in ("faults", "trouble", "several") else "trocar-mesh")
 ROUNDS = int(sys.argv[sys.argv.index("--rounds") + 1]) if "--rounds" in sys.argv else 10
 SHA256_DIGITS = 64
 
@@ -207,6 +208,8 @@ def part_faults():
     value = json.loads(collection.read_text())
     value["scans"] = value["scans"][:1]
     collection.write_text(json.dumps(value))
+    # The shipped program has no failpoints.
+    batch(collection, WORK / "shipped", program=PROGRAMS / "trocar-mesh", env=os.environ | {"TROCAR_FAILPOINT": "batch:1"})
     whole = WORK / "whole"
     batch(collection, whole)
     reference = snapshot(whole)
@@ -216,7 +219,7 @@ def part_faults():
         for k in range(1, 200):
             store = WORK / "store"
             shutil.rmtree(store, ignore_errors=True)
-            environment = os.environ | {"TROCAR_BATCH_FAULT": f"{who}:{k}"}
+            environment = os.environ | {"TROCAR_FAILPOINT": f"{who}:{k}"}
             killed = subprocess.run([MESH, "batch", collection, "-o", store, "--json", "--jobs", "1"], env=environment,
                                     stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
             if killed.returncode == 0:
@@ -243,7 +246,7 @@ def part_faults():
         asset = store / "content" / os.readlink(store / "assets/nifti.glb").split("content/")[1]
         asset.write_bytes(asset.read_bytes()[:-4] + b"DAMG")
         killed = subprocess.run([MESH, "batch", collection, "-o", store, "--verify", "--quiet"],
-                                env=os.environ | {"TROCAR_BATCH_FAULT": f"both:{k}"}, stderr=subprocess.DEVNULL, check=False)
+                                env=os.environ | {"TROCAR_FAILPOINT": f"both:{k}"}, stderr=subprocess.DEVNULL, check=False)
         if killed.returncode == 0:
             break
         batch(collection, store, "--verify")
@@ -399,7 +402,7 @@ def part_trouble():
     for point in ("digested", "opened", "meshed"):
         store = WORK / f"changing_{point}"
         process = subprocess.Popen([MESH, "batch", collection, "-o", store, "--json", "--only", "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                   stderr=subprocess.PIPE, text=True, env=os.environ | {"TROCAR_BATCH_FAULT": f"worker:{point}:stop"})
+                                   stderr=subprocess.PIPE, text=True, env=os.environ | {"TROCAR_FAILPOINT": f"worker:{point}:stop"})
         process.stdin.write("nifti\n")
         process.stdin.close()
         worker = wait_for_stop(process.pid)
@@ -418,7 +421,7 @@ def part_trouble():
     # An interrupt: nothing is recorded as failed, and the next run goes on.
     store = WORK / "interrupted"
     process = subprocess.Popen([MESH, "batch", collection, "-o", store, "--jobs", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                               env=os.environ | {"TROCAR_BATCH_FAULT": "worker:opened:stop"})
+                               env=os.environ | {"TROCAR_FAILPOINT": "worker:opened:stop"})
     worker = wait_for_stop(process.pid)
     process.send_signal(signal.SIGTERM)
     time.sleep(0.1)
@@ -507,32 +510,32 @@ def part_several():
     check(removed["removed"] > 0 and removed["bytes"] > 0, f"--gc: {removed}")
     expect_equal(store, snapshot(WORK / "ten"), "--gc --prune")
 
-    # Claims: of a dead process, of another host by its age, of a living one.
+    # Leases: of a dead process, of another host by its age, of a living one.
     key = json.loads((store / "scans/s0.json").read_text())["key"]
-    def plant(owner, age):
+    def plant(process, age):
         shutil.rmtree(store)
         batch(WORK / "none.json", store)
-        claim = store / "claims" / key
-        claim.write_text(f"{owner}.0\ns0\n")
-        os.utime(claim, (time.time() - age,) * 2)
-        stray = store / "tmp" / f"{owner}.7"
+        lease = store / "claims" / key
+        lease.write_text(f"{process}.0\ns0\n")
+        os.utime(lease, (time.time() - age,) * 2)
+        stray = store / "tmp" / f"{process}.7"
         stray.write_text("half")
         os.utime(stray, (time.time() - age,) * 2)
         return stray
     write_collection(WORK / "none.json", [])
     write_collection(collection, scans[:2])
     plant("elsewhere.example.org.0123456789ab.77.123456", 3000)
-    expect_counts(batch(collection, store), 0, 2, 0, 0, "another host's old claim")
+    expect_counts(batch(collection, store), 0, 2, 0, 0, "another host's old lease")
     check(not strays(store), "another host's old files stay")
     stray = plant("elsewhere.0123456789ab.77.123456", 57)
     start = time.monotonic()
-    expect_counts(batch(collection, store), 0, 2, 0, 0, "another host's claim, void after 3 s")
+    expect_counts(batch(collection, store), 0, 2, 0, 0, "another host's lease, void after 3 s")
     check(time.monotonic() - start > 2 and strays(store) == [str(stray)], f"another host's young files are removed: {strays(store)}")
 
-    # A claim held by a living process: the other batch makes the other scans, and waits.
+    # A lease held by a living process: the other batch makes the other scans, and waits.
     shutil.rmtree(store)
     holder = subprocess.Popen([MESH, "batch", collection, "-o", store, "--json", "--jobs", "1"], stdout=subprocess.PIPE, text=True,
-                              env=os.environ | {"TROCAR_BATCH_FAULT": "worker:opened:stop"})
+                              env=os.environ | {"TROCAR_FAILPOINT": "worker:opened:stop"})
     worker = wait_for_stop(holder.pid)
     other = subprocess.Popen([MESH, "batch", collection, "-o", store, "--json"], stdout=subprocess.PIPE, text=True)
     for _ in range(500):

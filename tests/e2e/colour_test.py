@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""colour_test.py SOURCE PROGRAMS SCAN WORK: HU as colours of the vertices (`--colour`), as three.js sees them and as the table of
+"""HU as colours of the vertices (`--colour`), as three.js sees them and as the table of
 formats/asset/asset.md says; nothing else of the asset changes; without HU the option is a usage error. SCAN is trocar-sample-ct's
 folder. What three.js sees is left out where it is not installed."""
 import json
-import pathlib
 import re
 import shutil
-import sys
 
-from e2e import check, outcome, run
+from programs import PROGRAMS, SCAN, SOURCE, WORK, run
 
-SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:5])
 MESH, LOAD = PROGRAMS / "trocar-mesh", SOURCE / "tests" / "e2e" / "three" / "load.mjs"
 SLICES = ("--slices", "10:14")
 
@@ -42,37 +39,31 @@ def seen_by_three(asset):
 
 def check_colours(plain, coloured):
     plain, coloured, of_hu = seen_by_three(plain), seen_by_three(coloured), colour_map()
-    check(len(coloured) == 5, f"{len(coloured)} slices")
+    assert len(coloured) == 5, f"{len(coloured)} slices"
     used = set()
     for a, b in zip(plain, coloured):
-        check(a["has_hu"] and a["colours"] is None, f"slice {a['index']}: coloured without --colour")
-        check((a["index"], a["triangles"], a["bounds"]) == (b["index"], b["triangles"], b["bounds"]), f"slice {b['index']}: another mesh")
-        check(b["colours"] and len(b["colours"]) == b["vertices"], f"slice {b['index']}: a colour is missing")
+        assert a["has_hu"] and a["colours"] is None, f"slice {a['index']}: coloured without --colour"
+        assert (a["index"], a["triangles"], a["bounds"]) == (b["index"], b["triangles"], b["bounds"]), f"slice {b['index']}: another mesh"
+        assert b["colours"] and len(b["colours"]) == b["vertices"], f"slice {b['index']}: a colour is missing"
         for hu, *rgb in b["colours"] or []:
-            check(hu == int(hu) and hu % 8 == 0, f"slice {b['index']}: {hu} HU")
-            check(rgb == of_hu(int(hu)), f"slice {b['index']}: {hu} HU is {rgb}, the page says {of_hu(int(hu))}")
+            assert hu == int(hu) and hu % 8 == 0, f"slice {b['index']}: {hu} HU"
+            assert rgb == of_hu(int(hu)), f"slice {b['index']}: {hu} HU is {rgb}, the page says {of_hu(int(hu))}"
             used.add(tuple(rgb))
-    check(len(used) > 50, f"{len(used)} colours only")
+    assert len(used) > 50, f"{len(used)} colours only"
 
 
-def main():
-    WORK.mkdir(parents=True, exist_ok=True)
+def test_colour():
     plain, coloured = make("plain"), make("coloured", "--colour")
     make("bare", "--no-hu")
     info = [json.loads(run(MESH, "info", file, "--json").stdout)["slices"] for file in (plain, coloured)]
-    check(info[0] == info[1], "info tells other slices with --colour")
+    assert info[0] == info[1], "info tells other slices with --colour"
     for what, options in (("--no-hu", (SCAN / "dicom", "--no-hu")),
                           ("images", (SCAN / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "150")),
                           ("labels", (SCAN / "sample.nii.gz", "--labels", "300"))):
         done = run(MESH, *options, "-o", WORK / "refused.glb", "--colour", *SLICES, expect=2)
-        check("--colour" in done.stderr and "HU" in done.stderr and len(done.stderr.splitlines()) == 1, f"{what}: {done.stderr}")
-        check(not (WORK / "refused.glb").exists(), f"{what}: an asset was written")
+        assert "--colour" in done.stderr and "HU" in done.stderr and len(done.stderr.splitlines()) == 1, f"{what}: {done.stderr}"
+        assert not (WORK / "refused.glb").exists(), f"{what}: an asset was written"
     if (LOAD.parent / "node_modules" / "three").is_dir() and shutil.which("node"):
         check_colours(plain, coloured)
     else:
         print("three.js is not installed: the colours were not read back")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client of the console, with the standard library alone, written from runtime/console/protocol.md and RFC 6455: starting a
-console, requests, and the WebSocket."""
+"""A client of the console that uses only the standard library. It is written from runtime/console/protocol.md and RFC 6455 and starts a
+console, sends requests, and speaks the WebSocket protocol."""
 import atexit
 import base64
 import hashlib
@@ -20,7 +20,7 @@ SNAPSHOT, SHEET, SHAPE = 1, 2, 3
 
 
 class Console:
-    """A console of its own, ended by stop()."""
+    """Starts a console; stop() ends it."""
 
     def __init__(self, program, *arguments, page=None, stderr=None, port=0):
         words = [str(program), *map(str, arguments), "--port", str(port)]
@@ -37,7 +37,7 @@ class Console:
         self.token, self.view = found[0][3], found[1][3]
 
     def request(self, method, path, body=None, token="", headers=None, raw=False):
-        """(status, answer): the answer as JSON where it is, else bytes."""
+        """(status, answer): the answer is parsed if it is JSON, else bytes."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
         token = self.token if token == "" else token
         send = {"Authorization": f"Bearer {token}"} if token else {}
@@ -76,18 +76,18 @@ class Console:
 
 
 def container(data):
-    """(JSON, arrays' bytes) of a binary answer."""
+    """(JSON, bytes of the arrays) of a binary answer."""
     size = struct.unpack_from("<I", data)[0]
     assert (4 + size) % 8 == 0
     return json.loads(data[4:4 + size]), data[4 + size:]
 
 
 class Closed(Exception):
-    """The other side has closed, with this code."""
+    """The peer has closed the WebSocket with this code."""
 
 
 class WebSocket:
-    """RFC 6455, as a client; without extensions and fragments."""
+    """A client of RFC 6455 without extensions and fragments."""
 
     def __init__(self, port, path="/live", host=None, origin=None, receive_buffer=None):
         self.socket = socket.socket()
@@ -160,7 +160,7 @@ class WebSocket:
 
 
 class Live:
-    """What a page gets. next() takes one message; `ack` says whether binary messages are answered."""
+    """The messages that a page gets. next() takes one message; `ack`: whether binary messages are acknowledged."""
 
     def __init__(self, port, token, ack=True, receive_buffer=None, **first):
         self.web = WebSocket(port, receive_buffer=receive_buffer)

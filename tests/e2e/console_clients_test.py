@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_clients_test.py SOURCE PROGRAMS ASSET WORK: ten clients of a session in real time, one of which stalls and connects again.
-Each gets every event; the console's memory is bounded. The time from tick to receipt and until data after a stall are printed, with how
-free and how timely the machine was; TROCAR_JUDGE_TIMES=1 holds them against their bounds.
-A minute, or TROCAR_LONG seconds."""
+Each client gets every event, and the console's memory is bounded. The test prints the time from a tick to its receipt, the time until
+data arrives after a stall, and how loaded the machine was; TROCAR_JUDGE_TIMES=1 checks the times against their bounds. It takes a minute,
+or TROCAR_LONG seconds."""
 import json
 import multiprocessing
 import os
@@ -28,7 +28,7 @@ def quantile(values, q):
 
 
 def watch(port, token, end, result):
-    """A client that reads at once. Sends (ages of snapshots by window, event numbers, events missed)."""
+    """A client that reads immediately. Sends (ages of snapshots by window, event numbers, events missed)."""
     live = Console.live(PortOnly(port), token)
     begin, ages = time.monotonic(), [[] for _ in range(WINDOWS)]
     while live.state() != "ended":
@@ -40,7 +40,7 @@ def watch(port, token, end, result):
 
 
 def stall(port, token, end, result):
-    """A client that stands still again and again, is closed, and connects again. Sends (times until fresh data, event numbers,
+    """A client that stalls repeatedly, is disconnected, and connects again. Sends (times until fresh data, event numbers,
     events missed, connections)."""
     fresh, numbers, missed, connections, session, last = [], [], 0, 0, None, 0
     done = False
@@ -69,7 +69,7 @@ def stall(port, token, end, result):
 
 
 def share_of_processors():
-    """Of two processors, how much two busy programs get within a second."""
+    """The fraction of two processors that two busy programs get within a second."""
     spin = "import time\nend=time.monotonic()+1\nwhile time.monotonic()<end: pass\nprint(time.process_time())"
     busy = [subprocess.Popen([sys.executable, "-c", spin], stdout=subprocess.PIPE, text=True) for _ in range(2)]
     return sum(float(one.communicate()[0]) for one in busy)

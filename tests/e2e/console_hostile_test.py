@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_hostile_test.py SOURCE PROGRAM ASSET WORK [--frames N] [--requests N] [--seed N]: whoever asks the console without right,
-too much or nonsense is refused, is in the log once for each kind, and nobody else notices. Then fuzzed requests and frames,
-2,000 each or as many as said: PROGRAM may be one built with AddressSanitizer."""
+"""console_hostile_test.py SOURCE PROGRAM ASSET WORK [--frames N] [--requests N] [--seed N]: unauthorised,
+oversized and malformed requests are refused and logged once for each kind, and other clients are not affected. Fuzzed requests and
+frames follow, 2,000 each unless the options give another number. PROGRAM may be built with AddressSanitizer."""
 import argparse
 import json
 import pathlib
@@ -19,7 +19,7 @@ from e2e import check, outcome
 
 
 def raw(console, data, timeout=5, half_close=True):
-    """The bytes that the console answers on a connection of its own."""
+    """The bytes that the console sends back on a new connection."""
     with socket.create_connection(("127.0.0.1", console.port), timeout) as connection:
         answer = b""
         try:
@@ -39,7 +39,7 @@ def status(answer):
 
 
 def refused_socket(console, first=None, after=(), origin=None, host=None):
-    """How a WebSocket ends that sends these messages: its close code, or HTTP status."""
+    """Sends these messages on a new WebSocket. Returns its close code, or the HTTP status."""
     web = WebSocket(console.port, origin=origin, host=host)
     try:
         if web.status != 101:
@@ -99,7 +99,7 @@ def test_refusals(console):
     check(refused_socket(console) == 503, "the seventeenth page")
     for page in pages:
         page.close()
-    # Connections that send nothing: whoever comes later is served all the same, at once.
+    # Connections that send nothing do not delay later ones.
     idle = [socket.create_connection(("127.0.0.1", console.port)) for _ in range(200)]
     begin = time.monotonic()
     check(console.post("/api/emergency_stop", token=None)[0] == 409 and time.monotonic() - begin < 1, "an emergency stop beside 200 connections")
@@ -131,7 +131,7 @@ def mutated(data, random_, most=8):
 
 
 def requests_of(console):
-    """Valid ones, of each kind. The scenes that they name do not exist."""
+    """Valid requests of each kind. The scenes that they name do not exist."""
     head = f"Host: {console.host}\r\nAuthorization: Bearer {console.token}\r\nOrigin: http://{console.host}\r\n"
     bodies = {"/api/start": {"scene": "scenes/none.json", "duration_s": 1.5, "device": "inproc", "clock": "real", "force_law": "hooke"},
               "/api/command": {"command": "pause"}, "/api/emergency_stop": {}}
@@ -147,7 +147,7 @@ def requests_of(console):
 
 
 def fuzz_requests(console, count, random_):
-    """Statuses of the answers, by how often they came."""
+    """The statuses of the answers, each with its number."""
     valid, found = list(requests_of(console)), {}
     for _ in range(count):
         code = status(raw(console, mutated(random_.choice(valid), random_)))
@@ -165,8 +165,7 @@ def frame(data, opcode, random_, flags=0x80, masked=True):
 
 
 def fuzz_frames(console, count, random_):
-    """Half of the connections have shown a right token; their frames are mutated, or the first message itself is. How many connections
-    there were."""
+    """Half of the connections send a valid token first; then mutated frames follow. Returns the number of connections."""
     first = json.dumps({"token": console.token, "session": "x", "last_event": 5}).encode()
     sent = connections = 0
     while sent < count:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_kill_test.py SOURCE PROGRAMS ASSET WORK [TIMES]: consoles with a page are killed, stopped and started again TIMES (100)
-during sessions. A recording by the virtual clock is the same, byte for byte, as one without a console; in real time no more deadlines
-are missed in a window with a console than in one without, in pairs of windows of one session (sign test)."""
+during sessions. With the virtual clock a recording is byte for byte the same as one without a console. In real time, a window with a
+console misses no more deadlines than one without, in pairs of windows of one session (sign test)."""
 import json
 import math
 import os
@@ -23,7 +23,7 @@ SIGNIFICANT = 1e-3  # of a sign test: at least 30 of 40 pairs worse
 
 
 def disturb(program, page, folder, link, goes_on, most, counts):
-    """Starts consoles on the session's link, each with a page, and kills them in turn, some after standing still."""
+    """Starts consoles on the session's link, each with a page, and kills them in turn, some after they were stopped for a while."""
     while goes_on() and sum(counts.values()) < most:
         console = Console(program, folder, "--attach", link, page=page, stderr=subprocess.DEVNULL)
         try:
@@ -53,7 +53,7 @@ def session(programs, folder, name, link, *options):
 
 
 def check_processors(process, cpu):
-    """Of the session's threads only the loop may run on its processor."""
+    """Only the loop of the session's threads may run on its processor."""
     for _ in range(300):
         on = []
         for thread in pathlib.Path(f"/proc/{process.pid}/task").iterdir():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_page_test.py SOURCE PROGRAMS SCAN WORK: the console's page in a headless Chromium (console/drive.mjs): lists, three slices and
-a vertebra, holes, faults, recovery, emergency stop, playback, report; then what the recordings and pictures of that say. Seconds and
-frames a second are printed, with how free and how timely the machine was; TROCAR_JUDGE_TIMES=1 holds them against their bounds."""
+a vertebra, holes, faults, recovery, emergency stop, playback, report; then its recordings and pictures are checked. The test prints
+times and frame rates, and how loaded the machine was; TROCAR_JUDGE_TIMES=1 checks them against their bounds."""
 import csv
 import json
 import os
@@ -31,7 +31,7 @@ def skip(why):
 
 
 def share_of_processors():
-    """Of two processors, what two busy programs get within half a second."""
+    """The fraction of two processors that two busy programs get within half a second."""
     spin = "import time\nend=time.monotonic()+0.5\nwhile time.monotonic()<end: pass\nprint(time.process_time())"
     busy = [subprocess.Popen([sys.executable, "-c", spin], stdout=subprocess.PIPE, text=True) for _ in range(2)]
     return sum(float(one.communicate()[0]) for one in busy)
@@ -80,7 +80,7 @@ def rows_of(recording):
 
 
 def check_emergency_stop(recording):
-    """Zero torques within 4 ms and a tick of the tick that got the command."""
+    """The torques are zero at most 4 ms and one tick after the tick that got the command."""
     rows = rows_of(recording)
     torques = [name for name in rows[0] if name.startswith("tau_")]
     asked = next((k for k, row in enumerate(rows) if row["outside_fault"] == "emergency_stop"), None)
@@ -97,7 +97,7 @@ def check_emergency_stop(recording):
 
 
 def check_bone(picture):
-    """Where the bone is, the pixels differ: HU as colours before a plain background."""
+    """The pixels of the bone differ from the plain background and from each other: they show HU as colours."""
     pixels = numpy.asarray(Image.open(picture).convert("RGB")).astype(int)
     height, width = pixels.shape[:2]
     middle = pixels[int(0.3 * height):int(0.8 * height), int(0.25 * width):int(0.75 * width)]
@@ -123,10 +123,10 @@ def main():
     with (WORK / "console.log").open("w") as log:
         console, links = start_console(WORK / "folder", log)
     try:
-        told = {"link": links[0], "view_link": links[1], "console_pid": console.pid, "out": str(pictures), "chromium": CHROMIUM, "scenes": scenes,
+        given = {"link": links[0], "view_link": links[1], "console_pid": console.pid, "out": str(pictures), "chromium": CHROMIUM, "scenes": scenes,
                 "has_report": "--session-report" in run(PROGRAMS / "trocar-run", "--help").stdout}
         with MachineStalls() as machine:
-            done = subprocess.run(["node", DRIVER / "drive.mjs", json.dumps(told)], cwd=DRIVER, stdout=subprocess.PIPE, text=True,
+            done = subprocess.run(["node", DRIVER / "drive.mjs", json.dumps(given)], cwd=DRIVER, stdout=subprocess.PIPE, text=True,
                                   check=False)
         share = min(share, share_of_processors())
     finally:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_server_test.py SOURCE PROGRAMS ASSET WORK: the console's server as a page uses it: the folder with good and bad files, the
+"""console_server_test.py SOURCE PROGRAMS ASSET WORK: the console's server as a page uses it: the folder with valid and damaged files, the
 bone, sessions with their events and commands, roles, the emergency stop, a console that is killed and started again, a session
 and a device process that are killed."""
+import base64
 import csv
+import hashlib
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
 import struct
@@ -21,7 +24,7 @@ RUNNING = 2  # SafetyState
 
 
 def make_folder(source, asset, work):
-    """scenes/, the asset, and files that are not what their names say."""
+    """Makes scenes/, the asset, and files whose contents do not match their names."""
     shutil.rmtree(work, ignore_errors=True)
     folder = work / "folder"
     (folder / "scenes").mkdir(parents=True)
@@ -159,7 +162,7 @@ def test_commands(console, folder):
     check(audience.until(lambda l: l.hello is not None) and audience.role == "view" and live.role == "operator", "roles")
     check(live.until(lambda l: l.values and l.value("t_s") > 0.2), "no snapshots")
     t_s = live.value("t_s")
-    check(live.until(lambda l: l.value("t_s") > t_s + 0.2, 5), "time stands still")
+    check(live.until(lambda l: l.value("t_s") > t_s + 0.2, 5), "time does not advance")
     for command in ("stop", "pause", "resume", "zero", "recover"):
         status, _ = console.post("/api/command", {"command": command}, token=console.view)
         check(status == 403, f"an audience commands {command}: {status}")
@@ -187,7 +190,13 @@ def test_commands(console, folder):
     check(b"forces_off" in console.get("/api/log", raw=True)[1], "the log")
     report = live.states[-1].get("report", "")
     status, page = console.get(f"/api/report?file={report}")
-    check(status == 200 and b"</html>" in page and "sandbox" in console.headers["Content-Security-Policy"], f"report {report}: {status}")
+    policy = console.headers["Content-Security-Policy"]
+    check(status == 200 and b"</html>" in page and "sandbox allow-scripts;" in policy, f"report {report}: {status}, {policy}")
+    script = re.search(rb"<script>(.*?)</script>", page, re.S)[1]
+    allowed = f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}'"
+    check(f"script-src {allowed};" in policy, f"report: the policy allows another script: {policy}")
+    console.get("/")
+    check(allowed in console.headers["Content-Security-Policy"], "the page's policy does not allow the report's script")
     for page in (live, audience):
         page.close()
 
@@ -249,17 +258,17 @@ def test_killed_session(console, folder):
     check(console.post("/api/command", {"command": "stop"})[0] == 409, "a command to a dead session")
     start(console, live, scene="scenes/one_slice.json", duration_s=60)
     check(live.until(lambda l: l.values and l.state() == "running", 5), "no session after a lost one")
-    # It stands still: an emergency stop must not wait for its ticks.
+    # The process is stopped: an emergency stop must not wait for its ticks.
     os.kill(live.hello["pid"], signal.SIGSTOP)
     begin = time.monotonic()
     check(console.post("/api/emergency_stop", token=None)[0] == 200, "emergency stop")
     check(live.until(lambda l: l.state() == "lost", 5), f"a stopped process: {live.states}")
-    print(f"a process that stands still is killed {1e3 * (time.monotonic() - begin):.0f} ms after an emergency stop")
+    print(f"a stopped process is killed {1e3 * (time.monotonic() - begin):.0f} ms after an emergency stop")
     live.close()
 
 
 def recover(console, live, is_done):
-    """True once it is done; asks for recovery as often as needed: on a machine that stands still a late tick may be the next fault."""
+    """Requests recovery until it succeeds: on a loaded machine a late tick may be the next fault."""
     for _ in range(100):
         if live.until(is_done, 0.3):
             return True
@@ -268,7 +277,7 @@ def recover(console, live, is_done):
 
 
 def kill_device(console, folder):
-    """False if the machine stood still just then: a late tick is the fault, and not the device's death."""
+    """False if the machine was too slow, so that a late tick is the fault and not the device's death."""
     live = console.live()
     start(console, live, scene="scenes/outside.json", duration_s=120, device="sim")
     check(recover(console, live, lambda l: l.values and l.value("safety") == RUNNING and l.value("t_s") > 0.2), f"{live.states}, {live.events}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""device_link_e2e_test.py SOURCE BIN SCAN WORK: trocar-run and trocar-device-sim as two processes.
+"""Trocar-run and trocar-device-sim as two processes.
 
  1. The paper's two experiments in virtual time (lock-step): twice the same bytes, the same bytes as
     with the device in the process, 35 N within 2 % on the simulated hand, with both models.
@@ -14,19 +14,24 @@
 import csv
 import json
 import os
-import pathlib
-import shutil
 import signal
 import socket
 import subprocess
-import sys
 import time
 
 import device_link as link
-from e2e import COUNTED_RUN, NO_ALLOCATIONS, check, failures, run
+import pytest
+from programs import COUNTED_RUN, NO_ALLOCATIONS, run
 
 FORCE_N, SHARE = 35.0, 0.02
 STALLS = {"no_data", "link_lost", "deadline_missed"}
+
+
+@pytest.fixture(name="asset", scope="module")
+def sample_asset(programs, scan, work):
+    asset = work / "sample.glb"
+    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+    return asset
 
 
 class Simulator:
@@ -40,9 +45,7 @@ class Simulator:
         self.process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE,
                                         stderr=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
-        if not line.startswith("ready on "):
-            print("no simulator:", self.process.communicate())
-            sys.exit(1)
+        assert line.startswith("ready on "), f"no simulator: {self.process.communicate()}"
         self.address = line.split()[2]
 
     def __enter__(self):
@@ -60,7 +63,7 @@ class Simulator:
 
     def summary(self):
         code = self.end()
-        check(code == 0, f"the simulator ended with {code}")
+        assert code == 0, f"the simulator ended with {code}"
         return json.loads(self.summary_file.read_text())
 
     def session(self, trocar_run, scene, asset, *arguments):
@@ -83,16 +86,15 @@ class Simulator:
 
 def check_hand(name, drive_report, punctures, sheets):
     peaks = [peak["force_N"] for peak in drive_report["hand_peaks"]]
-    check(len(peaks) == sheets, f"{name}: {len(peaks)} peaks of the hand's force for {sheets} sheets")
+    assert len(peaks) == sheets, f"{name}: {len(peaks)} peaks of the hand's force for {sheets} sheets"
     for peak in peaks:
-        check(abs(peak - FORCE_N) <= SHARE * FORCE_N, f"{name}: a peak of {peak} N on the hand")
-    check(abs(drive_report["hand_force_max_N"] - FORCE_N) <= SHARE * FORCE_N,
-          f"{name}: largest force on the hand {drive_report['hand_force_max_N']} N")
-    check(len(punctures) == sheets, f"{name}: {len(punctures)} punctures")
+        assert abs(peak - FORCE_N) <= SHARE * FORCE_N, f"{name}: a peak of {peak} N on the hand"
+    assert abs(drive_report["hand_force_max_N"] - FORCE_N) <= SHARE * FORCE_N, f"{name}: largest force on the hand {drive_report['hand_force_max_N']} N"
+    assert len(punctures) == sheets, f"{name}: {len(punctures)} punctures"
     print(f"{name}: on the hand {', '.join(f'{p:.3f} N' for p in peaks)}")
 
 
-def experiments(source, programs, asset, work):
+def test_experiments(source, programs, asset, work):
     trocar_run = programs / COUNTED_RUN
     for name, sheets in (("one_slice", 1), ("three_slices", 3)):
         scene = source / "runtime" / "scenes" / f"{name}.json"
@@ -105,16 +107,16 @@ def experiments(source, programs, asset, work):
                 with Simulator(programs, work, scene, "--clock", "lock-step", "--model", model) as simulator:
                     code, stderr = simulator.session(trocar_run, scene, asset, "--clock", "virtual",
                                                      "--record", record, "--summary", summary)
-                    check(code == 0, f"{name} {model} in lock-step ended with {code}: {stderr}")
+                    assert code == 0, f"{name} {model} in lock-step ended with {code}: {stderr}"
                     drive_report = simulator.summary()
                 recordings.append(record.read_bytes())
                 report = json.loads(summary.read_text())
-                check(report["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {report['allocations_in_loop']} allocations")
+                assert report["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {report['allocations_in_loop']} allocations"
                 if repeat == 1:
                     check_hand(f"{name}, {model} model, lock-step", drive_report, report["punctures"], sheets)
-            check(recordings[0] == recordings[-1], f"{name} {model}: two runs differ")
+            assert recordings[0] == recordings[-1], f"{name} {model}: two runs differ"
             if model == "light":
-                check(recordings[0] == inside.read_bytes(), f"{name}: differs from the device in the process")
+                assert recordings[0] == inside.read_bytes(), f"{name}: differs from the device in the process"
 
         for attempt in range(4):
             summary = work / f"{name}_real.json"
@@ -125,16 +127,16 @@ def experiments(source, programs, asset, work):
             if code == 5 and {fault["fault"] for fault in report["faults"]} <= STALLS:
                 print(f"{name} in real time, attempt {attempt + 1}: {stderr.strip()}")
                 continue
-            check(code == 0, f"{name} in real time ended with {code}: {stderr}")
+            assert code == 0, f"{name} in real time ended with {code}: {stderr}"
             check_hand(f"{name}, real time", drive_report, report["punctures"], sheets)
-            check(sum(report["link"]["packets_refused"].values()) == 0, f"{name}: {report['link']}")
-            check(drive_report["watchdog_trips"] == 0, f"{name}: {drive_report['watchdog_trips']} watchdog trips")
+            assert sum(report["link"]["packets_refused"].values()) == 0, f"{name}: {report['link']}"
+            assert drive_report["watchdog_trips"] == 0, f"{name}: {drive_report['watchdog_trips']} watchdog trips"
             break
         else:
             print(f"{name} in real time: skipped, this machine stalls")
 
 
-def slow_preparation(source, programs, asset, work):
+def test_slow_preparation(source, programs, asset, work):
     """A host whose preparation takes longer than a drive keeps a session without commands (1 s)."""
     scene = json.loads((source / "runtime" / "scenes" / "three_slices.json").read_text())
     slices = [21, 19, 17, 15, 13]
@@ -150,10 +152,10 @@ def slow_preparation(source, programs, asset, work):
     with Simulator(programs, work, file) as simulator:
         code, stderr = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
     rows = list(csv.DictReader(record.open()))
-    check(any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}")
+    assert any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}"
 
 
-def faults(source, programs, asset, work):
+def test_faults(source, programs, asset, work):
     trocar_run, scene = programs / "trocar-run", source / "runtime" / "scenes" / "one_slice.json"
     # At 2.5 s the tool is in contact and the motors of theta1 under load.
     lock_step = [("stop@2.5", "emergency_stop"), ("dead:0@2.5", "motor_fault"), ("jump:4:0.3@2.5", "encoder_jump"),
@@ -168,19 +170,19 @@ def faults(source, programs, asset, work):
                 code, stderr = simulator.session(trocar_run, scene, asset, "--clock",
                                                  "virtual" if clock == "lock-step" else "real", "--duration", "3.2",
                                                  "--record", record, "--summary", summary)
-                check(code == 5, f"{spec} ended with {code}: {stderr}")
+                assert code == 5, f"{spec} ended with {code}: {stderr}"
             if code != 5:
                 continue
             report = json.loads(summary.read_text())
             named = [fault["fault"] for fault in report["faults"]]
             allowed = {wanted} if clock == "lock-step" else wanted | STALLS
-            check(len(named) == 1 and named[0] in allowed, f"{spec}: named {named}, expected {wanted}")
+            assert len(named) == 1 and named[0] in allowed, f"{spec}: named {named}, expected {wanted}"
             rows = list(csv.DictReader(record.open()))
-            check(len(rows) == report["ticks"], f"{spec}: {len(rows)} rows of {report['ticks']} ticks")
+            assert len(rows) == report["ticks"], f"{spec}: {len(rows)} rows of {report['ticks']} ticks"
             last = rows[-1]
-            check(all(float(last[c]) == 0 for c in last if c.startswith("tau_")), f"{spec}: torques at the end")
+            assert all(float(last[c]) == 0 for c in last if c.startswith("tau_")), f"{spec}: torques at the end"
             if clock == "lock-step" and spec.endswith("@2.5"):
-                check(abs(report["faults"][0]["t_s"] - 2.5) < 0.01, f"{spec}: at {report['faults'][0]['t_s']} s")
+                assert abs(report["faults"][0]["t_s"] - 2.5) < 0.01, f"{spec}: at {report['faults'][0]['t_s']} s"
     # Packet faults that a session must survive.
     with Simulator(programs, work, scene, "--faults", "duplicate:0.2,flip:0.05,reorder:0.05,loss:0.02") as simulator:
         summary = work / "noisy.json"
@@ -188,20 +190,19 @@ def faults(source, programs, asset, work):
         report = json.loads(summary.read_text())
         refused = report["link"]["packets_refused"]
         print("a noisy link:", "ended with", code, refused)
-        check(code == 0 or {fault["fault"] for fault in report["faults"]} <= STALLS, f"a noisy link: {stderr}")
+        assert code == 0 or {fault["fault"] for fault in report["faults"]} <= STALLS, f"a noisy link: {stderr}"
         if code == 0:
-            check(refused["sequence"] > 100, f"a noisy link: {refused}")
-            check(refused["mac"] + refused["magic"] + refused["kind"] + refused["session"] + refused["size"] > 50,
-                  f"a noisy link: {refused}")
+            assert refused["sequence"] > 100, f"a noisy link: {refused}"
+            assert refused["mac"] + refused["magic"] + refused["kind"] + refused["session"] + refused["size"] > 50, f"a noisy link: {refused}"
 
 
-def other_implementation(source, programs, work):
+def test_other_implementation(source, programs, work):
     scene = source / "runtime" / "scenes" / "one_slice.json"
     with Simulator(programs, work, scene, "--rate", "1000") as simulator:
         host = link.Host(simulator.socket(), simulator.key())
         host.command(link.HOLD)
         first = host.state()
-        check(first is not None and first["mode"] == link.READY, f"the first state: {first}")
+        assert first is not None and first["mode"] == link.READY, f"the first state: {first}"
         modes = set()
         end = time.monotonic() + 0.3
         while time.monotonic() < end:
@@ -209,7 +210,7 @@ def other_implementation(source, programs, work):
             state = host.state()
             if state is not None:
                 modes.add(state["mode"])
-        check(link.TORQUE_ON in modes, f"modes under torque: {modes}")
+        assert link.TORQUE_ON in modes, f"modes under torque: {modes}"
         # A second host gets no welcome while the session is active. Without commands the watchdog trips.
         try:
             end = time.monotonic() + 0.3
@@ -217,7 +218,7 @@ def other_implementation(source, programs, work):
                 host.command(link.TORQUE, [0.1] * 8)
                 second = simulator.socket(0.002)
                 link.Host(second, simulator.key(), tries=1)
-                check(False, "a second host got a welcome during a session")
+                pytest.fail("a second host got a welcome during a session")
                 break
         except TimeoutError:
             pass
@@ -229,7 +230,7 @@ def other_implementation(source, programs, work):
             if state is None:
                 break
             newest = state
-        check(newest is not None and newest["mode"] == link.WATCHDOG, f"without commands: {newest}")
+        assert newest is not None and newest["mode"] == link.WATCHDOG, f"without commands: {newest}"
         # A replay of all packets does not bring the torques back.
         host.socket.settimeout(0.05)
         for data in host.sent:
@@ -238,37 +239,37 @@ def other_implementation(source, programs, work):
         host.socket.setblocking(False)
         while (state := host.state()) is not None:
             newest = state
-        check(newest["mode"] == link.WATCHDOG, f"after a replay: {newest['mode']}")
+        assert newest["mode"] == link.WATCHDOG, f"after a replay: {newest['mode']}"
         other_key = simulator.socket(0.02)
         try:
             link.Host(other_key, os.urandom(32), tries=5)
-            check(False, "a host with another key got a welcome")
+            pytest.fail("a host with another key got a welcome")
         except TimeoutError:
             pass
         # A restarted host gets a session again, in the same simulated world.
         again = link.Host(simulator.socket(), simulator.key(), fresh=False)
         again.command(link.HOLD)
         state = again.state()
-        check(state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is not served")
+        assert state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is not served"
         again.command(link.STOP)
         report = simulator.summary()
-        check(report["sessions"] == 2, f"{report['sessions']} sessions")
-        check(report["packets"]["refused"]["sequence"] >= 1, f"replays: {report['packets']}")
-        check(report["packets"]["refused"]["mac"] >= 5, f"other keys: {report['packets']}")
-        check(report["watchdog_trips"] >= 1, f"{report['watchdog_trips']} watchdog trips")
+        assert report["sessions"] == 2, f"{report['sessions']} sessions"
+        assert report["packets"]["refused"]["sequence"] >= 1, f"replays: {report['packets']}"
+        assert report["packets"]["refused"]["mac"] >= 5, f"other keys: {report['packets']}"
+        assert report["watchdog_trips"] >= 1, f"{report['watchdog_trips']} watchdog trips"
 
 
-def contract(source, programs, asset, work):
+def test_contract(source, programs, asset, work):
     simulator, trocar_run = programs / "trocar-device-sim", programs / "trocar-run"
     scene, key = source / "runtime" / "scenes" / "one_slice.json", work / "contract.key"
 
     def one_line(done, *words):
-        check(len(done.stderr.strip().splitlines()) == 1, f"expected one line: {done.stderr!r}")
+        assert len(done.stderr.strip().splitlines()) == 1, f"expected one line: {done.stderr!r}"
         for word in words:
-            check(word in done.stderr, f"{word!r} is not named in {done.stderr!r}")
+            assert word in done.stderr, f"{word!r} is not named in {done.stderr!r}"
 
-    check("--faults" in run(simulator, "--help").stdout, "--help")
-    check("libsodium" in run(simulator, "--version").stdout, "--version")
+    assert "--faults" in run(simulator, "--help").stdout, "--help"
+    assert "libsodium" in run(simulator, "--version").stdout, "--version"
     one_line(run(simulator, scene, expect=2), "--key-file")
     one_line(run(simulator, scene, "--key-file", key, "--faults", "los:1", expect=2), "los:1")
     one_line(run(simulator, scene, "--key-file", key, "--listen", "nowhere", expect=2), "nowhere")
@@ -277,7 +278,7 @@ def contract(source, programs, asset, work):
     one_line(run(simulator, scene, "--key-file", key, "--no-such", expect=2), "--no-such")
     one_line(run(simulator, work / "absent.json", "--key-file", key, expect=3), "absent.json")
     one_line(run(simulator, scene, "--key-file", key, "--listen", "0.0.0.0:0", expect=2), "other than loopback")
-    check(not key.exists(), "a key was made despite the errors")
+    assert not key.exists(), "a key was made despite the errors"
     key.write_text("0" * 64 + "\n")
     key.chmod(0o644)
     one_line(run(simulator, scene, "--key-file", key, expect=3), "chmod 600")
@@ -285,7 +286,7 @@ def contract(source, programs, asset, work):
     one_line(run(simulator, scene, "--key-file", work / "no" / "key", expect=4), "key")
     one_line(run(simulator, scene, "--key-file", key, "--summary", work / "no" / "s.json", expect=4), "s.json")
     with Simulator(programs, work, scene, "--clock", "lock-step") as running:
-        check(oct(running.key_file.stat().st_mode & 0o777) == "0o600", "the key's mode")
+        assert oct(running.key_file.stat().st_mode & 0o777) == "0o600", "the key's mode"
         one_line(run(simulator, scene, "--key-file", running.key_file, "--listen", running.address, expect=4),
                  running.address)
         device = ("--device", f"udp:{running.address}")
@@ -295,29 +296,6 @@ def contract(source, programs, asset, work):
         one_line(run(*loaded, *device, "--key-file", work / "absent.key", expect=3), "absent.key")
         one_line(run(*loaded, "--device", "udp:127.0.0.1", "--key-file", running.key_file, expect=2), "HOST:PORT")
         one_line(run(*loaded, "--key-file", running.key_file, expect=2), "--key-file")
-        check(running.end(signal.SIGINT) == 0, "Ctrl-C was no clean end")
-        check(running.summary_file.exists(), "no summary after Ctrl-C")
+        assert running.end(signal.SIGINT) == 0, "Ctrl-C was no clean end"
+        assert running.summary_file.exists(), "no summary after Ctrl-C"
         one_line(run(*loaded, *device, "--key-file", running.key_file, expect=5), "no device answers")
-
-
-def main():
-    if len(sys.argv) != 5:
-        print("usage: device_link_e2e_test.py SOURCE BIN SCAN WORK", file=sys.stderr)
-        return 2
-    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    contract(source, programs, asset, work)
-    other_implementation(source, programs, work)
-    slow_preparation(source, programs, asset, work)
-    faults(source, programs, asset, work)
-    experiments(source, programs, asset, work)
-    for line in failures:
-        print(line)
-    return 1 if failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

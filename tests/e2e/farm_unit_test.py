@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""farm_unit_test.py SOURCE: the parts of scripts/farm on a cluster that is only told of: limits, time limits, lost tasks, held tasks,
+"""The parts of scripts/farm on a simulated cluster: limits, time limits, lost tasks, held tasks,
 throttle, and the arithmetic of chunks and plans."""
-import pathlib
 import sys
-import tempfile
 
-from e2e import check, outcome
+import pytest
+from programs import SOURCE
 
-sys.path.insert(0, str(pathlib.Path(sys.argv[1]) / "scripts" / "lib" / "farm"))
+sys.path.insert(0, str(SOURCE / "scripts" / "lib" / "farm"))
 
 import chunks  # noqa: E402
 import journal  # noqa: E402
@@ -18,6 +17,12 @@ import slurm  # noqa: E402
 import watch  # noqa: E402
 from errors import FarmError  # noqa: E402
 from run_folder import RunFolder  # noqa: E402
+
+
+@pytest.fixture(name="folder")
+def new_run_folder(tmp_path):
+    with RunFolder(tmp_path / "store") as folder:
+        yield folder
 
 
 class Cluster:
@@ -50,17 +55,17 @@ class Cluster:
         if self.refuses:
             raise slurm.NoAnswer("Invalid partition name specified")
         given = dict(option.lstrip("-").split("=", 1) for option in options if "=" in option)
-        check("--requeue" in options, "a task is not requeued after a node's failure")
+        assert "--requeue" in options, "a task is not requeued after a node's failure"
         job = str(1 + len(self.scripts))
         self.scripts.append((script, given))
         indices, _, self.throttle = given["array"].partition("%")
         for part in indices.split(","):
             first, _, last = part.partition("-")
             for index in range(int(first), int(last or first) + 1):
-                check(index < self.known_limits["MaxArraySize"], f"index {index} is not below MaxArraySize")
+                assert index < self.known_limits["MaxArraySize"], f"index {index} is not below MaxArraySize"
                 if not self.forgets:
                     self.table[f"{job}_{index}"] = slurm.Task(job, index, "PENDING", "Resources", given["job-name"])
-        check(len(self.active()) <= self.known_limits["MaxJobCount"] // 2, "more tasks than half of MaxJobCount")
+        assert len(self.active()) <= self.known_limits["MaxJobCount"] // 2, "more tasks than half of MaxJobCount"
         return job
 
     def active(self):
@@ -98,27 +103,27 @@ def finish_all(told, one, most=100):
         for key in told.active():
             told.finish(key)
         one.poll()
-    check(False, f"not finished after {most} polls: {[(k, c.end) for k, c in one.chunks.items() if not c.end][:5]}")
+    pytest.fail(f"not finished after {most} polls: {[(k, c.end) for k, c in one.chunks.items() if not c.end][:5]}")
 
 
-def limits(folder):
+def test_limits(folder):
     told, one, _ = a_round(folder, 250, array=40, jobs=120)
     one.poll()
-    check(len(told.active()) == 60, f"limits: {len(told.active())} tasks at first")
+    assert len(told.active()) == 60, f"limits: {len(told.active())} tasks at first"
     finish_all(told, one)
     held = [int(given["job-name"].rpartition("-")[2]) for _, given in told.scripts]
-    check(len(told.scripts) >= 7 and held == sorted(held), f"limits: arrays {held}")
-    check("'a collection.json'" in told.scripts[0][0], "limits: the script's words are quoted")
+    assert len(told.scripts) >= 7 and held == sorted(held), f"limits: arrays {held}"
+    assert "'a collection.json'" in told.scripts[0][0], "limits: the script's words are quoted"
 
 
-def throttled(folder):
+def test_throttled(folder):
     told, one, _ = a_round(folder, 30, throttle=4, array=11)
     one.poll()
-    check(told.throttle == "4" and len(told.scripts) == 1, "throttle: one array at a time, with %K")
+    assert told.throttle == "4" and len(told.scripts) == 1, "throttle: one array at a time, with %K"
     finish_all(told, one)
 
 
-def ends(folder):
+def test_ends(folder):
     told, one, _ = a_round(folder, 5)
     one.poll()
     told.finish("1_0", 3)  # failed scans are recorded
@@ -126,32 +131,32 @@ def ends(folder):
     told.finish("1_2", None, "FAILED")
     for _ in range(6):
         one.poll()
-    check(one.chunks[1].end == watch.DONE and one.chunks[2].end == watch.TIMEOUT and not one.chunks[3].end, f"ends: {one.chunks}")
-    check(one.resubmitted == 1 and len(told.scripts) == 2 and told.scripts[1][1]["array"] == "0", f"ends: {[given for _, given in told.scripts]}")
+    assert one.chunks[1].end == watch.DONE and one.chunks[2].end == watch.TIMEOUT and not one.chunks[3].end, f"ends: {one.chunks}"
+    assert one.resubmitted == 1 and len(told.scripts) == 2 and told.scripts[1][1]["array"] == "0", f"ends: {[given for _, given in told.scripts]}"
     while not one.chunks[3].end and len(told.scripts) < 20:
         told.finish(told.active()[-1], None, "FAILED")
         one.poll()
         if told.active() == ["1_3", "1_4"]:
             for _ in range(watch.GRACE_POLLS + 1):
                 one.poll()
-    check(one.chunks[3].attempts == watch.ATTEMPTS and "FAILED" in one.chunks[3].end, f"ends: given up: {one.chunks[3]}")
+    assert one.chunks[3].attempts == watch.ATTEMPTS and "FAILED" in one.chunks[3].end, f"ends: given up: {one.chunks[3]}"
     told.finish("1_3", 2)
     (folder.path / "log.0.4").write_text("trocar-mesh: a collection.json: wrong\n")
     try:
         one.poll()
-        check(False, "ends: wrong usage of the program goes on")
+        pytest.fail("ends: wrong usage of the program goes on")
     except FarmError as error:
-        check(error.code == 2 and str(error) == "a collection.json: wrong", f"ends: {error}")
+        assert error.code == 2 and str(error) == "a collection.json: wrong", f"ends: {error}"
 
 
-def forgotten(folder):
+def test_forgotten(folder):
     told, one, _ = a_round(folder, 3)
     told.forgets = True
     one.poll()
     told.forgets = False
     for _ in range(watch.GRACE_POLLS + 2):
         one.poll()
-    check(len(told.active()) == 3 and len(told.scripts) == 2, f"forgotten: a lost submission: {told.scripts}")
+    assert len(told.active()) == 3 and len(told.scripts) == 2, f"forgotten: a lost submission: {told.scripts}"
     told.finish("2_0", None, "COMPLETED")
     (folder.path / "result.0.1").write_text("0\n")
     told.set("2_1", "RUNNING")
@@ -159,10 +164,10 @@ def forgotten(folder):
     one.poll()
     one.repair.ended = {key: since - repair.ENDED_S - 1 for key, since in one.repair.ended.items()}
     one.poll()
-    check("scancel 2_1" in told.said and "scancel 2_2" not in told.said, f"forgotten: {told.said}")
+    assert "scancel 2_1" in told.said and "scancel 2_2" not in told.said, f"forgotten: {told.said}"
 
 
-def held(folder):
+def test_held(folder):
     for own in (True, False):
         folder.clear()
         told, one, said = a_round(folder, 2, own=own)
@@ -173,35 +178,35 @@ def held(folder):
             one.poll()
         resume, release = "scontrol update nodename=n1 state=resume", "scontrol release 1_0"
         if own:
-            check(resume in told.said and release in told.said and not said, f"held: own cluster: {told.said} {said}")
+            assert resume in told.said and release in told.said and not said, f"held: own cluster: {told.said} {said}"
         else:
-            check(all(word.startswith("scancel 1_0") for word in told.said), f"held: foreign cluster: {told.said}")
-            check(sum("n1" in line and resume in line for line in said) == 1, f"held: the node is named once: {said}")
-            check(len(told.scripts) == 2, "held: the chunk is submitted again")
+            assert all(word.startswith("scancel 1_0") for word in told.said), f"held: foreign cluster: {told.said}"
+            assert sum("n1" in line and resume in line for line in said) == 1, f"held: the node is named once: {said}"
+            assert len(told.scripts) == 2, "held: the chunk is submitted again"
         finish_all(told, one)
 
 
-def refused(folder):
+def test_refused(folder):
     told, one, _ = a_round(folder, 2)
     told.refuses = True
     try:
         for _ in range(watch.SUBMIT_FAILURES):
             one.poll()
-        check(False, "refused: an array that sbatch refuses is submitted for ever")
+        pytest.fail("refused: an array that sbatch refuses is submitted for ever")
     except FarmError as error:
-        check(error.code == 2 and "Invalid partition" in str(error), f"refused: {error}")
+        assert error.code == 2 and "Invalid partition" in str(error), f"refused: {error}"
 
 
-def arithmetic(folder):
+def test_arithmetic(folder):
     for slots, chunk_s, costs in ((3, 60, [1.0] * 600), (3, 60, [1.0] * 10), (4, 60, [200.0, 1, 1, 1, 200]), (2, 5, [0.0] * 7), (1, 60, [70.0])):
         seconds = {f"s{k}": cost for k, cost in enumerate(costs)}
         cut = chunks.cut(seconds, slots, chunk_s)
-        check([name for names in cut for name in names] == list(seconds), f"cut: names {costs[:5]}")
+        assert [name for names in cut for name in names] == list(seconds), f"cut: names {costs[:5]}"
         sums, largest = [sum(seconds[name] for name in names) for names in cut], max(costs)
-        check(max(sums) <= min(chunk_s, sum(costs) / slots) + largest + 1e-9, f"cut: {sums}")
-    check(len(chunks.cut({f"s{k}": 1.0 for k in range(600)}, 3, 60)) == 10, "cut: ten chunks of a minute")
-    check(chunks.index_text([0, 1, 2, 5, 7, 8]) == "0-2,5,7-8", "index_text")
-    check(farm_run.limit_minutes(60) == 10 and farm_run.limit_minutes(1) == 5, "limit_minutes")
+        assert max(sums) <= min(chunk_s, sum(costs) / slots) + largest + 1e-9, f"cut: {sums}"
+    assert len(chunks.cut({f"s{k}": 1.0 for k in range(600)}, 3, 60)) == 10, "cut: ten chunks of a minute"
+    assert chunks.index_text([0, 1, 2, 5, 7, 8]) == "0-2,5,7-8", "index_text"
+    assert farm_run.limit_minutes(60) == 10 and farm_run.limit_minutes(1) == 5, "limit_minutes"
     store = folder.path
     (store / "journal").mkdir()
     lines = ['{"scan": "a", "outcome": "made", "seconds": 2}', '{"scan": "b", "outcome": "failed", "seconds": 1, "exit_code": 137}',
@@ -209,26 +214,15 @@ def arithmetic(folder):
              '{"scan": 1, "outcome": "made", "seconds": 2}', '{"scan": "d", "outcome": "made", "seconds": NaN}', '{"scan": "e", "outc']
     (store / "journal" / "x.ndjson").write_bytes("\n".join(lines).encode() + b"\n\xff\xfe{}\n{\"scan\"")
     entries = journal.Journal(store).new_entries()
-    check([entry.scan for entry in entries] == ["a", "b", "c", "a"], f"journal: {entries}")
-    check([entry.scan for entry in entries if entry.is_refused] == ["c"], "journal: only a wrong scan is given up at once")
-    check(journal.estimates(entries, ["a", "z"], 9) == {"a": 2.0, "z": 4 / 3} and journal.estimates([], ["z"], 9) == {"z": 9}, "estimates")
+    assert [entry.scan for entry in entries] == ["a", "b", "c", "a"], f"journal: {entries}"
+    assert [entry.scan for entry in entries if entry.is_refused] == ["c"], "journal: only a wrong scan is given up at once"
+    assert journal.estimates(entries, ["a", "z"], 9) == {"a": 2.0, "z": 4 / 3} and journal.estimates([], ["z"], 9) == {"z": 9}, "estimates"
     of = {"scan_s": 1.0, "input_bytes": 1e6, "asset_bytes": 1e4, "beside_bytes": 1e3, "made_share": 0.9, "read_bytes_per_s": 1e8, "whole_file_s": 0.001,
           "start_s": 0.1, "entry_s": 1e-6, "look_s": 1e-5, "dispatch_s": 1.0, "controller_s": 0.01}
     small = plan.work_out(6000, 10, 1, 60, of)
-    check(small["chunks"] == 100 and abs(small["task_s"] - 61.106) < 1e-9, f"plan: {small}")
-    check(abs(small["seconds"] - (10 * 61.106 + 3 * (0.1 + 6000 * 1.1e-5))) < 1e-6, f"plan: {small['seconds']} s")
-    check(small["asset_bytes"] == 5400 * 1e4 and small["read_bytes"] == 2 * 6000 * 1e6, f"plan: {small}")
-    check(small["limits"][0]["what"] == "reading inputs" and small["limits"][0]["slots"] == 50, f"plan: {small['limits']}")
+    assert small["chunks"] == 100 and abs(small["task_s"] - 61.106) < 1e-9, f"plan: {small}"
+    assert abs(small["seconds"] - (10 * 61.106 + 3 * (0.1 + 6000 * 1.1e-5))) < 1e-6, f"plan: {small['seconds']} s"
+    assert small["asset_bytes"] == 5400 * 1e4 and small["read_bytes"] == 2 * 6000 * 1e6, f"plan: {small}"
+    assert small["limits"][0]["what"] == "reading inputs" and small["limits"][0]["slots"] == 50, f"plan: {small['limits']}"
     large = plan.work_out(6000, 1000, 1, 60, of)
-    check(large["useful_slots"] < 1000 and large["seconds"] > 6000 * 2 * 1e6 / 1e8, f"plan: beyond what saturates: {large}")
-
-
-def main():
-    for part in (limits, throttled, ends, forgotten, held, refused, arithmetic):
-        with tempfile.TemporaryDirectory() as scratch, RunFolder(pathlib.Path(scratch) / "store") as folder:
-            part(folder)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert large["useful_slots"] < 1000 and large["seconds"] > 6000 * 2 * 1e6 / 1e8, f"plan: beyond what saturates: {large}"

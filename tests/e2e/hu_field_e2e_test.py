@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""hu_field_e2e_test.py PROGRAMS SCAN WORK: the HU field of whole scans, as the report states it: SCAN is trocar-sample-ct's folder;
+"""The HU field of whole scans, as the report states it: SCAN is trocar-sample-ct's folder;
 the vertebra of the folder TROCAR_REAL_CT and the head CT of the file TROCAR_HEAD_CT are taken where they are."""
 import json
-import os
-import pathlib
-import sys
 
-from e2e import check, outcome, run
+from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, WORK, run
 
-PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:4])
 FIELDS = {"hu_bias", "hu_rms", "hu_pixels"}
 MOST_BIAS_HU = 5
 
@@ -30,20 +26,19 @@ def check_bias(name, scan, *options):
     slices = report_of(scan, *options, name=name)["slices"]
     for entry in slices:
         where = f"{name} {' '.join(options)}, slice {entry['index']}"
-        check(field(entry) == FIELDS, f"{where}: {sorted(entry)}")
+        assert field(entry) == FIELDS, f"{where}: {sorted(entry)}"
         if field(entry) != FIELDS:
             continue
-        check(abs(entry["hu_bias"]) <= MOST_BIAS_HU, f"{where}: bias {entry['hu_bias']} HU")
-        check((entry["hu_pixels"] > 0) == (entry["area_mm2"] > 0), f"{where}: {entry['hu_pixels']} pixels")
-        check((entry["hu_rms"] > 0) == (entry["area_mm2"] > 0), f"{where}: rms {entry['hu_rms']} HU")
+        assert abs(entry["hu_bias"]) <= MOST_BIAS_HU, f"{where}: bias {entry['hu_bias']} HU"
+        assert (entry["hu_pixels"] > 0) == (entry["area_mm2"] > 0), f"{where}: {entry['hu_pixels']} pixels"
+        assert (entry["hu_rms"] > 0) == (entry["area_mm2"] > 0), f"{where}: rms {entry['hu_rms']} HU"
 
 
-def main():
-    WORK.mkdir(parents=True, exist_ok=True)
+def test_hu_field():
     sample = SCAN / "sample.nii.gz"
     scans = {"sample": sample, "dicom": SCAN / "dicom",
-             "L3": pathlib.Path(os.environ.get("TROCAR_REAL_CT", "/nowhere")) / "l3" / "sub-ct_label-22_ct.nii.gz",
-             "head": pathlib.Path(os.environ.get("TROCAR_HEAD_CT", "") or "/nowhere")}
+             "L3": L3_SCAN,
+             "head": HEAD_CT}
     for name, scan in scans.items():
         if scan.exists():
             check_bias(name, scan)
@@ -56,31 +51,26 @@ def main():
     crop = report_of(sample, "--slices", "15:17", "--crop", "60:470,40:480")["slices"]
     for a, b in zip(whole, crop):
         if a["area_mm2"] == b["area_mm2"]:
-            check(all(abs(a.get(key, 0) - b.get(key, 1)) < 1e-6 for key in FIELDS), f"cropped: {a} {b}")
-    check(any(a["area_mm2"] == b["area_mm2"] for a, b in zip(whole, crop)), "no slice is the same when cropped")
+            assert all(abs(a.get(key, 0) - b.get(key, 1)) < 1e-6 for key in FIELDS), f"cropped: {a} {b}"
+    assert any(a["area_mm2"] == b["area_mm2"] for a, b in zip(whole, crop)), "no slice is the same when cropped"
 
     # Graded: more triangles, a smaller error.
     graded = report_of(sample, "--slices", "15:17", "--grade", "200")["slices"]
     for a, b in zip(whole, graded):
-        check(b["hu_rms"] < 0.8 * a["hu_rms"] and b["triangles"] > 1.5 * a["triangles"], f"graded: {a} {b}")
+        assert b["hu_rms"] < 0.8 * a["hu_rms"] and b["triangles"] > 1.5 * a["triangles"], f"graded: {a} {b}"
     for scan, options in ((SCAN / "png", ("--spacing", "1,1,1", "--threshold", "150")), (sample, ("--labels", "all"))):
         run(PROGRAMS / "trocar-mesh", scan, "-o", WORK / "no.glb", "--quiet", "--grade", "100", *options, expect=2)
 
     one, two = (report_of(sample, "--jobs", jobs)["slices"] for jobs in ("1", "3"))
-    check(one == two, "the field depends on the number of threads")
-    check(b"_HU" in (WORK / "out.glb").read_bytes(), "the asset has no HU")
+    assert one == two, "the field depends on the number of threads"
+    assert b"_HU" in (WORK / "out.glb").read_bytes(), "the asset has no HU"
 
     for what, scan, options in (("--no-hu", sample, ("--no-hu",)), ("images", SCAN / "png", ("--spacing", "0.3125,0.3125,1", "--threshold", "150"))):
         report = report_of(scan, "--slices", "15:16", *options)
-        check(not any(field(entry) for entry in report["slices"]), f"{what}: has {FIELDS}")
-        check(b"_HU" not in (WORK / "out.glb").read_bytes(), f"{what}: the asset has HU")
-        check(("hu" in report["parameters"]) == (what == "--no-hu"), f"{what}: {report['parameters']}")
+        assert not any(field(entry) for entry in report["slices"]), f"{what}: has {FIELDS}"
+        assert b"_HU" not in (WORK / "out.glb").read_bytes(), f"{what}: the asset has HU"
+        assert ("hu" in report["parameters"]) == (what == "--no-hu"), f"{what}: {report['parameters']}"
     labels = scans["L3"].with_name("sub-ct_seg-vert_label-22_msk.nii.gz")
     if labels.exists():
         report = report_of(labels, "--labels", "all")
-        check(not any(field(entry) for entry in report["slices"]), "labels: have HU")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        assert not any(field(entry) for entry in report["slices"]), "labels: have HU"

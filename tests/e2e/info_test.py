@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""info_test.py SOURCE PROGRAMS SCAN WORK: the places and HU that `trocar-mesh info` says of each slice.
+"""The positions and HU that `trocar-mesh info` reports for each slice.
 
 Box and centroid are computed again from the outlines that `trocar-mesh export` writes, by Green's theorem; the mean HU from the voxels
 of a scan of two materials that is made here. The JSON conforms to its schema, and the text says what the JSON says.
 """
 import json
-import pathlib
 import re
-import shutil
-import sys
 
 import jsonschema
 import numpy as np
 
-from e2e import check, outcome, run
+import pytest
+from programs import run
 from new_scene_test import nifti
 
 
@@ -32,7 +30,7 @@ def outline(file):
         while at in after:
             ring.append(points[at])
             at = after.pop(at)
-        check(at == start, f"{file}: an outline is open")
+        assert at == start, f"{file}: an outline is open"
         rings.append(np.array(ring))
     return rings
 
@@ -48,10 +46,7 @@ def moments(rings):
     return area, first / area
 
 
-def main():
-    source, programs, scan, work = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_info(source, programs, scan, work):
     mesh = programs / "trocar-mesh"
     schema = json.loads((source / "formats/session/info.schema.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
@@ -61,9 +56,9 @@ def main():
     def info(asset):
         document = json.loads(run(mesh, "info", asset, "--json").stdout)
         for error in validator.iter_errors(document):
-            check(False, f"{asset.name}: {error.json_path}: {error.message[:200]}")
+            pytest.fail(f"{asset.name}: {error.json_path}: {error.message[:200]}")
         for key in ("box_mm", "slices"):
-            check(not validator.is_valid({k: v for k, v in document.items() if k != key}), f"schema: takes a document without {key}")
+            assert not validator.is_valid({k: v for k, v in document.items() if k != key}), f"schema: takes a document without {key}"
         return document
 
     sample = work / "sample.glb"
@@ -77,15 +72,15 @@ def main():
         area, centroid = moments(rings)
         points = np.concatenate(rings)
         name = f"slice {each['index']}"
-        check(abs(area - each["area_mm2"]) < 1e-9 * area, f"{name}: area {each['area_mm2']}, not {area}")
-        check(np.allclose(each["centroid_mm"], centroid, rtol=0, atol=1e-9), f"{name}: centroid {each['centroid_mm']}, not {centroid}")
-        check(np.allclose(each["box_mm"], [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-12), f"{name}: box {each['box_mm']}")
+        assert abs(area - each["area_mm2"]) < 1e-9 * area, f"{name}: area {each['area_mm2']}, not {area}"
+        assert np.allclose(each["centroid_mm"], centroid, rtol=0, atol=1e-9), f"{name}: centroid {each['centroid_mm']}, not {centroid}"
+        assert np.allclose(each["box_mm"], [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-12), f"{name}: box {each['box_mm']}"
         corners += each["box_mm"]
         line = next(line for line in text.splitlines() if re.match(rf" +{each['index']} +-?\d+\.\d", line)).split()
-        check(line[-1] == f"{each['mean_hu']:.0f}" and line[-2] == f"{centroid[1]:.1f}", f"{name}: the text says {line}")
+        assert line[-1] == f"{each['mean_hu']:.0f}" and line[-2] == f"{centroid[1]:.1f}", f"{name}: the text says {line}"
         seen += 1
-    check(seen == 35, f"{seen} slices")
-    check(np.allclose(document["box_mm"], [np.min(corners, axis=0), np.max(corners, axis=0)]), f"box {document['box_mm']}")
+    assert seen == 35, f"{seen} slices"
+    assert np.allclose(document["box_mm"], [np.min(corners, axis=0), np.max(corners, axis=0)]), f"box {document['box_mm']}"
 
     y, x = np.mgrid[0:40, 0:40]
     disc = np.hypot(x - 20, y - 20) < 12
@@ -93,15 +88,10 @@ def main():
     run(mesh, nifti(work / "discs.nii", voxels, (1, 1, 1)), "-o", work / "discs.glb", "--quiet")
     for each, hu in zip(info(work / "discs.glb")["slices"], (400, 800, None, 1000)):
         if hu is None:
-            check(each["mean_hu"] is None and each["box_mm"] is None and each["centroid_mm"] is None, f"an empty slice: {each}")
+            assert each["mean_hu"] is None and each["box_mm"] is None and each["centroid_mm"] is None, f"an empty slice: {each}"
         else:  # 20 of 40 pixels, counted from the other side: a NIfTI's x and y point to right and anterior
-            check(abs(each["mean_hu"] - hu) <= 8 and np.hypot(*(np.array(each["centroid_mm"]) - 19)) < 0.05, f"disc of {hu} HU: {each}")
+            assert abs(each["mean_hu"] - hu) <= 8 and np.hypot(*(np.array(each["centroid_mm"]) - 19)) < 0.05, f"disc of {hu} HU: {each}"
     run(mesh, scan / "dicom", "-o", work / "no_hu.glb", "--no-hu", "--slices", "3:5", "--quiet")
     report = info(work / "no_hu.glb")["slices"]
-    check(len(report) == 3, f"{report}")
-    check("no material" in run(mesh, "info", work / "discs.glb").stdout, "the text of an empty slice")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert len(report) == 3, f"{report}"
+    assert "no material" in run(mesh, "info", work / "discs.glb").stdout, "the text of an empty slice"

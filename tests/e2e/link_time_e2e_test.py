@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""link_time_e2e_test.py BIN SCAN WORK: damping over the device link in real time, against the truth in the drive's record.
+"""Damping over the device link in real time, against the truth in the drive's record.
 
  1. A proxy delays each datagram by a random 0 to 4 ms, lets later ones overtake it, and loses some.
  2. The host is stopped (SIGSTOP) for 2 ms every 137 ms.
@@ -12,18 +12,15 @@ session recovers when the hand has lifted the tool.
 import csv
 import heapq
 import json
-import pathlib
 import random
 import select
-import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 
-from e2e import check, outcome, run
+from programs import run
 
 STIFFNESS, DAMPING, THRESHOLD_N, SHEET_M = 1000.0, 60.0, 27.0, 0.16
 DELAY_S, LOSS = 0.004, 0.03
@@ -127,7 +124,7 @@ def session(programs, work, name, use_proxy):
     drive.send_signal(signal.SIGINT)
     drive.communicate(timeout=30)
     proxy.ended.set()
-    check(host.returncode in (0, 5), f"{name}: trocar-run ended with {host.returncode}: {stderr}")
+    assert host.returncode in (0, 5), f"{name}: trocar-run ended with {host.returncode}: {stderr}"
     if use_proxy:
         print(f"{name}: {proxy.passed} datagrams passed, {proxy.lost} lost")
     with record.open() as file:
@@ -150,26 +147,18 @@ def compare(name, rows, summary, truth):
             errors.append(abs(rendered_N - true_N) / abs(true_N))
     errors.sort()
     faults = [fault["fault"] for fault in summary["faults"]]
-    check(not summary["punctures"], f"{name}: {summary['punctures']}")
+    assert not summary["punctures"], f"{name}: {summary['punctures']}"
     if len(errors) < LEAST_ROWS:
         return False
     p95 = errors[int(PERCENTILE * len(errors))]
     print(f"{name}: error of damping {errors[len(errors) // 2]:.3f} (median), {p95:.3f} (95th percentile) in {len(errors)} ticks, "
           f"largest force {largest_N:.1f} N; stopped by {faults or 'nothing'}")
-    check(p95 <= WITHIN, f"{name}: damping is wrong by {p95:.3f} of the true one at the 95th percentile")
+    assert p95 <= WITHIN, f"{name}: damping is wrong by {p95:.3f} of the true one at the 95th percentile"
     return True
 
 
-def main():
-    programs, scan, work = map(pathlib.Path, sys.argv[1:])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_link_time(programs, scan, work):
     run(programs / "trocar-mesh", scan / "dicom", "-o", work / "sample.glb", "--quiet")
     for name, use_proxy in (("delays", True), ("stops", False)):
         if not any(compare(name, *session(programs, work, f"{name}_{attempt}", use_proxy)) for attempt in range(3)):
             print(f"{name}: skipped, this machine stalls")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

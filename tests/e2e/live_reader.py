@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and commands a session that is shown in memory; written from formats/session/live_memory.md alone."""
+"""Reads and commands a session that is shown in memory; written from formats/session/telemetry.md alone."""
 import fcntl
 import json
 import mmap
@@ -74,7 +74,7 @@ class Live:
                 self.lost += after - self.next_event
                 self.next_event = after
                 continue
-            names = ("kind", "t_s", "sheet", "slice", "cut", "tool_z_m", "penetration_m", "force_N", "judged_force_N", "fault")
+            names = ("kind", "t_s", "sheet", "slice", "cut", "tool_z_m", "penetration_m", "force_N", "trial_force_N", "fault")
             found.append(dict(zip(names, words[1:])))
             self.next_event += 1
         return found

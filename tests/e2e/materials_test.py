@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""materials_test.py PROGRAMS WORK: the labels of a label map as materials of one asset, as a user makes, reads and meets them. Their
+"""The labels of a label map as materials of one asset, as a user makes, reads and meets them. Their
 meshes are read back from exported outlines, whose coordinates are whole numbers of lattice steps: no gap, no overlap, exact sums."""
 import collections
 import json
-import pathlib
-import shutil
-import sys
 
 import nibabel
 import numpy
 
-from e2e import check, outcome, run
+from programs import PROGRAMS, WORK, run
 
-PROGRAMS, WORK = map(pathlib.Path, sys.argv[1:3])
 MESH = PROGRAMS / "trocar-mesh"
 STEPS = 256  # of the lattice in a mm
 PIXEL_MM = 0.75
@@ -54,7 +50,7 @@ def outlines(folder):
         points = []
         for _, x, y, _ in lines[1:1 + count]:
             place = (float(x) * STEPS, float(y) * STEPS)
-            check(all(value == round(value) for value in place), f"{file.name}: {x} {y} is not on the lattice")
+            assert all(value == round(value) for value in place), f"{file.name}: {x} {y} is not on the lattice"
             points.append(tuple(map(round, place)))
         found[int(index)][int(material)] = [(points[int(a) - 1], points[int(b) - 1]) for _, a, b, _ in lines[2 + count:2 + 2 * count]]
     return found
@@ -70,7 +66,7 @@ def near_void(edge, labels):
     return (padded[y + 1:y + 7, x + 1:x + 7] == 0).any()
 
 
-def has_no_gap_and_no_overlap():
+def test_has_no_gap_and_no_overlap():
     maps = [organs(seed, salt) for seed in range(5) for salt in (0, 0.1)]
     file, asset, report = label_map("ten.nii.gz", maps), WORK / "ten.glb", WORK / "ten.json"
     for region in ("0", "1"):
@@ -78,36 +74,36 @@ def has_no_gap_and_no_overlap():
         for jobs in (1, 2):
             run(MESH, file, "--labels", "all", "--min-region", region, "--jobs", jobs, "-o", asset, "--report", report, "--quiet")
             made.add(asset.read_bytes())
-        check(len(made) == 1, f"min-region {region}: 1 and 2 threads give different bytes")
+        assert len(made) == 1, f"min-region {region}: 1 and 2 threads give different bytes"
         said = run(MESH, "verify", "--independent", "--private", asset).stdout
-        check("valid, 10 slices, private, confirmed by CGAL" in said, said)
+        assert "valid, 10 slices, private, confirmed by CGAL" in said, said
         told = info(asset)
-        check([(m["name"], m["label"]) for m in told["materials"]] == [(f"label {n}", n) for n in range(20, 30)], f"{told['materials']}")
+        assert [(m["name"], m["label"]) for m in told["materials"]] == [(f"label {n}", n) for n in range(20, 30)], f"{told['materials']}"
         folder = WORK / f"export_{region}"
         run(MESH, "export", asset, "-o", folder)
         found = outlines(folder)
-        check(sorted(found) == list(range(10)), f"slices {sorted(found)}")
+        assert sorted(found) == list(range(10)), f"slices {sorted(found)}"
         entries = {(entry["index"], entry["material"]): entry["area_mm2"] for entry in told["slices"]}
         reported = {(entry["index"], entry["material"]): entry for entry in json.loads(report.read_text())["slices"]}
-        check(len(reported) == len(entries) == sum(map(len, found.values())), "report, asset and export have different entries")
+        assert len(reported) == len(entries) == sum(map(len, found.values())), "report, asset and export have different entries"
         for k, materials in found.items():
             counted = collections.Counter(edge for edges in materials.values() for edge in edges)
-            check(max(counted.values()) == 1, f"slice {k}: two materials on the same side of an edge")
+            assert max(counted.values()) == 1, f"slice {k}: two materials on the same side of an edge"
             outer = [(a, b) for a, b in counted if (b, a) not in counted]
-            check(len(outer) < 0.7 * len(counted), f"slice {k}: only {len(counted) - len(outer)} of {len(counted)} edges are shared")
-            check(doubled_area(outer) == sum(map(doubled_area, materials.values())), f"slice {k}: the areas do not sum to their union's")
+            assert len(outer) < 0.7 * len(counted), f"slice {k}: only {len(counted) - len(outer)} of {len(counted)} edges are shared"
+            assert doubled_area(outer) == sum(map(doubled_area, materials.values())), f"slice {k}: the areas do not sum to their union's"
             far = [edge for edge in outer if region == "0" and not near_void(edge, maps[k])]
-            check(not far, f"slice {k}: a gap along {far[:3]}")
+            assert not far, f"slice {k}: a gap along {far[:3]}"
             for material, edges in materials.items():
                 stored = 2 * STEPS ** 2 * entries[k, material]  # of the triangles; exact in a double
-                check(stored == doubled_area(edges), f"slice {k}, material {material}: triangles {stored}, outline {doubled_area(edges)}")
+                assert stored == doubled_area(edges), f"slice {k}, material {material}: triangles {stored}, outline {doubled_area(edges)}"
                 entry = reported[k, f"label {20 + material}"]
-                check(entry["area_mm2"] == entries[k, material], f"slice {k}, material {material}: {entry}")
+                assert entry["area_mm2"] == entries[k, material], f"slice {k}, material {material}: {entry}"
             times = [index for (index, _), entry in reported.items() if "ms" in entry]
-            check(sorted(times) == list(range(10)), f"times of {times}")
+            assert sorted(times) == list(range(10)), f"times of {times}"
 
 
-def groups_labels():
+def test_groups_labels():
     """Each label a material, unless + joins it with others."""
     square = numpy.zeros((20, 40), int)
     for k in range(4):
@@ -123,9 +119,9 @@ def groups_labels():
             (("20,99",), ["L1"], [20, 99], None)):
         run(MESH, file, "--labels", *words, "--names", names, "-o", asset, "--quiet")
         told = info(asset)
-        check([m["name"] for m in told["materials"]] == materials, f"{words}: {told['materials']}")
-        check(told["parameters"]["labels"] == labels and told["parameters"].get("joined_labels") == joined, f"{words}: {told['parameters']}")
-        check([s["index"] for s in told["slices"]] == [0] * len(materials) + [1], f"{words}: entries {told['slices']}")
+        assert [m["name"] for m in told["materials"]] == materials, f"{words}: {told['materials']}"
+        assert told["parameters"]["labels"] == labels and told["parameters"].get("joined_labels") == joined, f"{words}: {told['parameters']}"
+        assert [s["index"] for s in told["slices"]] == [0] * len(materials) + [1], f"{words}: entries {told['slices']}"
         run(MESH, "verify", "--private", "--independent", asset)
     for words, because in ((("20+21,21",), "label 21 is in two materials"), (("20+21", "22+20"), "label 20 is in two materials"),
                            (("20-22,21+23",), "label 21 is in two materials"), (("20+20",), "label 20 is joined to itself"),
@@ -133,18 +129,18 @@ def groups_labels():
                            (("20,21", "--contour", "pixel"), "join the labels"), (("all", "--contour", "pixel"), "join the labels"),
                            (("20,21", "--fill", "all"), "--fill fills one material")):
         said = run(MESH, file, "--labels", *words, "-o", WORK / "none.glb", expect=2).stderr
-        check(because in said and len(said.splitlines()) == 1, f"{words}: {said}")
+        assert because in said and len(said.splitlines()) == 1, f"{words}: {said}"
     run(MESH, file, "--labels", "20+21", "--contour", "pixel", "-o", asset, "--quiet")
     text = run(MESH, file, "--labels", "20-22", "--names", names, "-o", asset).stdout
-    check(": 2 slices, " in text, text)
+    assert ": 2 slices, " in text, text
     text = run(MESH, "info", asset).stdout
-    check("material" in text and '"L1"' in text and '"label 22"' in text, text)
+    assert "material" in text and '"L1"' in text and '"label 22"' in text, text
     # Three squares of 12 x 8 pixels that share borders: rounded corners only.
     told = info(asset)["materials"]
-    check(all(abs(m["area_mm2"] / (96 * PIXEL_MM ** 2) - 1) < 0.02 for m in told), f"{told}")
+    assert all(abs(m["area_mm2"] / (96 * PIXEL_MM ** 2) - 1) < 0.02 for m in told), f"{told}"
 
 
-def is_met_as_one_sheet():
+def test_is_met_as_one_sheet():
     """A needle at the border of two materials, and at that of their union: one puncture, and nearly the same force."""
     square = numpy.zeros((60, 60), int)
     square[10:50, 10:50] = 20
@@ -161,25 +157,9 @@ def is_met_as_one_sheet():
                      "trajectory": [{"t_s": 0, "tip_m": [0, 0, 0.155]}, {"t_s": 0.2, "tip_m": [0, 0, 0.155]}, {"t_s": 1.3, "tip_m": [0, 0, 0.14]}]}}))
         run(PROGRAMS / "trocar-run", scene, "--clock", "virtual", "--summary", summary, "--quiet")
         told = json.loads(summary.read_text())
-        check(len(told["punctures"]) == 1, f"{words}: punctures {told['punctures']}")
-        if told["punctures"]:
-            forces[words] = told["punctures"][0]
+        assert len(told["punctures"]) == 1, f"{words}: punctures {told['punctures']}"
+        forces[words] = told["punctures"][0]
     print("punctures", json.dumps(forces))
-    check(len(forces) == 2, "a run without puncture")
-    if len(forces) == 2:
-        several, joined = forces["20,21"], forces["20+21"]
-        check(abs(several["force_N"] / joined["force_N"] - 1) < 0.05, f"{forces}")
-        check(abs(several["t_s"] - joined["t_s"]) < 0.02, f"{forces}")
-
-
-def main():
-    shutil.rmtree(WORK, ignore_errors=True)
-    WORK.mkdir(parents=True)
-    has_no_gap_and_no_overlap()
-    groups_labels()
-    is_met_as_one_sheet()
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    several, joined = forces["20,21"], forces["20+21"]
+    assert abs(several["force_N"] / joined["force_N"] - 1) < 0.05, f"{forces}"
+    assert abs(several["t_s"] - joined["t_s"]) < 0.02, f"{forces}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""mesh_program_e2e_test.py PROGRAMS SCAN WORK: trocar-mesh as a user calls it: options in any order, no file of the user
+"""Trocar-mesh as a user calls it: options in any order, no file of the user
 overwritten, names of any bytes, parameters stored in the asset."""
 import gzip
 import json
@@ -10,16 +10,15 @@ import shutil
 import signal
 import struct
 import subprocess
-import sys
 import time
 
-from e2e import SANITIZED, check, outcome, run
+from programs import SANITIZED, run
 
 
 def refuses(code, text, *command, **keys):
     """Expects this exit code, and one line on stderr that contains `text`."""
     said = run(*command, expect=code, **keys).stderr
-    check(len(said.splitlines()) == 1 and text in said, f"{' '.join(map(str, command))}: {said!r} lacks {text!r}")
+    assert len(said.splitlines()) == 1 and text in said, f"{' '.join(map(str, command))}: {said!r} lacks {text!r}"
 
 
 def warned(mesh, report, *words):
@@ -38,7 +37,7 @@ def wait_until_caught(process, signal_number):
         time.sleep(0.01)
 
 
-def one_clear_line(programs, scan, work):
+def test_one_clear_line(programs, scan, work):
     """Errors name the option: empty values, options without effect, numbers out of range."""
     mesh, volume, png, out = programs / "trocar-mesh", scan / "sample.nii.gz", scan / "png", ("-o", work / "never.glb")
     grey = ("--spacing", "0.3125,0.3125,1", "--threshold", "95.2")
@@ -77,7 +76,7 @@ def one_clear_line(programs, scan, work):
     damaged.write_bytes(packed[:-4000])
     refuses(3, f"{damaged}: truncated", mesh, damaged, *out, "--slices", "0:0")
     damaged.unlink()
-    check(not (work / "never.glb").exists(), "something was written")
+    assert not (work / "never.glb").exists(), "something was written"
 
 
 def label_map(scan, file, values):
@@ -99,7 +98,7 @@ def label_map(scan, file, values):
     return file
 
 
-def refuses_an_empty_asset(programs, scan, work):
+def test_refuses_an_empty_asset(programs, scan, work):
     """No material in any slice: refused with the values and labels found, and what to try; nothing is written."""
     mesh, volume, out, report = programs / "trocar-mesh", scan / "sample.nii.gz", work / "empty.glb", work / "empty.json"
     whole = ("-o", out, "--report", report)
@@ -121,23 +120,23 @@ def refuses_an_empty_asset(programs, scan, work):
             ((scan / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "32000"), ("the values found are 0 to 223 (grey levels)", "try a --threshold from 0 to 223")),
     ):
         said = run(mesh, *words, *whole, expect=3).stderr
-        check(len(said.splitlines()) == 1 and all(text in said for text in texts), f"{words}: {said!r} lacks one of {texts}")
-        check(not out.exists() and not report.exists(), f"{words}: something was written")
+        assert len(said.splitlines()) == 1 and all(text in said for text in texts), f"{words}: {said!r} lacks one of {texts}"
+        assert not out.exists() and not report.exists(), f"{words}: something was written"
     # Slices without material beside others are fine.
     said = run(mesh, labelled, *whole, "--labels", "22").stderr
-    check("empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}")
+    assert "empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}"
 
 
-def refuses_other_outputs_than_glb(programs, scan, work):
+def test_refuses_other_outputs_than_glb(programs, scan, work):
     """GLB bytes never go into a file that is named as something else."""
     mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
     for name in ("x.stl", "x", "glb", "x.glb.gz"):
         refuses(2, f"-o {work / name}: an asset is a .glb", mesh, volume, "-o", work / name, "--slices", "3:3")
-        check(not (work / name).exists(), f"{name} was written")
+        assert not (work / name).exists(), f"{name} was written"
     run(mesh, volume, "-o", work / "x.GLB", "--slices", "3:3", "--quiet")
 
 
-def suggests_a_command(programs, _, work):
+def test_suggests_a_command(programs, scan, work):
     """A mistyped command is not taken for an input; a file of such a name is."""
     mesh = programs / "trocar-mesh"
     for wrong, right in (("verfy", "verify"), ("Verify", "verify"), ("inf", "info"), ("exprot", "export")):
@@ -148,7 +147,7 @@ def suggests_a_command(programs, _, work):
     refuses(3, "trocar-mesh: verfy: ", mesh, "verfy", "-o", work / "x.glb", cwd=work)
 
 
-def takes_labels(programs, scan, work):
+def test_takes_labels(programs, scan, work):
     """Lists, ranges, several words and `all` give the same asset as single labels."""
     mesh, file = programs / "trocar-mesh", label_map(scan, work / "many.nii", ((20, 21, 22), (23, 24, 41), (42,)))
     made = {}
@@ -157,9 +156,9 @@ def takes_labels(programs, scan, work):
         for order in ((file, "--labels", *words), ("--labels", *words, file)):
             run(mesh, *order, "-o", work / "many.glb", "--quiet")
             made.setdefault((work / "many.glb").read_bytes(), []).append(name)
-    check(len(made) == 1, f"different assets: {list(made.values())}")
+    assert len(made) == 1, f"different assets: {list(made.values())}"
     info = json.loads(run(mesh, "info", work / "many.glb", "--json").stdout)
-    check(info["parameters"]["labels"] == [20, 21, 22, 23, 24, 41, 42], f"{info['parameters']}")
+    assert info["parameters"]["labels"] == [20, 21, 22, 23, 24, 41, 42], f"{info['parameters']}"
     for text in ("24-20", "20-", "-", "0-70000", "all,3", "a-b", "20-24-26"):
         refuses(2, "--labels " + text, mesh, file, "-o", work / "none.glb", "--labels=" + text)
     empty = label_map(scan, work / "zero.nii", ((),))
@@ -169,31 +168,31 @@ def takes_labels(programs, scan, work):
 def verifies_several(mesh, good, broken):
     """Every file is looked at, whichever is invalid; CGAL confirms the good one."""
     said = run(mesh, "verify", "--independent", good, good)
-    check(said.stdout.count(", confirmed by CGAL") == 2, f"verify --independent: {said.stdout}")
+    assert said.stdout.count(", confirmed by CGAL") == 2, f"verify --independent: {said.stdout}"
     said = run(mesh, "verify", broken, good, expect=3)
-    check("broken.glb" in said.stderr and "valid" in said.stdout, f"verify of two: {said.stdout} {said.stderr}")
+    assert "broken.glb" in said.stderr and "valid" in said.stdout, f"verify of two: {said.stdout} {said.stderr}"
     found = json.loads(run(mesh, "verify", good, broken, "--json", "--independent", expect=3).stdout)
-    check([f["valid"] for f in found] == [True, False] and "reason" in found[1], f"verify --json: {found}")
+    assert [f["valid"] for f in found] == [True, False] and "reason" in found[1], f"verify --json: {found}"
 
 
-def presets_are_their_options(programs, scan, work):
+def test_presets_are_their_options(programs, scan, work):
     """What --explain prints of a preset gives the same asset; an option beside a preset replaces the preset's; wrong uses."""
     mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
     shown = run(mesh, "--explain").stdout.splitlines()
     presets = {line.split(":")[0]: line.split(":")[1].split() for line in shown if not line.startswith(" ")}
-    check(set(presets) == {"bone", "solid-bone", "vertebra", "skin", "paper"}, f"presets: {sorted(presets)}")
+    assert set(presets) == {"bone", "solid-bone", "vertebra", "skin", "paper"}, f"presets: {sorted(presets)}"
     made = {}
     for name, options in presets.items():
         one, other = work / f"{name}.glb", work / f"{name}_options.glb"
         run(mesh, volume, "-o", one, "--quiet", "--preset", name, "--slices", "14:20")
         run(mesh, volume, "-o", other, "--quiet", *options, "--slices", "14:20")
         made[name] = one.read_bytes()
-        check(made[name] == other.read_bytes(), f"--preset {name} is not {' '.join(options)}")
-    check(len(set(made.values())) == len(made), "two presets give the same asset")
+        assert made[name] == other.read_bytes(), f"--preset {name} is not {' '.join(options)}"
+    assert len(set(made.values())) == len(made), "two presets give the same asset"
     run(mesh, volume, "-o", work / "other.glb", "--quiet", "--preset=vertebra", "--threshold", "300", "--slices", "14:20")
     parameters = json.loads(run(mesh, "info", work / "other.glb", "--json").stdout)["parameters"]
-    check(parameters["threshold"] == 300 and parameters["close_mm"] == 3 and parameters["fill_mm2"] == 2500
-          and parameters["min_volume_mm3"] == 100, f"parameters: {parameters}")
+    assert (parameters["threshold"] == 300 and parameters["close_mm"] == 3 and parameters["fill_mm2"] == 2500
+          and parameters["min_volume_mm3"] == 100), f"parameters: {parameters}"
     out = ("-o", work / "never.glb")
     refuses(2, "--close needs --fill", mesh, volume, *out, "--close", "3")
     refuses(2, "--fill some: must be an area in mm^2, or all", mesh, volume, *out, "--fill", "some")
@@ -207,7 +206,7 @@ def presets_are_their_options(programs, scan, work):
     refuses(3, "--seed 9000,0,0: no material", mesh, volume, *out, "--seed", "9000,0,0", "0,0,0")
     refuses(3, "the values look like HU and not like labels", mesh, volume, *out, "--mask", f"{volume}:300")
     said = warned(mesh, work / "all.json", volume, "-o", work / "all.glb", "--threshold", "-5000", "--slices", "14:15")
-    check("every pixel is material" in said.get("all_material", ""), f"all_material: {said}")
+    assert "every pixel is material" in said.get("all_material", ""), f"all_material: {said}"
     label_map(scan, work / "small.nii.gz", [[1]])
     refuses(3, "needs a label map on the scan's grid", mesh, volume, *out, "--mask", f"{work / 'small.nii.gz'}:1")
     aside = bytearray(gzip.decompress(volume.read_bytes()))
@@ -216,7 +215,7 @@ def presets_are_their_options(programs, scan, work):
     refuses(3, "its origin is (", mesh, volume, *out, "--mask", f"{work / 'aside.nii'}:1")
 
 
-def names_what_is_no_number(programs, scan, work):
+def test_names_what_is_no_number(programs, scan, work):
     mesh, words = programs / "trocar-mesh", (scan / "sample.nii.gz", "-o", work / "none.glb")
     for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
                                ("--jobs", "1.5", "whole number"), ("--lattice-bits", "x", "whole number")):
@@ -225,7 +224,7 @@ def names_what_is_no_number(programs, scan, work):
     refuses(2, "--rate: fast is not a number", programs / "trocar-run", work / "scene.json", "--rate", "fast")
 
 
-def says_permission_denied(programs, scan, work):
+def test_says_permission_denied(programs, scan, work):
     """Inputs that may not be read; as root, the programs run as another user."""
     mesh, folder = programs / "trocar-mesh", work / "private"
     keys = {"user": 65534, "group": 65534, "extra_groups": []} if os.geteuid() == 0 else {}
@@ -254,35 +253,35 @@ def says_permission_denied(programs, scan, work):
         place.chmod(0o700)
 
 
-def warns(programs, scan, work):
+def test_warns(programs, scan, work):
     mesh, out, report = programs / "trocar-mesh", ("-o", work / "warned.glb"), work / "warned.json"
     labelled = label_map(scan, work / "warned.nii", ((22,), (23, 24)))
     said = warned(mesh, report, labelled, *out, "--labels", "22,99999")
-    check("99999" in said.get("label_absent", ""), f"an absent label: {said}")
+    assert "99999" in said.get("label_absent", ""), f"an absent label: {said}"
     folder = work / "numbered"
     folder.mkdir()
     for k in (1, 2, 3, 4, 6, 7):
         shutil.copy(scan / "png" / "slice_015.png", folder / f"a1_{k:03}_x2.png")
     grey = ("--spacing", "0.3125,0.3125,1")
     said = warned(mesh, report, folder, *out, *grey, "--threshold", "95.2")
-    check("a1_004_x2.png" in said.get("missing_slice", "") and "a1_006_x2.png" in said["missing_slice"], f"{said}")
+    assert "a1_004_x2.png" in said.get("missing_slice", "") and "a1_006_x2.png" in said["missing_slice"], f"{said}"
     said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "-5")
-    check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
+    assert "0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}"
     said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "0")
-    check(set(said) == {"all_material"}, f"unexpected warnings: {said}")
+    assert set(said) == {"all_material"}, f"unexpected warnings: {said}"
 
 
-def groups_its_warnings(programs, scan, work):
+def test_groups_its_warnings(programs, scan, work):
     """Warnings of one kind are one line with ranges, and one entry with its slices."""
     mesh, report = programs / "trocar-mesh", work / "grouped.json"
     file = label_map(scan, work / "gaps.nii", ((), (), (22,), (), (24,), (), ()))
     said = run(mesh, file, "-o", work / "grouped.glb", "--labels", "20,22-24", "--report", report).stderr.splitlines()
-    check(said == ["trocar-mesh: warning (empty_slice): slices 0-1, 3, 5-6: no material",
-                   "trocar-mesh: warning (label_absent): labels 20, 23: not in the slices that were meshed"], f"grouped: {said}")
+    assert (said == ["trocar-mesh: warning (empty_slice): slices 0-1, 3, 5-6: without material",
+                   "trocar-mesh: warning (label_absent): labels 20, 23: not in the slices that were meshed"]), f"grouped: {said}"
     entries = json.loads(report.read_bytes())["warnings"]
-    check(entries == [{"code": "empty_slice", "where": "slices 0-1, 3, 5-6", "sentence": "no material", "slices": [0, 1, 3, 5, 6]},
+    assert (entries == [{"code": "empty_slice", "where": "slices 0-1, 3, 5-6", "sentence": "without material", "slices": [0, 1, 3, 5, 6]},
                       {"code": "label_absent", "where": "labels 20, 23", "sentence": "not in the slices that were meshed",
-                       "labels": [20, 23]}], f"entries: {entries}")
+                       "labels": [20, 23]}]), f"entries: {entries}"
     folder = work / "stray"
     folder.mkdir()
     for k, source in enumerate(sorted((scan / "dicom").iterdir())[3:8]):
@@ -290,16 +289,16 @@ def groups_its_warnings(programs, scan, work):
         (folder / f"note{k}.txt").write_text("a note")
     said = run(mesh, folder, "-o", work / "grouped.glb", "--report", report).stderr.splitlines()
     where = ", ".join(str(folder / f"note{k}.txt") for k in range(3)) + " and 2 more"
-    check(said == [f"trocar-mesh: warning (not_dicom): {where}: not a DICOM image; left out"], f"files grouped: {said}")
+    assert said == [f"trocar-mesh: warning (not_dicom): {where}: not a DICOM image; left out"], f"files grouped: {said}"
     entry = json.loads(report.read_bytes())["warnings"][0]
-    check(entry.get("places") == [f"stray/note{k}.txt" for k in range(5)], f"files of a warning: {entry}")
+    assert entry.get("places") == [f"stray/note{k}.txt" for k in range(5)], f"files of a warning: {entry}"
     # Values that differ are a range.
     said = run(mesh, scan / "sample.nii.gz", "-o", work / "grouped.glb", "--slices", "3:5", "--lattice-bits", "5").stderr.splitlines()
     codes = [line.split("(")[1].split(")")[0] for line in said]
-    check(len(codes) == len(set(codes)), f"two lines of a kind: {said}")
+    assert len(codes) == len(set(codes)), f"two lines of a kind: {said}"
 
 
-def reports_to_be_shared(programs, scan, work):
+def test_reports_to_be_shared(programs, scan, work):
     """A report says which program wrote it and what it is, and holds no absolute paths."""
     mesh, report = programs / "trocar-mesh", work / "shared.json"
     version = run(mesh, "--version").stdout.split()[1]
@@ -311,28 +310,28 @@ def reports_to_be_shared(programs, scan, work):
         run(mesh, *words, "-o", work / "shared.glb", "--report", report, "--quiet")
         text = report.read_text()
         made = json.loads(text)
-        check(made.get("schema") == "trocar.report/1" and made.get("program") == f"trocar-mesh {version}", f"{made.get('schema')}")
-        check(str(work) not in text and str(scan) not in text, f"{words}: a path in the report: {made['input']} {made['warnings']}")
-        check(made["input"]["paths"] == [pathlib.Path(words[0]).name] and made["asset"]["file"] == "shared.glb", f"{made['input']}")
+        assert made.get("schema") == "trocar.report/1" and made.get("program") == f"trocar-mesh {version}", f"{made.get('schema')}"
+        assert str(work) not in text and str(scan) not in text, f"{words}: a path in the report: {made['input']} {made['warnings']}"
+        assert made["input"]["paths"] == [pathlib.Path(words[0]).name] and made["asset"]["file"] == "shared.glb", f"{made['input']}"
     run(mesh, "shared", "-o", "shared.glb", "--report", report, "--quiet", cwd=work)
     made = json.loads(report.read_bytes())
-    check(made["input"]["paths"] == ["shared"] and made["warnings"][0]["where"] == "shared/note.txt", f"relative: {made['warnings']}")
+    assert made["input"]["paths"] == ["shared"] and made["warnings"][0]["where"] == "shared/note.txt", f"relative: {made['warnings']}"
 
 
-def limits_its_memory(programs, scan, work):
+def test_limits_its_memory(programs, scan, work):
     """An area bound that needs more vertices than a slice can have ends early, with a warning."""
     if SANITIZED:
         return  # sanitizers take far more memory
     said = warned("prlimit", work / "fine.json", "--as=3000000000", programs / "trocar-mesh", scan / "sample.nii.gz",
                   "-o", work / "fine.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "1e-6")
-    check("slice 3: " in said.get("area_not_reached", ""), f"an area too small: {said}")
+    assert "slice 3: " in said.get("area_not_reached", ""), f"an area too small: {said}"
     made = json.loads((work / "fine.json").read_bytes())["slices"][0]
-    check(made["max_area_mm2"] < 2e-6 * made["area_mm2"], f"not refined as far as possible: {made}")
+    assert made["max_area_mm2"] < 2e-6 * made["area_mm2"], f"not refined as far as possible: {made}"
     refuses(3, "sample.nii.gz slice 3: not enough memory", "prlimit", "--as=500000000", programs / "trocar-mesh",
             scan / "sample.nii.gz", "-o", work / "none.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "0.001")
 
 
-def spacing_of_a_file_without_one(programs, scan, work):
+def test_spacing_of_a_file_without_one(programs, scan, work):
     """A NIfTI without voxel sizes needs --spacing, and then gives the same mesh as one with them."""
     mesh, out = programs / "trocar-mesh", work / "sized.glb"
     given = ("--spacing", "0.3125,0.3125,1", "--slices", "3:4", "--quiet")
@@ -347,10 +346,10 @@ def spacing_of_a_file_without_one(programs, scan, work):
         run(mesh, work / f"{name}.nii", "-o", out, *given)
         slices = json.loads(run(mesh, "info", out, "--json").stdout)["slices"]
         made[name] = [(s["z_mm"], s["area_mm2"], s["triangles"]) for s in slices]
-    check(made["with"] == made["without"] == made["nan"], f"--spacing: {made}")
+    assert made["with"] == made["without"] == made["nan"], f"--spacing: {made}"
 
 
-def material_at_the_border(programs, _, work):
+def test_material_at_the_border(programs, work):
     """Where material reaches the image's border, a wide tolerance lets its outline leave the image."""
     random_numbers = random.Random(2)
     side = 96
@@ -368,7 +367,7 @@ def material_at_the_border(programs, _, work):
         run(programs / "trocar-mesh", work / "border.nii", "--tolerance", tolerance, "--quiet", "-o", work / "border.glb")
 
 
-def outputs_complete_or_none(programs, scan, work):
+def test_outputs_complete_or_none(programs, scan, work):
     """A pipe as an output, a file beyond `ulimit -f`, a signal: an error, and no file is left."""
     mesh, sample_ct, volume = programs / "trocar-mesh", programs / "trocar-sample-ct", scan / "sample.nii.gz"
     os.mkfifo(work / "pipe")
@@ -379,9 +378,9 @@ def outputs_complete_or_none(programs, scan, work):
         folder.mkdir()
         refuses(4, "File too large", "prlimit", f"--fsize={limit}", sample_ct, folder, "--slices", "8", "--size",
                 "128", "--quiet")
-        check(list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}")
+        assert list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}"
     refuses(4, "File too large", "prlimit", "--fsize=2000", mesh, scan / "dicom", "-o", work / "never.glb", "--slices", "3:5")
-    check(not list(work.glob("never.glb*")), "a partial asset is left")
+    assert not list(work.glob("never.glb*")), "a partial asset is left"
     for signal_number in (signal.SIGINT, signal.SIGTERM):
         for seconds in (0, 1):
             folder = work / f"stopped_{int(signal_number)}_{seconds}"
@@ -392,11 +391,11 @@ def outputs_complete_or_none(programs, scan, work):
                 time.sleep(seconds)
                 process.send_signal(signal_number)
                 said = process.communicate()[1]
-            check(process.returncode == 4 and "interrupted" in said, f"stopped: {process.returncode} {said!r}")
-            check(list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}")
+            assert process.returncode == 4 and "interrupted" in said, f"stopped: {process.returncode} {said!r}"
+            assert list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}"
 
 
-def export_complete_and_of_one_asset(programs, scan, work):
+def test_export_complete_and_of_one_asset(programs, scan, work):
     """An export writes all files of one asset or none."""
     mesh, folder = programs / "trocar-mesh", work / "exported"
     for name, slices in (("few", "3:4"), ("more", "3:6"), ("one", "5:5")):
@@ -406,22 +405,19 @@ def export_complete_and_of_one_asset(programs, scan, work):
     (folder / "notes.txt").write_text("the user's own")
     run(mesh, "export", work / "more.glb", "-o", folder)
     there = {f.name: f.read_bytes() for f in folder.iterdir()}
-    check(len(there) == 4 * 3 + 1, f"exported: {sorted(there)}")
+    assert len(there) == 4 * 3 + 1, f"exported: {sorted(there)}"
     done = run(mesh, "export", work / "one.glb", "-o", folder)
-    check("still holds slice_0003.obj and 8 more files of another export" in done.stderr, f"exported over another: {done.stderr!r}")
+    assert "still holds slice_0003.obj and 8 more files of another export" in done.stderr, f"exported over another: {done.stderr!r}"
     there = {f.name: f.read_bytes() for f in folder.iterdir()}
     biggest = max(len(content) for content in there.values())
     refuses(4, "File too large", "prlimit", f"--fsize={biggest - 1}", mesh, "export", work / "more.glb", "-o", folder)
-    check({f.name: f.read_bytes() for f in folder.iterdir()} == there, "a failed export left traces")
+    assert {f.name: f.read_bytes() for f in folder.iterdir()} == there, "a failed export left traces"
     refuses(4, "File too large", "prlimit", f"--fsize={biggest - 1}", mesh, "export", work / "more.glb", "-o", work / "new")
-    check(not (work / "new").exists(), "a failed export left a folder")
+    assert not (work / "new").exists(), "a failed export left a folder"
 
 
-def main():
-    programs, scan, work = map(pathlib.Path, sys.argv[1:4])
+def test_files_and_parameters(programs, scan, work):
     mesh = programs / "trocar-mesh"
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
     slices = []
     for k in (1, 2, 3):
         slices.append(work / f"s{k}.png")
@@ -444,19 +440,19 @@ def main():
                   (*slices, "-o", good, "--dump-stages", work / "stages.json"),
                   (*slices, "-o", good, "--dump-stages", work / "stages.json", "--dump-slice", "3")):
         said = run(mesh, *words, *grey, expect=2).stderr
-        check(len(said.splitlines()) == 1 and ("-o " in said or "--" in said), f"{words}: {said}")
-    check([f.read_bytes() for f in slices] == before, "a slice was overwritten")
-    check(good.read_bytes() == asset, "the asset was overwritten")
+        assert len(said.splitlines()) == 1 and ("-o " in said or "--" in said), f"{words}: {said}"
+    assert [f.read_bytes() for f in slices] == before, "a slice was overwritten"
+    assert good.read_bytes() == asset, "the asset was overwritten"
 
     # File names of any bytes, for input and output.
     odd = os.fsdecode(os.fsencode(work) + b"/Sch\xe4del.png")
     shutil.copy(slices[0], odd)
     run(mesh, odd, "-o", work / "odd.glb", *grey, "--report", work / "odd.json")
     report = json.loads((work / "odd.json").read_bytes())
-    check("del.png" in report["input"]["paths"][0], f"{report['input']}")
+    assert "del.png" in report["input"]["paths"][0], f"{report['input']}"
     shutil.copy(work / "odd.glb", os.fsdecode(os.fsencode(work) + b"/\xff.glb"))
     answer = run(mesh, "verify", os.fsdecode(os.fsencode(work) + b"/\xff.glb"), "--json")
-    check(json.loads(answer.stdout)["valid"], "verify of an odd name: " + answer.stdout)
+    assert json.loads(answer.stdout)["valid"], "verify of an odd name: " + answer.stdout
 
     # Options before and after the input.
     labelled = label_map(scan, work / "order.nii", ((1, 2), (1,)))
@@ -467,7 +463,7 @@ def main():
     run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "250:252", "--quiet")
     for file, key, value in ((good, "spacing_mm", [0.3125, 0.3125, 1.0]), (work / "coronal.glb", "axis", "coronal")):
         info = json.loads(run(mesh, "info", file, "--json").stdout)
-        check(info["parameters"].get(key) == value, f"{file.name}: {info['parameters']}")
+        assert info["parameters"].get(key) == value, f"{file.name}: {info['parameters']}"
 
     # The same folder, now with the asset in it.
     folder = work / "dicom"
@@ -476,7 +472,7 @@ def main():
     for _ in range(2):
         run(mesh, folder, "-o", folder / "bone.glb", "--slices", "3:5", "--quiet")
         made.append((folder / "bone.glb").read_bytes())
-    check(made[0] == made[1], "an asset beside its slices changes the result")
+    assert made[0] == made[1], "an asset beside its slices changes the result"
 
     # An invalid asset is not exported: the first two points of an outline are swapped.
     run(mesh, *slices, "-o", work / "lines.glb", *grey, "--lines")
@@ -491,19 +487,6 @@ def main():
     (work / "broken.glb").write_bytes(broken)
     for words in (("verify", work / "broken.glb"), ("export", work / "broken.glb", "-o", work / "export")):
         said = run(mesh, *words, expect=3).stderr
-        check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
-    check(not (work / "export").exists(), "a part of an invalid asset was exported")
+        assert "broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}"
+    assert not (work / "export").exists(), "a part of an invalid asset was exported"
     verifies_several(mesh, good, work / "broken.glb")
-
-    for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
-                 presets_are_their_options,
-                 names_what_is_no_number, says_permission_denied, groups_its_warnings,
-                 reports_to_be_shared, warns, limits_its_memory, spacing_of_a_file_without_one, material_at_the_border,
-                 outputs_complete_or_none, export_complete_and_of_one_asset):
-        part(programs, scan, work)
-    shutil.rmtree(work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

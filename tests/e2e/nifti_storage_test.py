@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""nifti_storage_test.py PROGRAMS SCAN WORK: however a NIfTI file stores its voxels (type, shift, byte order, direction of the
+"""However a NIfTI file stores its voxels (type, shift, byte order, direction of the
 axes), the meshes are the same."""
-import pathlib
 import shutil
-import sys
 
 import nibabel
 import numpy
 
-from e2e import check, outcome, run
+from programs import run
 
 
 def write(path, values, affine, kind, intercept=0.0, slope=1.0):
@@ -30,11 +28,8 @@ def flipped(values, affine, axis):
     return numpy.flip(values, axis), affine @ turn
 
 
-def main():
-    programs, sample, work = map(pathlib.Path, sys.argv[1:4])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
-    scan = nibabel.load(sample / "sample.nii.gz")
+def test_nifti_storage(programs, scan, work):
+    scan = nibabel.load(scan / "sample.nii.gz")
     values, affine = numpy.rint(scan.get_fdata())[:, :, 15:18], scan.affine.copy()
     right, back = flipped(values, affine, 0), flipped(values, affine, 1)
     files = {"int16": (values, affine, "<i2"), "shifted": (values, affine, "<i2", 7), "uint16": (values, affine, "<u2", -2000),
@@ -47,12 +42,7 @@ def main():
         run(programs / "trocar-mesh", work / "scan.nii", "-o", work / "asset.glb", "--quiet")
         run(programs / "trocar-mesh", "export", work / "asset.glb", "-o", work / "obj")
         objects = sorted((work / "obj").glob("*.obj"))
-        check(len(objects) == 3, f"{name}: {len(objects)} slices")
+        assert len(objects) == 3, f"{name}: {len(objects)} slices"
         meshes[name] = [o.read_bytes() for o in objects]
-        check(meshes[name] == meshes["int16"], f"{name}: other meshes")
+        assert meshes[name] == meshes["int16"], f"{name}: other meshes"
         shutil.rmtree(work / "obj")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""preview_test.py SOURCE PROGRAMS SCAN WORK: the sheets of trocar-mesh preview: their files, and their outlines, areas, counts and
+"""The sheets of trocar-mesh preview: their files, and their outlines, areas, counts and
 orientations against the scan's NIfTI file, read by nibabel. The real scans TROCAR_REAL_CT and TROCAR_HEAD_CT are left out, saying
 so, where they are missing."""
 import base64
 import io
 import json
-import os
 import pathlib
 import re
 import shutil
-import sys
 
 import jsonschema
 import nibabel
@@ -17,9 +15,10 @@ import numpy
 import PIL.Image
 import pydicom
 
-from e2e import check, outcome, run
+import pytest
+from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
+from html_pages import check_self_contained, embedded_json, rendered, texts_of
 
-SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:])
 MESH = PROGRAMS / "trocar-mesh"
 THRESHOLD = 226
 MOST_PX = 1  # from a pixel drawn to the contour, and from the contour to a pixel drawn
@@ -30,22 +29,39 @@ EXACT = ("--tolerance", "0", "--min-angle", "0", "--max-area", "1e12")  # a run 
 LETTERS = {"transverse": "RLAP", "coronal": "RLSI", "sagittal": "APSI"}  # left, right, top, bottom: as radiologists see them
 
 
+def check_rendered(name, page, shown, numbers):
+    """What the reader sees: the title, the sheet's picture, and a row in the tables for each slice and change or label."""
+    dom = rendered(page)
+    if dom is None:
+        return
+    assert dom.count("<img ") == 1 and f'src="{shown["picture"]["src"]}"' in dom, f"{name}: the rendered page does not show the picture"
+    texts = texts_of(dom)
+    rows = len(numbers["slices"]) + len(numbers.get("changes") or numbers["label_voxels"])
+    assert dom.count("<tr>") == rows + 2, f"{name}: {dom.count('<tr>')} rows in the tables and not {rows} with two heads"
+    for text in (shown["title"], shown["size"], shown["options"], "Slices shown", *(str(s["index"]) for s in numbers["slices"]),
+                 *(f"Warning ({w['code']}): {w['sentence']}" for w in numbers["warnings"]),
+                 *(str(row["voxels"]) for row in numbers.get("label_voxels", ())), *(str(row["outlines"]) for row in numbers.get("changes", ()))):
+        assert text in texts, f"{name}: the rendered page lacks {text!r}"
+
+
 def sheet(name, scan, *options):
     """The picture as RGB, and the numbers of its page."""
     png, page = WORK / f"{name}.png", WORK / f"{name}.html"
     said = run(MESH, "preview", scan, "-o", png, *options).stdout
     run(MESH, "preview", scan, "-o", page, "--quiet", *options)
     picture = numpy.asarray(PIL.Image.open(png).convert("RGB")).astype(int)
-    check(f"{picture.shape[1]} x {picture.shape[0]} pixels" in said, f"{name}: another size than stated: {said}")
+    assert f"{picture.shape[1]} x {picture.shape[0]} pixels" in said, f"{name}: another size than stated: {said}"
     text = page.read_text()
-    check(not re.search(r"https?:|(src|href)=\"(?!data:)|url\(|@import", text), f"{name}: the page refers to other files")
-    data = base64.b64decode(re.search(r'src="data:image/png;base64,([^"]*)"', text)[1])
-    check(numpy.array_equal(numpy.asarray(PIL.Image.open(io.BytesIO(data))), picture), f"{name}: the page has another picture")
-    numbers = json.loads(re.search(r'<script type="application/json" id="preview">(.*?)</script>', text, re.S)[1])
+    check_self_contained(name, text)
+    shown = embedded_json(text, "page")
+    data = base64.b64decode(shown["picture"]["src"].removeprefix("data:image/png;base64,"))
+    assert numpy.array_equal(numpy.asarray(PIL.Image.open(io.BytesIO(data))), picture), f"{name}: the page has another picture"
+    numbers = embedded_json(text, "preview")
+    check_rendered(name, page, shown, numbers)
     schema = json.loads((SOURCE / "formats" / "session" / "preview.schema.json").read_text())
     schema.pop("$id")
     for error in list(jsonschema.Draft202012Validator(schema).iter_errors(numbers))[:3]:
-        check(False, f"{name}: {error.json_path}: {error.message[:300]}")
+        pytest.fail(f"{name}: {error.json_path}: {error.message[:300]}")
     return picture, numbers
 
 
@@ -136,9 +152,9 @@ def check_outline(what, picture, numbers, shown, rings, labels=False):
     behind = within(over, BEHIND_PX)[y.clip(0, height - 1), x.clip(0, width - 1)]
     wrong = drawn & (nearest > MOST_PX)
     missing = ~is_met & ~behind
-    check(not wrong.any(), f"{what}: {wrong.sum()} of {drawn.sum()} pixels drawn are more than {MOST_PX} from the run's contours")
-    check(not missing.any(), f"{what}: {missing.sum() / len(samples):.2%} of the run's contours are not drawn")
-    check(behind.mean() < MOST_BEHIND, f"{what}: {behind.mean():.2%} of the contours are behind letters")
+    assert not wrong.any(), f"{what}: {wrong.sum()} of {drawn.sum()} pixels drawn are more than {MOST_PX} from the run's contours"
+    assert not missing.any(), f"{what}: {missing.sum() / len(samples):.2%} of the run's contours are not drawn"
+    assert behind.mean() < MOST_BEHIND, f"{what}: {behind.mean():.2%} of the contours are behind letters"
     farthest = nearest[drawn].max(initial=0)
     print(f"{what}: {len(rings)} contours, {drawn.sum()} pixels, at most {farthest:.2f} px away; {behind.mean():.2%} behind letters")
 
@@ -150,9 +166,9 @@ def check_numbers(name, numbers, at):
     for image in images:
         bins = numpy.floor((image - histogram["low"]) / histogram["bin_width"]).astype(int)
         counts += numpy.bincount(bins.clip(0, len(counts) - 1).ravel(), minlength=len(counts))
-    check(counts.tolist() == histogram["counts"], f"{name}: other counts in the histogram")
+    assert counts.tolist() == histogram["counts"], f"{name}: other counts in the histogram"
     changes = numbers["changes"]
-    check([c["threshold"] for c in changes] == [THRESHOLD + c for c in (-50, -20, 0, 20, 50)], f"{name}: other thresholds")
+    assert [c["threshold"] for c in changes] == [THRESHOLD + c for c in (-50, -20, 0, 20, 50)], f"{name}: other thresholds"
 
 
 def check_changes(name, scan, numbers, *options):
@@ -162,24 +178,24 @@ def check_changes(name, scan, numbers, *options):
         areas = [area_of(rings.get(s["index"], [])) for s in numbers["slices"]]
         outlines = [len(rings.get(s["index"], [])) for s in numbers["slices"]]
         what = f"{name}, threshold {change['threshold']}"
-        check(abs(change["area_mm2"] / sum(areas) - 1) < 1e-9, f"{what}: {change['area_mm2']} mm2 and not {sum(areas)}")
-        check(change["outlines"] == sum(outlines), f"{what}: {change['outlines']} outlines and not {sum(outlines)}")
+        assert abs(change["area_mm2"] / sum(areas) - 1) < 1e-9, f"{what}: {change['area_mm2']} mm2 and not {sum(areas)}"
+        assert change["outlines"] == sum(outlines), f"{what}: {change['outlines']} outlines and not {sum(outlines)}"
         if change["change"] != 0:
             continue
         for shown, area, count in zip(numbers["slices"], areas, outlines):
             said = f"{what}, slice {shown['index']}: {shown['area_mm2']} mm2, {shown['outlines']} outlines"
-            check(abs(shown["area_mm2"] - area) < 1e-6 * max(1, area) and shown["outlines"] == count, f"{said} and not {area}, {count}")
+            assert abs(shown["area_mm2"] - area) < 1e-6 * max(1, area) and shown["outlines"] == count, f"{said} and not {area}, {count}"
 
 
 def check_scan(name, file, axis, count=3):
     options = ("--axis", axis)
     picture, numbers = sheet(f"{name}_{axis}", file, *options, "--count", count)
     at = slices_of(file, axis)
-    check(len(numbers["slices"]) == count, f"{name}, {axis}: {len(numbers['slices'])} slices")
+    assert len(numbers["slices"]) == count, f"{name}, {axis}: {len(numbers['slices'])} slices"
     check_numbers(f"{name}, {axis}", numbers, at)
     for shown in numbers["slices"]:
         letters = "".join(shown["letters"][edge] for edge in ("left", "right", "top", "bottom"))
-        check(letters == LETTERS[axis], f"{name}, {axis}: {letters} and not {LETTERS[axis]}")
+        assert letters == LETTERS[axis], f"{name}, {axis}: {letters} and not {LETTERS[axis]}"
         rings = rings_of(file, *options, "--slices", f"{shown['index']}:{shown['index']}")
         check_outline(f"{name}, {axis}, slice {shown['index']}", picture, numbers, shown, rings[shown["index"]])
     if axis == "transverse" and name != "head":
@@ -196,7 +212,7 @@ def check_options(file):
         for shown in numbers["slices"]:
             index = shown["index"]
             check_outline(f"{name}, slice {index}", picture, numbers, shown, rings[index])
-            check(abs(shown["area_mm2"] / area_of(rings[index]) - 1) < 1e-9, f"{name}, slice {index}: another area than the run's")
+            assert abs(shown["area_mm2"] / area_of(rings[index]) - 1) < 1e-9, f"{name}, slice {index}: another area than the run's"
 
 
 def check_private(slices):
@@ -230,13 +246,13 @@ def check_private(slices):
     for scan in (study, str(study) + "/"):
         page, png = WORK / "private.html", WORK / "private.png"
         said = run(MESH, "preview", scan, "-o", page).stderr
-        check("MARK" in said and "other_series" in said and "not_dicom" in said, f"the terminal has no warnings to keep out: {said}")
+        assert "MARK" in said and "other_series" in said and "not_dicom" in said, f"the terminal has no warnings to keep out: {said}"
         run(MESH, "preview", scan, "-o", png, "--quiet")
-        text = re.sub(r'src="data:[^"]*"', "", page.read_text())
+        text = re.sub(r'"data:[^"]*"', "", page.read_text())
         for word in (*marks, "MARK", str(WORK), "sample"):
-            check(word not in text, f"the page has {word!r}")
-            check(word.encode() not in png.read_bytes(), f"the picture's file has {word!r}")
-        check("other_series" in text and "not_dicom" in text, "the page has no warnings")
+            assert word not in text, f"the page has {word!r}"
+            assert word.encode() not in png.read_bytes(), f"the picture's file has {word!r}"
+        assert "other_series" in text and "not_dicom" in text, "the page has no warnings"
     # The picture's letters: the same picture with other names and texts.
     again = WORK / "again"
     again.mkdir()
@@ -248,7 +264,7 @@ def check_private(slices):
         image.SeriesDescription = image.PatientName = "Other"
         image.save_as(again / f"other{file.name[len(marks[-4]):]}")
     run(MESH, "preview", again, "-o", WORK / "again.png", "--quiet")
-    check((WORK / "again.png").read_bytes() == png.read_bytes(), "other names and texts make another picture")
+    assert (WORK / "again.png").read_bytes() == png.read_bytes(), "other names and texts make another picture"
     (WORK / "again.png").unlink()
 
 
@@ -257,7 +273,7 @@ def check_same_bytes(file):
         one, two = WORK / f"one.{ending}", WORK / f"two.{ending}"
         for jobs, to in ((1, one), (2, two)):
             run(MESH, "preview", file, "-o", to, "--jobs", jobs, "--quiet")
-        check(one.read_bytes() == two.read_bytes(), f".{ending}: other bytes with two threads")
+        assert one.read_bytes() == two.read_bytes(), f".{ending}: other bytes with two threads"
 
 
 def check_labels(file):
@@ -268,7 +284,7 @@ def check_labels(file):
     numbers = sheet("labels", labels, "--labels", "2")[1]
     at = slices_of(labels, "transverse")
     expected = [{"label": k, "voxels": int(sum((at(s["z_mm"]) == k).sum() for s in numbers["slices"]))} for k in (1, 2)]
-    check(numbers["label_voxels"] == expected, f"labels: {numbers['label_voxels']} and not {expected}")
+    assert numbers["label_voxels"] == expected, f"labels: {numbers['label_voxels']} and not {expected}"
     nibabel.save(nibabel.Nifti1Image((map_of == 2).astype(numpy.uint8), image.affine), labels)
     picture, numbers = sheet("label", labels, "--labels", "1", "--count", "3")
     rings = rings_of(labels, "--labels", "1")
@@ -290,16 +306,14 @@ def check_refusals(file):
             (2, "would become one of the scan's images", (*slices, *spacing, images / "sheet.png")),
             (3, "nothing is at or above the threshold of 30000", (file, "--threshold", "30000", "-o", WORK / "none.png"))):
         said = run(MESH, "preview", *words, expect=code).stderr
-        check(reason in said and said.count("\n") == 1, f"refusal: {said!r} and not {reason!r}")
-    check({f.name: f.read_bytes() for f in images.iterdir()} == before, "a refusal changed the scan's folder")
-    check(not list(WORK.glob("sheet.*")) and not list(WORK.glob("none.*")), "a refusal left a file")
+        assert reason in said and said.count("\n") == 1, f"refusal: {said!r} and not {reason!r}"
+    assert {f.name: f.read_bytes() for f in images.iterdir()} == before, "a refusal changed the scan's folder"
+    assert not list(WORK.glob("sheet.*")) and not list(WORK.glob("none.*")), "a refusal left a file"
     sheet("again", file)
     run(MESH, "preview", file, "-o", WORK / "again.png", "--quiet")  # a sheet may be replaced
 
 
-def main():
-    shutil.rmtree(WORK, ignore_errors=True)
-    WORK.mkdir(parents=True)
+def test_preview():
     phantom = SCAN / "sample.nii.gz"
     for axis in LETTERS:
         check_scan("phantom", phantom, axis)
@@ -308,16 +322,9 @@ def main():
     check_labels(phantom)
     check_private(SCAN / "dicom")
     check_refusals(phantom)
-    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3" / "sub-ct_label-22_ct.nii.gz"
-    head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
-    for name, file in (("L3", l3), ("head", head)):
+    for name, file in (("L3", L3_SCAN), ("head", HEAD_CT)):
         if not file.is_file():
             print(f"{name}: not there, left out")
             continue
         for axis in LETTERS if name == "L3" else ("sagittal",):
             check_scan(name, file, axis)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

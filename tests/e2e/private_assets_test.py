@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""private_assets_test.py PROGRAMS WORK: a DICOM scan with its identifying attributes (PS3.15, table E.1-1) filled, each with a
+"""A DICOM scan with its identifying attributes (PS3.15, table E.1-1) filled, each with a
 text, date, time or UID of its own. None of them is in the asset or the report, byte by byte; another scan that differs in these
 attributes only gives the same asset. A digest of the input is stored with a key only. A threshold that meshes a face is warned of."""
 import json
@@ -7,16 +7,12 @@ import pathlib
 import re
 import shutil
 import subprocess
-import sys
 
-from e2e import check, outcome, run
+import pytest
+from programs import run
 
-try:
-    import pydicom
-    from pydicom.datadict import dictionary_VR
-except ImportError as missing:
-    print(missing)
-    sys.exit(77)
+pydicom = pytest.importorskip("pydicom")
+from pydicom.datadict import dictionary_VR  # noqa: E402
 
 # Table E.1-1 without private and overlay data, sequences, and what pydicom does not know.
 IDENTIFYING = """AccessionNumber AcquisitionComments AcquisitionContextSequence AcquisitionDate AcquisitionDateTime
@@ -84,15 +80,12 @@ def fill(source, target, first):
     return values
 
 
-def main():
-    programs, work = map(pathlib.Path, sys.argv[1:3])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_private_assets(programs, work):
     mesh = programs / "trocar-mesh"
     subprocess.run([programs / "trocar-sample-ct", work / "scan", "--size", "96", "--slices", "5", "--quiet"], check=True)
     first = fill(work / "scan" / "dicom", work / "a", 1)
     second = fill(work / "scan" / "dicom", work / "b", 301)
-    check(len(first) > 120, f"only {len(first)} attributes")
+    assert len(first) > 120, f"only {len(first)} attributes"
 
     def made(scan, *options):
         out, report = work / f"{scan.name}.glb", work / f"{scan.name}.json"
@@ -105,13 +98,13 @@ def main():
         if len(token) < 5:
             continue
         for what, data in (("asset", asset), ("report", report)):
-            check(token not in data, f"{name} {value!r} is in the {what}")
-    check(said == "", f"warnings: {said}")
-    check(made(work / "b")[1] == asset, "other headers give another asset")
-    check(made(work / "scan" / "dicom")[1] == asset, "the scan as it was gives another asset")
+            assert token not in data, f"{name} {value!r} is in the {what}"
+    assert said == "", f"warnings: {said}"
+    assert made(work / "b")[1] == asset, "other headers give another asset"
+    assert made(work / "scan" / "dicom")[1] == asset, "the scan as it was gives another asset"
     done = run(mesh, "verify", "--private", file)
-    check(done.stdout.strip().endswith("valid, 5 slices, private"), done.stdout)
-    check(json.loads(run(mesh, "verify", "--private", "--json", file).stdout)["private"] is True, "--json")
+    assert done.stdout.strip().endswith("valid, 5 slices, private"), done.stdout
+    assert json.loads(run(mesh, "verify", "--private", "--json", file).stdout)["private"] is True, "--json"
 
     # Of two series, the warning says which was taken, on the screen by name and in the report by number.
     both = work / "both"
@@ -119,29 +112,29 @@ def main():
     for folder in ("a", "b"):
         shutil.copytree(work / folder, both / folder)
     out, said_of_both = work / "both.glb", run(mesh, both, "-o", work / "both.glb", "--report", work / "both.json").stderr
-    check("(other_series)" in said_of_both and first["SeriesDescription"] in said_of_both, said_of_both)
+    assert "(other_series)" in said_of_both and first["SeriesDescription"] in said_of_both, said_of_both
     sentence = next(w["sentence"] for w in json.loads((work / "both.json").read_bytes())["warnings"] if w["code"] == "other_series")
-    check(" was taken (" in sentence and re.search(r"left out: \S+ .*\(CT, 5 files\)", sentence), sentence)
+    assert " was taken (" in sentence and re.search(r"left out: \S+ .*\(CT, 5 files\)", sentence), sentence
     for name, value in (*first.items(), *second.items()):
         token = value.split("^")[0].encode()
-        check(len(token) < 5 or token not in out.read_bytes() + (work / "both.json").read_bytes(), f"{name} {value!r} of two series")
+        assert len(token) < 5 or token not in out.read_bytes() + (work / "both.json").read_bytes(), f"{name} {value!r} of two series"
 
     # Of schema 1, with a digest.
     old = pathlib.Path(__file__).resolve().parents[1] / "corpus" / "glb" / "indexed.glb"
     done = run(mesh, "verify", "--private", file, old, expect=3)
-    check("schema 1" in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr)
+    assert "schema 1" in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
 
     # A digest is of the key and the input, and only on request.
-    check(b"digest" not in asset and "key_digest" not in json.loads(report)["input"], "a digest without a key")
+    assert b"digest" not in asset and "key_digest" not in json.loads(report)["input"], "a digest without a key"
     digests = set()
     for scan, key in ((work / "a", bytes(16)), (work / "a", bytes(64)), (work / "b", bytes(16))):
         (work / "key").write_bytes(key)
         file, keyed, report, _ = made(scan, "--input-key", work / "key")
         digest = json.loads(report)["input"]["key_digest"]
-        check(len(digest) == 64 and digest.encode() in keyed, f"{digest}")
+        assert len(digest) == 64 and digest.encode() in keyed, f"{digest}"
         digests.add(digest)
         run(mesh, "verify", "--private", file)
-    check(len(digests) == 3, f"{digests}")
+    assert len(digests) == 3, f"{digests}"
     for size, code in ((15, 2), (65, 3), (0, 2)):
         (work / "key").write_bytes(bytes(size))
         run(mesh, work / "a", "-o", work / "no.glb", "--input-key", work / "key", expect=code)
@@ -150,9 +143,4 @@ def main():
     for words, expected in ((("--threshold", "99"), True), (("--preset", "skin"), True), (("--threshold", "100"), False), ((), False)):
         _, _, report, said = made(work / "a", *words)
         codes = [w["code"] for w in json.loads(report)["warnings"]]
-        check(("face" in codes) == ("(face)" in said) == expected, f"{words}: {codes} {said}")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        assert ("face" in codes) == ("(face)" in said) == expected, f"{words}: {codes} {said}"

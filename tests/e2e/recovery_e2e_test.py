@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""recovery_e2e_test.py SOURCE BIN SCAN WORK: the hand lifts the plate to the end of its reach, which is a fault, and
+"""The hand lifts the plate to the end of its reach, which is a fault, and
 comes back. Exit codes, the black box, no recovery, automatic recovery, recovery by SIGUSR1, and the replay."""
 import json
 import pathlib
 import resource
-import shutil
 import signal
 import subprocess
-import sys
 import time
 
-from e2e import check, failures, run
+from programs import run
 
 
 def scene_of(source, asset):
@@ -32,10 +30,7 @@ def boxes(folder):
     return sorted(folder.glob("black_box_*.csv"))
 
 
-def main():
-    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_recovery(source, programs, scan, work):
     trocar_run = programs / "trocar-run"
     asset = work / "sample.glb"
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
@@ -46,16 +41,16 @@ def main():
     never = work / "never"
     never.mkdir()
     done = run(trocar_run, scene, "--clock", "virtual", "--record", never / "r.csv", "--summary", never / "s.json", "--quiet", expect=5)
-    check("joint_limit" in done.stderr, f"the fault is not named: {done.stderr!r}")
+    assert "joint_limit" in done.stderr, f"the fault is not named: {done.stderr!r}"
     summary = json.loads((never / "s.json").read_text())
     fault, = summary["faults"]
-    check(fault["fault"] == "joint_limit" and fault["recovered_t_s"] is None, fault)
-    check(0 <= fault["torques_zero_t_s"] - fault["t_s"] <= 0.005, f"torques were not zero in time: {fault}")
+    assert fault["fault"] == "joint_limit" and fault["recovered_t_s"] is None, fault
+    assert 0 <= fault["torques_zero_t_s"] - fault["t_s"] <= 0.005, f"torques were not zero in time: {fault}"
     box, = boxes(never)
-    check(box.name == pathlib.Path(fault["black_box"]).name and "_joint_limit" in box.name, f"{box} or {fault}")
+    assert box.name == pathlib.Path(fault["black_box"]).name and "_joint_limit" in box.name, f"{box} or {fault}"
     recording = (never / "r.csv").read_bytes()
-    check(recording == box.read_bytes(), "the black box of a session of less than 4 s is not its recording")
-    check(len(recording.splitlines()) == summary["ticks"] + 1, "rows are missing")
+    assert recording == box.read_bytes(), "the black box of a session of less than 4 s is not its recording"
+    assert len(recording.splitlines()) == summary["ticks"] + 1, "rows are missing"
 
     # A session that ends at its fault, or before torques are zero: its black box ends with its last row.
     tick_s = 1 / summary["rate_Hz"]
@@ -66,14 +61,14 @@ def main():
             "--summary", cut / "s.json", "--quiet", expect=5)
         event, = json.loads((cut / "s.json").read_text())["faults"]
         rows = (cut / "r.csv").read_bytes().splitlines()
-        check(event["fault"] == "joint_limit" and event["t_s"] == fault["t_s"], f"{ticks} ticks: {event}")
+        assert event["fault"] == "joint_limit" and event["t_s"] == fault["t_s"], f"{ticks} ticks: {event}"
         zero = None if fault["torques_zero_t_s"] > fault["t_s"] + (ticks - 0.5) * tick_s else fault["torques_zero_t_s"]
-        check(event["torques_zero_t_s"] == zero, f"{ticks} ticks: {event}, zero at {zero}")
+        assert event["torques_zero_t_s"] == zero, f"{ticks} ticks: {event}, zero at {zero}"
         whole = min(round(fault["t_s"] / tick_s) + ticks, summary["ticks"]) + 1  # without a recovery request it ends once torques are zero
-        check(len(rows) == whole, f"{ticks} ticks: {len(rows)} rows, not {whole}")
+        assert len(rows) == whole, f"{ticks} ticks: {len(rows)} rows, not {whole}"
         last = len(rows) if zero is None else round(zero / tick_s) + 2
         box, = boxes(cut)
-        check(box.name == pathlib.Path(event["black_box"]).name and box.read_bytes().splitlines() == rows[:last], f"{ticks} ticks: {box} has other rows")
+        assert box.name == pathlib.Path(event["black_box"]).name and box.read_bytes().splitlines() == rows[:last], f"{ticks} ticks: {box} has other rows"
 
     # Automatic recovery: the session continues, and the tool punctures the slice.
     auto = work / "auto"
@@ -81,13 +76,13 @@ def main():
     run(trocar_run, scene, "--clock", "virtual", "--recover", "auto", "--record", auto / "r.csv", "--summary", auto / "s.json", "--quiet")
     summary = json.loads((auto / "s.json").read_text())
     fault, = summary["faults"]
-    check(fault["recovered_t_s"] is not None and fault["recovered_t_s"] > fault["t_s"] + 0.25, fault)
-    check(len(summary["punctures"]) == 1 and abs(summary["punctures"][0]["force_N"] - 35) < 0.2, summary["punctures"])
-    check(len(boxes(auto)) == 1, boxes(auto))
+    assert fault["recovered_t_s"] is not None and fault["recovered_t_s"] > fault["t_s"] + 0.25, fault
+    assert len(summary["punctures"]) == 1 and abs(summary["punctures"][0]["force_N"] - 35) < 0.2, summary["punctures"]
+    assert len(boxes(auto)) == 1, boxes(auto)
     replayed = run(trocar_run, scene, "--replay", auto / "r.csv", "--recover", "auto", "--record", auto / "again.csv")
-    check("identical" in replayed.stdout, replayed.stdout)
-    check((auto / "r.csv").read_bytes() == (auto / "again.csv").read_bytes(), "the replay of a recovery differs")
-    check(len(boxes(auto)) == 1, "a replay wrote a black box")
+    assert "identical" in replayed.stdout, replayed.stdout
+    assert (auto / "r.csv").read_bytes() == (auto / "again.csv").read_bytes(), "the replay of a recovery differs"
+    assert len(boxes(auto)) == 1, "a replay wrote a black box"
 
     # Recovery by the operator, in real time; the black box goes to the working directory by default.
     signalled = work / "signalled"
@@ -97,13 +92,13 @@ def main():
     time.sleep(2.2)
     process.send_signal(signal.SIGUSR1)
     _, errors = process.communicate(timeout=120)
-    check(process.returncode == 0, f"{process.returncode}: {errors}")
+    assert process.returncode == 0, f"{process.returncode}: {errors}"
     summary = json.loads((signalled / "s.json").read_text())
     fault, = summary["faults"]
-    check(fault["recovered_t_s"] is not None, fault)
-    check(summary["ticks"] == 2400 and len(boxes(signalled)) == 1, summary["ticks"])
-    check("scheduling" in summary["realtime"] and isinstance(summary["realtime"]["kernel_is_realtime"], bool), summary["realtime"])
-    check(sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram does not add up")
+    assert fault["recovered_t_s"] is not None, fault
+    assert summary["ticks"] == 2400 and len(boxes(signalled)) == 1, summary["ticks"]
+    assert "scheduling" in summary["realtime"] and isinstance(summary["realtime"]["kernel_is_realtime"], bool), summary["realtime"]
+    assert sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram does not add up"
 
     # A full disk at the end: the files that fit are written, and the exit code is the fault's.
     full = work / "full"
@@ -111,24 +106,24 @@ def main():
     for asked, code in ((scene, 5), (source / "runtime" / "scenes" / "one_slice.json", 4)):
         done = limited(trocar_run, asked, "--asset", asset, "--clock", "virtual", "--record", full / "r.csv",
                        "--meshes", full / "m.json", "--summary", full / "s.json", "--quiet")
-        check(done.returncode == code, f"a full disk: {done.returncode}, not {code}: {done.stderr!r}")
-        check("r.csv: File too large" in done.stderr and "m.json: File too large" in done.stderr, f"a full disk: {done.stderr!r}")
-        check(("joint_limit" in done.stderr.rpartition("trocar-run: ")[2]) == (code == 5), f"a full disk: {done.stderr!r}")
+        assert done.returncode == code, f"a full disk: {done.returncode}, not {code}: {done.stderr!r}"
+        assert "r.csv: File too large" in done.stderr and "m.json: File too large" in done.stderr, f"a full disk: {done.stderr!r}"
+        assert ("joint_limit" in done.stderr.rpartition("trocar-run: ")[2]) == (code == 5), f"a full disk: {done.stderr!r}"
         # What was recorded is kept, and said to be; the files that must be whole are not there.
         kept = full / "r.csv.partial"
         text = kept.read_bytes()
-        check(text.endswith(b"\n") and f"the first {text.count(bytes([10])) - 1} rows are in {kept}" in done.stderr, f"a full disk: {done.stderr!r}")
+        assert text.endswith(b"\n") and f"the first {text.count(bytes([10])) - 1} rows are in {kept}" in done.stderr, f"a full disk: {done.stderr!r}"
         left = sorted(file.name for file in full.iterdir() if not file.name.startswith("black_box_"))
-        check(left == ["r.csv.partial", "s.json"], f"a full disk: {left}")
-        check(not boxes(full), f"a full disk: {boxes(full)}")
+        assert left == ["r.csv.partial", "s.json"], f"a full disk: {left}"
+        assert not boxes(full), f"a full disk: {boxes(full)}"
         # The next recording of that name moves them aside.
         run(trocar_run, asked, "--asset", asset, "--clock", "virtual", "--record", full / "r.csv", "--quiet", expect=5 if code == 5 else 0)
-        check((full / "r.csv.partial.1").read_bytes() == text and (full / "r.csv").exists() and not kept.exists(), "kept rows are not moved aside")
+        assert (full / "r.csv.partial.1").read_bytes() == text and (full / "r.csv").exists() and not kept.exists(), "kept rows are not moved aside"
         for file in full.iterdir():
             if file.name != "s.json":
                 file.unlink()
         faults = json.loads((full / "s.json").read_text())["faults"]
-        check([fault["fault"] for fault in faults] == ["joint_limit"] * (code == 5), f"a full disk: {faults}")
+        assert [fault["fault"] for fault in faults] == ["joint_limit"] * (code == 5), f"a full disk: {faults}"
 
     # A killed session: its rows are under the documented name.
     killed = work / "killed"
@@ -140,30 +135,23 @@ def main():
         time.sleep(0.02)
     process.kill()
     process.wait()
-    check([file.name for file in killed.iterdir()] == [kept.name] and kept.read_bytes().count(b"\n") > 100, f"a killed session: {list(killed.iterdir())}")
+    assert [file.name for file in killed.iterdir()] == [kept.name] and kept.read_bytes().count(b"\n") > 100, f"a killed session: {list(killed.iterdir())}"
 
     # Standard output that cannot be written is an error, except for a closed pipe. A replay reports differing torques.
     with open("/dev/full", "w") as nowhere:
         printed = subprocess.run([trocar_run, scene, "--check"], stdout=nowhere, stderr=subprocess.PIPE, text=True, check=False)
-    check(printed.returncode == 4 and "standard output could not be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}")
+    assert printed.returncode == 4 and "standard output could not be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}"
     process = subprocess.Popen([trocar_run, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()
-    check(process.wait() == 0, f"a closed pipe: {process.returncode}, {process.stderr.read()!r}")
+    assert process.wait() == 0, f"a closed pipe: {process.returncode}, {process.stderr.read()!r}"
     weaker = work / "weaker.json"
     weaker.write_text(json.dumps({**scene_of(source, asset), "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
     replayed = run(trocar_run, weaker, "--replay", auto / "r.csv", "--recover", "auto", "--quiet", expect=3)
-    check("was recorded with other inputs: the scene" in replayed.stderr, f"a replay that differs: {replayed.stderr!r}")
+    assert "was recorded with other inputs: the scene" in replayed.stderr, f"a replay that differs: {replayed.stderr!r}"
 
     for option in ("--replay", "--record", "--summary", "--duration", "--force-law", "--asset"):
         done = run(trocar_run, scene, option, "", "--clock", "virtual", expect=2)
-        check(option in done.stderr, f"{option} with an empty value: {done.stderr!r}")
+        assert option in done.stderr, f"{option} with an empty value: {done.stderr!r}"
     run(trocar_run, scene, "--recover", "perhaps", expect=2)
     run(trocar_run, scene, "--passivity", "1", expect=2)
     run(trocar_run, scene, "--clock", "virtual", "--black-box", work / "absent", "--quiet", expect=4)
-    for line in failures:
-        print(line)
-    return 1 if failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

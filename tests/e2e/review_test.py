@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""review_test.py SOURCE PROGRAMS SCAN WORK: trocar-mesh review: every scan of a store on its pages, and the differences from another store against
+"""`trocar-mesh review`: every scan of a store on its pages, and the differences from another store against
 an independent computation from the exported outlines. Damaged stores give a clear line, or a card that says so."""
 import json
 import os
-import pathlib
 import re
 import resource
 import shutil
-import sys
 
 import jsonschema
 import numpy
 
-from e2e import SANITIZED, check, outcome, run
+import pytest
+from programs import PROGRAMS, SANITIZED, SCAN, SOURCE, WORK, run
+from html_pages import check_self_contained, embedded_json, rendered, texts_of
 
-SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:])
 MESH = PROGRAMS / "trocar-mesh"
 ACCURACY_MM, STEP_MM = 1e-3, 0.01  # of the program; between the points of this test
 PER_PAGE = 240
+PICTURE = '"data:image/png;base64,'
 MANY = 2000
 GROWTH_MAX_BYTES = 40e6  # from one page to nine: less than the pages' 24 MB of text and as much again
 
@@ -32,13 +32,13 @@ def collection(name, scans):
 def review(store, page, *options, expect=0):
     done = run(MESH, "review", store, "-o", page, "--json", *options, expect=expect)
     if expect:
-        check(len(done.stderr.strip().splitlines()) == 1 and str(store) in done.stderr, f"{store}: not one line that names it: {done.stderr}")
+        assert len(done.stderr.strip().splitlines()) == 1 and str(store) in done.stderr, f"{store}: not one line that names it: {done.stderr}"
         return done.stderr
     numbers = json.loads(done.stdout)
     schema = json.loads((SOURCE / "formats" / "session" / "review.schema.json").read_text())
     schema.pop("$id")
     for error in list(jsonschema.Draft202012Validator(schema).iter_errors(numbers))[:3]:
-        check(False, f"{page.name}: {error.json_path}: {error.message[:300]}")
+        pytest.fail(f"{page.name}: {error.json_path}: {error.message[:300]}")
     return numbers
 
 
@@ -72,7 +72,7 @@ def one_sided(edges, others):
     return worst
 
 
-def pages_and_differences():
+def test_pages_and_differences():
     first = [("same", "sample.nii.gz", {"slices": "5:6"}), ("small", "sample.nii.gz", {"slices": "5:8"}), ("large", "sample.nii.gz", {"slices": "5:8"}),
              ("fewer", "sample.nii.gz", {"slices": "20:23"}), ("gone", "sample.nii.gz", {"slices": "30:31"}),
              ("fails", "sample.nii.gz", {"slices": "12:13"}), ("works", "none.nii.gz", {})]
@@ -85,32 +85,63 @@ def pages_and_differences():
     page = WORK / "page.html"
     numbers = review(now, page, "--against", before)
     text = page.read_text()
-    check(numbers["done"] == 6 and numbers["failed"] == 1 and numbers["damaged"] == 0 and numbers["same"] == 1, f"counts: {numbers}")
+    assert numbers["done"] == 6 and numbers["failed"] == 1 and numbers["damaged"] == 0 and numbers["same"] == 1, f"counts: {numbers}"
     kinds = [(one["kind"], one["scan"]) for one in numbers["differences"]]
-    check(kinds == [("failed", "fails"), ("gone", "gone"), ("changed", "fewer"), ("changed", "large"), ("changed", "small"), ("repaired", "works"),
-                    ("new", "new_")], f"not worst first: {kinds}")
+    assert (kinds == [("failed", "fails"), ("gone", "gone"), ("changed", "fewer"), ("changed", "large"), ("changed", "small"), ("repaired", "works"),
+                    ("new", "new_")]), f"not worst first: {kinds}"
     by_scan = {one["scan"]: one for one in numbers["differences"]}
-    check(by_scan["fewer"]["slices_only_before"] == 1 and by_scan["fewer"]["hausdorff_mm"] == 0, f"fewer: {by_scan['fewer']}")
+    assert by_scan["fewer"]["slices_only_before"] == 1 and by_scan["fewer"]["hausdorff_mm"] == 0, f"fewer: {by_scan['fewer']}"
     for scan in ("small", "large"):
         a, b = segments(now, scan), segments(before, scan)
         wanted = max(max(one_sided(a[k], b[k]), one_sided(b[k], a[k])) for k in a)
         found = by_scan[scan]["hausdorff_mm"]
-        check(wanted - ACCURACY_MM <= found <= wanted + STEP_MM / 2 and found > 0.01, f"{scan}: distance {found} mm, by points {wanted} mm")
+        assert wanted - ACCURACY_MM <= found <= wanted + STEP_MM / 2 and found > 0.01, f"{scan}: distance {found} mm, by points {wanted} mm"
         for store, suffix in ((now, ""), (before, "_before")):
             info = json.loads(run(MESH, "info", store / "assets" / f"{scan}.glb", "--json").stdout)
-            check(by_scan[scan]["triangles" + suffix] == info["triangles"] and by_scan[scan]["bytes" + suffix] == info["bytes"]
-                  and abs(by_scan[scan]["area_mm2" + suffix] - sum(s["area_mm2"] for s in info["slices"])) < 1e-6, f"{scan}{suffix}: {by_scan[scan]}")
-    check(text.count("<img ") == 6 + 3, f"{text.count('<img ')} pictures")  # of each asset, and of the earlier one where it changed
-    check(text.count('loading="lazy"') == text.count("<img "), "pictures are not loaded lazily")
-    check(not re.search(r"https?:|src=\"(?!data:)|url\(|@import", text), "the page refers to other files")
-    for scan, *_ in second:
-        check(f'id="{scan}"' in text, f"{scan} is not on the page")
+            assert (by_scan[scan]["triangles" + suffix] == info["triangles"] and by_scan[scan]["bytes" + suffix] == info["bytes"]
+                  and abs(by_scan[scan]["area_mm2" + suffix] - sum(s["area_mm2"] for s in info["slices"])) < 1e-6), f"{scan}{suffix}: {by_scan[scan]}"
+    assert text.count(PICTURE) == 6 + 3, f"{text.count(PICTURE)} pictures"  # of each asset, and of the earlier one where it changed
+    check_self_contained("review", text)
+    shown = embedded_json(text, "review")
+    assert {card["name"] for card in shown["cards"]} == {scan for scan, *_ in second}, f"other scans on the page: {shown['cards']}"
+    assert [{k: v for k, v in one.items() if k != "page"} for one in shown["differences"]["scans"]] == numbers["differences"], "the page has other differences"
+    rendered_page(page, second, kinds)
     again = WORK / "again.html"
     review(now, again, "--against", before)
-    check(again.read_text().replace("again.html", "page.html") == text, "the same review gives other bytes")
+    assert again.read_text().replace("again.html", "page.html") == text, "the same review gives other bytes"
 
 
-def damaged():
+def rendered_page(page, scans, kinds):
+    """What the reader sees: a card for each scan, and a row for each difference, linked to its card."""
+    dom = rendered(page)
+    if dom is None:
+        return
+    assert dom.count("<img ") == 9 and dom.count('loading="lazy"') == 9, f"{dom.count('<img ')} pictures, or they are not loaded lazily"
+    texts = texts_of(dom)
+    for scan, *_ in scans:
+        assert f'id="{scan}"' in dom, f"{scan} has no card"
+    for kind, scan in kinds:
+        assert kind in texts and scan in texts, f"{scan}: {kind} is not in the table"
+        assert (f'href="{page.name}#{scan}"' in dom) == (kind != "gone"), f"{scan}: the link to the card"
+    assert dom.count("<tr>") == 1 + len(kinds), f"{dom.count('<tr>')} rows"
+
+
+def test_hostile_texts():
+    """Texts of a damaged store's entry stand on the page as text."""
+    store = WORK / "hostile"
+    shutil.copytree(WORK / "before", store, symlinks=True)
+    entry = store / "scans" / "works.json"
+    index = json.loads(entry.read_text())
+    index["reason"] = hostile = "</script><img src=x onerror=alert(1)><!--"
+    entry.write_text(json.dumps(index))
+    page = WORK / "hostile.html"
+    review(store, page)
+    assert hostile not in page.read_text() and any(card.get("reason") == hostile for card in embedded_json(page.read_text(), "review")["cards"]), "a hostile text is not escaped, or is lost"
+    dom = rendered(page)
+    assert dom is None or (hostile in texts_of(dom) and "<img src=\"x\"" not in dom), "a hostile text is not shown as text"
+
+
+def test_damaged():
     good = WORK / "before"
     for what in ("truncated", "other bytes", "missing", "entry", "entry path", "entry size"):
         store = WORK / "damaged"
@@ -135,25 +166,26 @@ def damaged():
             entry.write_text(json.dumps(index))
         page = WORK / "damaged.html"
         numbers = review(store, page)
-        check(numbers["damaged"] >= 1 or what == "entry size", f"{what}: damaged: {numbers}")
-        check("class=\"bad\"" in page.read_text() or what == "entry size", f"{what}: the page does not say so")
+        assert numbers["damaged"] >= 1 or what == "entry size", f"{what}: damaged: {numbers}"
+        cards = embedded_json(page.read_text(), "review")["cards"]
+        assert any("error" in card.get("asset", {}) or "reason" in card and card["name"] == "same" for card in cards) or what == "entry size", f"{what}: the page does not say so"
         for pair in ((store, good), (good, store)):
             numbers = review(pair[0], page, "--against", pair[1])
             kinds = {one["scan"]: one["kind"] for one in numbers["differences"]}
-            check(set(kinds) <= {"same"}, f"{what}: {kinds}")
+            assert set(kinds) <= {"same"}, f"{what}: {kinds}"
     (WORK / "no_store").mkdir()
-    check("no store" in review(WORK / "no_store", WORK / "x.html", expect=3), "a folder that is no store")
-    check("no store" in review(WORK / "nowhere", WORK / "x.html", expect=3), "a folder that is not there")
+    assert "no store" in review(WORK / "no_store", WORK / "x.html", expect=3), "a folder that is no store"
+    assert "no store" in review(WORK / "nowhere", WORK / "x.html", expect=3), "a folder that is not there"
     (WORK / "no_store" / "trocar-store.json").write_text('{"schema": "trocar.store/9"}')
     run(MESH, "review", WORK / "no_store", "-o", WORK / "x.html", expect=2)
     (WORK / "no_store" / "trocar-store.json").write_text('{"schema": "trocar.store/1"}')
-    check("no scans" in review(WORK / "no_store", WORK / "x.html", expect=3), "an empty store")
+    assert "no scans" in review(WORK / "no_store", WORK / "x.html", expect=3), "an empty store"
     run(MESH, "review", good, "-o", WORK / "x.png", expect=2)
     run(MESH, "review", good, "-o", WORK / "none" / "x.html", expect=4)
-    check(not (WORK / "x.html").exists(), "a page without a review")
+    assert not (WORK / "x.html").exists(), "a page without a review"
 
 
-def many():
+def test_many():
     """Memory does not grow with the number of pages, and none of a longer review is left."""
     store = WORK / "many"
     shutil.copytree(WORK / "before", store, symlinks=True)
@@ -167,28 +199,15 @@ def many():
             entry["name"] = f"copy{k:05}"
             (store / "scans" / f"copy{k:05}.json").write_text(json.dumps(entry))
         numbers = review(store, page)
-        check(numbers["done"] == count and len(numbers["pages"]) == -(-count // PER_PAGE), f"{count} scans: {numbers}")
-        check(all((WORK / name).stat().st_size < 6e6 for name in numbers["pages"]), f"{count} scans: a large page")
-        check(sum((WORK / name).read_text().count("<img ") for name in numbers["pages"]) == count, f"{count} scans: pictures")
+        assert numbers["done"] == count and len(numbers["pages"]) == -(-count // PER_PAGE), f"{count} scans: {numbers}"
+        assert all((WORK / name).stat().st_size < 6e6 for name in numbers["pages"]), f"{count} scans: a large page"
+        assert sum((WORK / name).read_text().count(PICTURE) for name in numbers["pages"]) == count, f"{count} scans: pictures"
         peaks.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024)
-    check(SANITIZED or peaks[1] - peaks[0] < GROWTH_MAX_BYTES, f"memory grows from {peaks[0] / 1e6:.0f} to {peaks[1] / 1e6:.0f} MB")
+    assert SANITIZED or peaks[1] - peaks[0] < GROWTH_MAX_BYTES, f"memory grows from {peaks[0] / 1e6:.0f} to {peaks[1] / 1e6:.0f} MB"
     print(f"peak memory {peaks[0] / 1e6:.0f} MB for {PER_PAGE} scans, {peaks[1] / 1e6:.0f} MB for {MANY}")
     kept = WORK / "many-11.html"
     kept.write_text("not a review")
     for file in list((store / "scans").iterdir())[PER_PAGE:]:
         file.unlink()
     review(store, page)
-    check(sorted(file.name for file in WORK.glob("many*.html")) == ["many-11.html", "many.html"], f"left: {sorted(WORK.glob('many*.html'))}")
-
-
-def main():
-    shutil.rmtree(WORK, ignore_errors=True)
-    WORK.mkdir(parents=True)
-    pages_and_differences()
-    damaged()
-    many()
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert sorted(file.name for file in WORK.glob("many*.html")) == ["many-11.html", "many.html"], f"left: {sorted(WORK.glob('many*.html'))}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""same_bytes_test.py PROGRAMS SCAN WORK: the same scan gives the same asset, byte by byte, with 1, 2 and 16 threads and from
+"""The same scan gives the same asset, byte by byte, with 1, 2 and 16 threads and from
 the programs of another build, if TROCAR_OTHER_BIN names its folder. Scans: the sample as PNG, DICOM and NIfTI; L3 (folder
 TROCAR_REAL_CT) and the head CT (file TROCAR_HEAD_CT) if available. With clang, for example:
 
@@ -9,10 +9,8 @@ TROCAR_REAL_CT) and the head CT (file TROCAR_HEAD_CT) if available. With clang, 
 import hashlib
 import os
 import pathlib
-import shutil
-import sys
 
-from e2e import check, outcome, run
+from programs import HEAD_CT, L3_SCAN, REAL_CT, run
 
 
 def scans(sample):
@@ -22,37 +20,26 @@ def scans(sample):
     yield "sample, DICOM", sample / "dicom", ()
     yield "sample, DICOM, Douglas-Peucker", sample / "dicom", ("--simplify", "dp")
     yield "sample, NIfTI", sample / "sample.nii.gz", ()
-    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3"
-    yield "L3", l3 / "sub-ct_label-22_ct.nii.gz", ()
-    yield "L3, labels", l3 / "sub-ct_seg-vert_label-22_msk.nii.gz", ("--labels", "22")
-    head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
-    yield "head", head, ()
-    yield "head, Douglas-Peucker", head, ("--simplify", "dp")
+    yield "L3", L3_SCAN, ()
+    yield "L3, labels", REAL_CT / "sub-ct_seg-vert_label-22_msk.nii.gz", ("--labels", "22")
+    yield "head", HEAD_CT, ()
+    yield "head, Douglas-Peucker", HEAD_CT, ("--simplify", "dp")
 
 
-def main():
-    programs, sample, work = map(pathlib.Path, sys.argv[1:4])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_same_bytes(programs, scan, work):
     other = os.environ.get("TROCAR_OTHER_BIN")
     makers = [(f"{jobs} threads", programs, jobs) for jobs in (1, 2, 16)]
     if other:
         makers.append((other, pathlib.Path(other), 2))
-    for name, scan, options in scans(sample):
-        if not scan.exists():
+    for name, file, options in scans(scan):
+        if not file.exists():
             print(f"{name}: not available")
             continue
         digests = {}
         for maker, folder, jobs in makers:
             asset = work / "asset.glb"
-            run(folder / "trocar-mesh", scan, "-o", asset, "--quiet", "--jobs", jobs, *options)
+            run(folder / "trocar-mesh", file, "-o", asset, "--quiet", "--jobs", jobs, *options)
             digests.setdefault(hashlib.sha256(asset.read_bytes()).hexdigest(), []).append(maker)
-        check(len(digests) == 1, f"{name}: different bytes: {digests}")
+        assert len(digests) == 1, f"{name}: different bytes: {digests}"
         print(f"{name}: {len(makers)} runs, {next(iter(digests))[:16]}")
     print("compared with the programs of", other or "no other build")
-    shutil.rmtree(work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

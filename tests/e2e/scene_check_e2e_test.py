@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scene_check_e2e_test.py SOURCE BIN SCAN WORK: `trocar-run --check` against the sessions that it judges.
+"""`trocar-run --check` against the sessions that it judges.
 
 The promise: `--check --strict` ends with 0 exactly if the session on the same options, with the simulated device in virtual
 time, ends with 0 without a fault, touches every slice, and renders every wrench in full, and no slice gets the default tissue
@@ -13,11 +13,9 @@ import math
 import pathlib
 import random
 import re
-import shutil
 import subprocess
-import sys
 
-from e2e import check, outcome, run
+from programs import run
 
 REFUSED = 3
 FAULT = 5
@@ -138,7 +136,7 @@ class Judge:
     def agrees(self, name, scene_file, options, strict):
         """Checks what --strict gave against the session, and returns the session's exit code."""
         code, good = self.session(name, scene_file, options)
-        check((strict.returncode == 0) == good or name == ONLY_TISSUE, f"{name} {options}: the session ended with {code} "
+        assert (strict.returncode == 0) == good or name == ONLY_TISSUE, (f"{name} {options}: the session ended with {code} "
               f"({'good' if good else 'not good'}), --check --strict with {strict.returncode}: {strict.stderr}{strict.stdout}")
         return code
 
@@ -153,29 +151,28 @@ class Judge:
         plain, strict = self.call(*words), self.call(*words, "--strict")
         lines = plain.stderr.splitlines()
         warnings = [line for line in lines if line.startswith(f"trocar-run: warning: {scene_file}: ")]
-        check(plain.returncode == 0, f"{name}: --check ended with {plain.returncode}: {plain.stderr}")
-        check(warnings == lines, f"{name}: --check says more than warnings: {plain.stderr}")
-        check(strict.returncode == (REFUSED if warnings else 0), f"{name}: --strict ended with {strict.returncode}: {strict.stderr}")
-        check(strict.stderr.splitlines()[:len(lines)] == lines and len(strict.stderr.splitlines()) == len(lines) + bool(lines),
-              f"{name}: --strict says something else: {strict.stderr}")
-        check(untimed(strict.stdout) == untimed(plain.stdout), f"{name}: --strict prints something else")
+        assert plain.returncode == 0, f"{name}: --check ended with {plain.returncode}: {plain.stderr}"
+        assert warnings == lines, f"{name}: --check says more than warnings: {plain.stderr}"
+        assert strict.returncode == (REFUSED if warnings else 0), f"{name}: --strict ended with {strict.returncode}: {strict.stderr}"
+        assert strict.stderr.splitlines()[:len(lines)] == lines and len(strict.stderr.splitlines()) == len(lines) + bool(lines), f"{name}: --strict says something else: {strict.stderr}"
+        assert untimed(strict.stdout) == untimed(plain.stdout), f"{name}: --strict prints something else"
         return self.agrees(name, scene_file, options, strict), warnings
 
 
 def check_broken(judge):
     for name, (scene, options, expected, patterns) in BROKEN.items():
         code, warnings = judge.judged(name, scene, options)
-        check(expected is None or code == expected, f"{name}: the session ended with {code}, not {expected}")
-        check(len(warnings) == len(patterns), f"{name}: {len(warnings)} warnings, not {len(patterns)}: {warnings}")
+        assert expected is None or code == expected, f"{name}: the session ended with {code}, not {expected}"
+        assert len(warnings) == len(patterns), f"{name}: {len(warnings)} warnings, not {len(patterns)}: {warnings}"
         for pattern in patterns:
-            check(any(re.search(pattern, line) for line in warnings), f"{name}: no warning of {pattern}: {warnings}")
+            assert any(re.search(pattern, line) for line in warnings), f"{name}: no warning of {pattern}: {warnings}"
     # A session says the same at its start.
     scene_file = judge.work / f"{ONLY_TISSUE}.json"
     common = (scene_file, "--asset", judge.asset, "--clock", "virtual", "--duration", "0.01")
     said = judge.call(*common).stderr.splitlines()
     warned = judge.call(scene_file, "--asset", judge.asset, "--check").stderr.splitlines()
-    check(said == warned and len(said) == 1, f"a session does not say that no tissue fits: {said}, --check: {warned}")
-    check(judge.call(*common, "--quiet").stderr == "", "--quiet: a warning of tissues")
+    assert said == warned and len(said) == 1, f"a session does not say that no tissue fits: {said}, --check: {warned}"
+    assert judge.call(*common, "--quiet").stderr == "", "--quiet: a warning of tissues"
 
 
 def check_text(judge, source):
@@ -184,38 +181,37 @@ def check_text(judge, source):
     text = judge.call(scene, "--asset", judge.asset, "--check").stdout
     for pattern in (r"path .*x 0\.0000 to 0\.0000, y 0\.0000 to 0\.0000, z 0\.0880 to 0\.2020 m",
                     r"speed at most 0\.0175 of 2 m/s",
-                    r"reach .*z 0\.06\d+ to 0\.23\d+ m",
+                    r"workspace .*z 0\.06\d+ to 0\.23\d+ m",
                     r"at 0\.1400 m x -0\.0\d+ to 0\.0\d+, y -0\.0\d+ to 0\.0\d+",
-                    r"trial .*7000 ticks.*no fault",
+                    r"dry run .*7000 ticks.*no fault",
                     r"goes through at 0\.884\d s at \(0\.0000, 0\.0000\) m: 100 % of the tool over material; threshold needs 0\.77 of 6\.00 Nm",
                     r"punctured at 1\.5\d+ s", r"slice 21 .*the scene's \"tissue\""):
-        check(re.search(pattern, text), f"--check does not say {pattern}: {text}")
+        assert re.search(pattern, text), f"--check does not say {pattern}: {text}"
     fits = judge.call(judge.work / "tissue_fits.json", "--asset", judge.asset, "--check").stdout
-    check(re.search(r"slice 17 .*tissue \"bone\": mean HU \d+", fits), f"--check does not say why a tissue was chosen: {fits}")
+    assert re.search(r"slice 17 .*tissue \"bone\": mean HU \d+", fits), f"--check does not say why a tissue was chosen: {fits}"
     named = judge.call(judge.work / "tissue_is_named.json", "--asset", judge.asset, "--check").stdout
-    check(re.search(r"slice 17 .*tissue \"bone\": named by the slice", named), f"--check does not say why: {named}")
-    check("does not get there" in judge.call(judge.work / "held_inside_box.json", "--asset", judge.asset, "--check").stdout,
-          "--check does not say that the path leaves the box")
+    assert re.search(r"slice 17 .*tissue \"bone\": named by the slice", named), f"--check does not say why: {named}"
+    assert "does not get there" in judge.call(judge.work / "held_inside_box.json", "--asset", judge.asset, "--check").stdout, "--check does not say that the path leaves the box"
     # Nothing is written, and --quiet leaves only the judgement.
     before = sorted(judge.work.iterdir())
     quiet = judge.call(judge.work / "no_material.json", "--asset", judge.asset, "--check", "--strict", "--quiet", "--record", judge.work / "r.csv")
-    check(quiet.returncode == REFUSED and quiet.stdout == "" and len(quiet.stderr.splitlines()) == 2, f"--quiet: {quiet}")
-    check(sorted(judge.work.iterdir()) == before, "--check has written a file")
+    assert quiet.returncode == REFUSED and quiet.stdout == "" and len(quiet.stderr.splitlines()) == 2, f"--quiet: {quiet}"
+    assert sorted(judge.work.iterdir()) == before, "--check has written a file"
     lone = judge.call(scene, "--asset", judge.asset, "--strict")
-    check(lone.returncode == 2 and "--check" in lone.stderr, f"--strict without --check: {lone}")
+    assert lone.returncode == 2 and "--check" in lone.stderr, f"--strict without --check: {lone}"
 
 
-def check_beyond_trial(judge):
-    """A session longer than what --check simulates is judged by the path from there on."""
+def check_beyond_dry_run(judge):
+    """A session longer than what --check simulates is checked by its path from there on."""
     late = descent((0, 0, 0, 0.14), (1, 0, 0, 0.11), (2, 0, 0, 0.16), (700, 0, 0, 0.16), (701, 0.09, 0, 0.16), duration=900)
     (judge.work / "late.json").write_text(json.dumps(late))
     done = judge.call(judge.work / "late.json", "--asset", judge.asset, "--check")
-    check(done.returncode == 0 and re.search(r"at 700\.\d+ s: .*path.*workspace.*x 0\.06\d+ m", done.stderr), f"late: {done}")
-    check(re.search(r"trial .*of 900 s", done.stdout), f"late: {done.stdout}")
+    assert done.returncode == 0 and re.search(r"at 700\.\d+ s: .*path.*workspace.*x 0\.06\d+ m", done.stderr), f"late: {done}"
+    assert re.search(r"dry run .*of 900 s", done.stdout), f"late: {done.stdout}"
     late["hand"]["trajectory"].pop()
     (judge.work / "long.json").write_text(json.dumps(late))
     done = judge.call(judge.work / "long.json", "--asset", judge.asset, "--check", "--strict")
-    check(done.returncode == 0, f"long: {done}")
+    assert done.returncode == 0, f"long: {done}"
 
 
 def check_random(judge):
@@ -227,16 +223,10 @@ def check_random(judge):
         strict = judge.call(scene_file, "--asset", judge.asset, "--check", "--strict", *options)
         judge.agrees(scene_file.stem, scene_file, options, strict)
         warned += strict.returncode == REFUSED
-    check(6 <= warned <= RANDOM_SCENES - 6, f"{warned} of {RANDOM_SCENES} random scenes are warned of: too little is compared")
+    assert 6 <= warned <= RANDOM_SCENES - 6, f"{warned} of {RANDOM_SCENES} random scenes are warned of: too little is compared"
 
 
-def main():
-    if len(sys.argv) != 5:
-        print("usage: scene_check_e2e_test.py SOURCE BIN SCAN WORK", file=sys.stderr)
-        return 2
-    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_scene_check(source, programs, scan, work):
     asset = work / "sample.glb"
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     judge = Judge(programs, work, asset)
@@ -244,16 +234,11 @@ def main():
         if json.loads(scene.read_text())["asset"] != "../../out/sample.glb":
             continue  # of another scan
         _, warnings = judge.judged(scene.stem, scene)
-        check(not warnings, f"{scene.name}: {warnings}")
+        assert not warnings, f"{scene.name}: {warnings}"
     for name, scene in GOOD.items():
         _, warnings = judge.judged(name, scene)
-        check(not warnings, f"{name}: {warnings}")
+        assert not warnings, f"{name}: {warnings}"
     check_broken(judge)
     check_text(judge, source)
-    check_beyond_trial(judge)
+    check_beyond_dry_run(judge)
     check_random(judge)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,24 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""schemas_e2e_test.py SOURCE PROGRAMS SCAN WORK: what the programs write conforms to the JSON Schemas of formats/session/:
+"""What the programs write conforms to the JSON Schemas of formats/session/:
 reports of trocar-mesh, summaries, frames and sheets of trocar-run. The same documents with one mistake each do not (the
 mistakes come from the schema, see schema_test.py). Reports and summaries hold no absolute paths, whatever was given.
 trocar-run takes the scenes that the schema takes, and refuses those that it refuses.
 """
 import json
-import pathlib
 import re
 import shutil
 import struct
 import subprocess
-import sys
 
 import jsonschema
 
-from e2e import check, outcome, run
+import pytest
+from programs import run
 from mesh_program_e2e_test import label_map
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "formats" / "session"))
-from schema_test import mutations, replaced  # noqa: E402
+from schema_test import mutations, replaced
 
 LONG_LIST, SHORTENED = 4, 3  # of a longer list the first items are changed: the others are like them
 
@@ -36,15 +34,15 @@ class Schema:
         """`part`: the definition to which the document belongs, if the schema is a choice of several."""
         self.documents += 1
         for error in list(self.validator.iter_errors(document))[:3]:
-            check(False, f"{what}: {error.json_path}: {error.message[:300]}")
+            pytest.fail(f"{what}: {error.json_path}: {error.message[:300]}")
         tree = {**self.tree["$defs"][part], "$defs": self.tree["$defs"]} if part else self.tree
         document = shortened(document)
-        check(self.validator.is_valid(document), f"{what}: does not conform when its lists are shortened")
+        assert self.validator.is_valid(document), f"{what}: does not conform when its lists are shortened"
         for reason, changed in (*planted(document, document), *mutations(document, tree)):
             kind = re.sub(r"/\d+", "/N", reason)
             if kind not in self.changes:  # once for all items of a list, in all documents
                 self.changes.add(kind)
-                check(not self.validator.is_valid(changed), f"{what}: accepted although {reason}")
+                assert not self.validator.is_valid(changed), f"{what}: accepted although {reason}"
 
 
 def shortened(node):
@@ -72,9 +70,9 @@ def texts(node):
 
 
 def check_to_be_shared(what, document, program, version, folders):
-    check(document.get("program") == f"{program} {version}", f"{what}: program {document.get('program')!r}")
+    assert document.get("program") == f"{program} {version}", f"{what}: program {document.get('program')!r}"
     for text in texts(document):
-        check(not text.startswith("/") and not any(str(folder) in text for folder in folders), f"{what}: a path: {text!r}")
+        assert not text.startswith("/") and not any(str(folder) in text for folder in folders), f"{what}: a path: {text!r}"
 
 
 def reports(source, programs, scan, work):
@@ -115,12 +113,12 @@ def reports(source, programs, scan, work):
         document = json.loads(report.read_bytes())
         schema.check(f"report {name}", document)
         seen |= {*document, *document["parameters"], *(key for warning in document["warnings"] for key in warning)}
-        check(document["schema"] == schema.id, f"report {name}: {document['schema']}")
+        assert document["schema"] == schema.id, f"report {name}: {document['schema']}"
         check_to_be_shared(f"report {name}", document, "trocar-mesh", version, (work, scan))
     properties = schema.tree["properties"]
     for part in (schema.tree, properties["parameters"], properties["warnings"]["items"]):
         missing = part["properties"].keys() - seen - {"series"}  # needs the UID of a series
-        check(not missing, f"no report had {missing}")
+        assert not missing, f"no report had {missing}"
     return schema
 
 
@@ -159,7 +157,7 @@ def sessions(source, programs, work):
         address = drive.stdout.readline().split()[-1]
         run(trocar_run, scenes["one_slice"], *fast, "--asset", asset, "--device", f"udp:{address}", "--key-file", key, "--quiet",
             *[word for kind in ("summary", "frames", "meshes") for word in (f"--{kind}", work / f"link.{kind}")])
-        check(drive.wait(30) == 0, f"the drive ended with {drive.returncode}")
+        assert drive.wait(30) == 0, f"the drive ended with {drive.returncode}"
     yield "link"
 
 
@@ -169,30 +167,30 @@ def outputs_of_sessions(source, programs, scan, work):
     for name in sessions(source, programs, work):
         document = json.loads((work / f"{name}.summary").read_bytes())
         summary.check(f"summary {name}", document)
-        check(document.get("schema") == summary.id, f"summary {name}: {document.get('schema')}")
+        assert document.get("schema") == summary.id, f"summary {name}: {document.get('schema')}"
         check_to_be_shared(f"summary {name}", document, "trocar-run", version, (work, scan, source))
         seen |= {key for key in ("replay", "network", "link") if key in document}
         for fault in document["faults"]:
             seen.add("recovered" if fault["recovered_t_s"] is not None else "fault")
             box, written = str(fault["black_box"]), "black_box_error" not in fault
-            check(re.fullmatch(r"black_box_[^/]+\.csv", box) and (work / box).is_file() == written, f"{name}: black box {fault}")
+            assert re.fullmatch(r"black_box_[^/]+\.csv", box) and (work / box).is_file() == written, f"{name}: black box {fault}"
             if not written:
                 seen.add("unwritten")
-                check(fault["black_box_error"].startswith(box) and "File too large" in fault["black_box_error"], f"{name}: {fault}")
+                assert fault["black_box_error"].startswith(box) and "File too large" in fault["black_box_error"], f"{name}: {fault}"
         meshes = json.loads((work / f"{name}.meshes").read_bytes())
         sheets.check(f"sheets {name}", meshes)
-        check(meshes["schema"] == sheets.id, f"sheets {name}: {meshes['schema']}")
+        assert meshes["schema"] == sheets.id, f"sheets {name}: {meshes['schema']}"
         lines = {"frame": [], "shape": []}
         for text in (work / f"{name}.frames").read_text().splitlines():
             line = json.loads(text)
             lines["shape" if "w" in line else "frame"].append(line)
-            check(frames.validator.is_valid(line), f"frames {name}: {text[:200]}")
+            assert frames.validator.is_valid(line), f"frames {name}: {text[:200]}"
         for part, of_part in lines.items():
             for line in of_part[:: max(1, len(of_part) // 3)]:
                 frames.check(f"{part} of {name}", line, part)
             seen |= {part} if of_part else set()
     wanted = {"replay", "network", "link", "fault", "recovered", "unwritten", "frame", "shape"}
-    check(seen >= wanted, f"no session had {wanted - seen}")
+    assert seen >= wanted, f"no session had {wanted - seen}"
     return summary, frames, sheets
 
 
@@ -246,36 +244,27 @@ def scenes(source, programs, work):
     def check_scene(what, document, expect):
         made.write_text(json.dumps(document))
         done = subprocess.run([trocar_run, made, "--check", "--asset", work / "surface.glb"], capture_output=True, text=True, check=False)
-        check(done.returncode == expect, f"scene {what}: {done.returncode}, {done.stderr!r}")
+        assert done.returncode == expect, f"scene {what}: {done.returncode}, {done.stderr!r}"
         return done
 
     for name, document in scenes_of_cutting():
         schema.documents += 1
         for error in list(schema.validator.iter_errors(document))[:3]:
-            check(False, f"scene {name}: {error.json_path}: {error.message[:300]}")
+            pytest.fail(f"scene {name}: {error.json_path}: {error.message[:300]}")
         check_scene(name, document, 0)
         for reason, changed in (*planted(document, document), *mistakes_in_scene(document, schema.tree)):
             kind = re.sub(r"/\d+", "/N", f"{name} {reason}")
             if kind in schema.changes:
                 continue
             schema.changes.add(kind)
-            check(not schema.validator.is_valid(changed), f"scene {name}: the schema takes it although {reason}")
+            assert not schema.validator.is_valid(changed), f"scene {name}: the schema takes it although {reason}"
             said = check_scene(f"{name}, {reason}", changed, 3).stderr
-            check(str(made) in said and said.count("\n") == 1, f"scene {name}: {reason}: {said!r}")
+            assert str(made) in said and said.count("\n") == 1, f"scene {name}: {reason}: {said!r}"
     return schema
 
 
-def main():
-    source, programs, scan, work = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_schemas(source, programs, scan, work):
     for schema in (reports(source, programs, scan, work), *outputs_of_sessions(source, programs, scan, work),
                    scenes(source, programs, work)):
-        check(len(schema.changes) >= 50, f"{schema.name}: the schema forbids next to nothing ({len(schema.changes)} changes)")
+        assert len(schema.changes) >= 50, f"{schema.name}: the schema forbids next to nothing ({len(schema.changes)} changes)"
         print(f"{schema.name}: {schema.documents} documents, {len(schema.changes)} kinds of mistakes in them")
-    shutil.rmtree(work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""solid_bone_test.py PROGRAMS WORK: solid bone from real scans: the vertebra of the folder TROCAR_REAL_CT against an expert's labels,
-and the head CT of the file TROCAR_HEAD_CT, whose brain, sinuses and canal must stay open. Skipped, saying so, without both."""
+"""Solid bone from real scans: the vertebra of the folder TROCAR_REAL_CT against an expert's labels,
+and the head CT of the file TROCAR_HEAD_CT, whose brain, sinuses and canal must stay open."""
 import json
-import os
-import pathlib
 import subprocess
-import sys
 
 import nibabel
 import numpy
-from e2e import check, outcome, run
+import pytest
+from programs import HEAD_CT, L3_SCAN, REAL_CT, PROGRAMS, WORK, run
 
-PROGRAMS, WORK = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
 MESH = PROGRAMS / "trocar-mesh"
 VERTEBRA = ("--preset", "vertebra")
 SLICES = range(18, 32)  # transverse, from the feet up: the third lumbar vertebra and the discs beside it
-SKIPPED = 77
 
 
 def canonical(file):
@@ -74,8 +70,8 @@ def dice(scan, bone, affine, *options, step=1):
 
 def expect_dice(what, values, mean, least=0.0):
     print(f"{what}: Dice mean {values.mean():.3f}, least {values.min():.3f}")
-    check(values.mean() >= mean, f"{what}: mean {values.mean():.3f} below {mean}")
-    check(values.min() >= least, f"{what}: least {values.min():.3f} below {least}")
+    assert values.mean() >= mean, f"{what}: mean {values.mean():.3f} below {mean}"
+    assert values.min() >= least, f"{what}: least {values.min():.3f} below {least}"
 
 
 def changed(values, affine, step=1):
@@ -95,8 +91,10 @@ def body_seed(labels, affine, label):
     return f"--seed={-right:g},{-forward:g},{up:g}"
 
 
-def check_vertebra(folder):
-    scan, label_file = folder / "sub-ct_label-22_ct.nii.gz", folder / "sub-ct_seg-vert_label-22_msk.nii.gz"
+def test_vertebra():
+    scan, label_file = L3_SCAN, REAL_CT / "sub-ct_seg-vert_label-22_msk.nii.gz"
+    if not scan.is_file():
+        pytest.skip("no clinical CT")
     values, affine = canonical(scan)
     labels = canonical(label_file)[0].astype(int)
     bone = numpy.isin(labels, (21, 22, 23))
@@ -104,7 +102,7 @@ def check_vertebra(folder):
     noise = numpy.random.default_rng(1).normal(0, 50, values.shape)
     for what, other, step in (("noise of 50 HU", values + noise, 1), ("HU x 0.9", values * 0.9, 1), ("every second slice", values, 2)):
         expect_dice(what, dice(changed(other, affine, step), bone, affine, *VERTEBRA, step=step), 0.90)
-    check(dice(scan, bone, affine).mean() < 0.5, "the threshold alone is no solid bone: this test would see nothing")
+    assert dice(scan, bone, affine).mean() < 0.5, "the threshold alone is no solid bone: this test would see nothing"
 
     third = labels == 22
     seeds = [body_seed(labels, affine, label) for label in (22, 21, 23)]
@@ -154,44 +152,24 @@ def check_pedicle(scan, labels):
     punctured = {puncture["slice"] for puncture in json.loads(summary.read_text())["punctures"]}
     missed = sorted(set(slices) - punctured)
     print(f"pedicle: {len(slices)} slices of bone, {len(punctured)} punctured")
-    check(len(slices) >= 20, f"the way through the pedicle has only {len(slices)} slices")
-    check(not missed, f"no material on the needle's way in the coronal slices {missed}")
+    assert len(slices) >= 20, f"the way through the pedicle has only {len(slices)} slices"
+    assert not missed, f"no material on the needle's way in the coronal slices {missed}"
 
 
-def check_head(scan):
-    """Points inside of what must stay open, with the range of HU that says that they are what they are called; and marrow."""
-    values, affine = canonical(scan)
-    files = meshed(scan, *VERTEBRA)
+def test_head():
+    """Points inside of cavities and soft tissue, which must stay open, and of marrow, each with the range of its HU."""
+    if not HEAD_CT.is_file():
+        pytest.skip("no head CT")
+    values, affine = canonical(HEAD_CT)
+    files = meshed(HEAD_CT, *VERTEBRA)
     places = (("brain", (125, 100, 56), (0, 100), False), ("brain stem", (125, 100, 28), (-20, 100), False),
               ("canal", (125, 95, 4), (-20, 120), False), ("frontal sinus", (125, 203, 56), (-1100, -700), False),
               ("ethmoid cells", (124, 163, 40), (-1100, -700), False),
               ("mastoid cells", (68, 118, 20), (-1100, -400), False), ("skull", (125, 28, 56), (226, 3000), True))
     for what, (i, j, k), (low, high), solid in places:
-        check(low <= values[i, j, k] <= high, f"{what}: {values[i, j, k]} HU is not {low} to {high}: another place")
+        assert low <= values[i, j, k] <= high, f"{what}: {values[i, j, k]} HU is not {low} to {high}: another place"
         is_material = bool(covered(files[k], affine, values.shape[:2])[i, j])
-        check(is_material == solid, f"{what} at {i}, {j}, {k} is {'filled' if is_material else 'open'}")
+        assert is_material == solid, f"{what} at {i}, {j}, {k} is {'filled' if is_material else 'open'}"
     brain = values[60:190, 40:190, 60]
     open_share = 1 - covered(files[60], affine, values.shape[:2])[60:190, 40:190][brain < 100].mean()
-    check(open_share > 0.999, f"{open_share:.4f} of the soft tissue in slice 60 is open")
-
-
-def main():
-    WORK.mkdir(parents=True, exist_ok=True)
-    real = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3"
-    head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
-    if not real.is_dir() and not head.is_file():
-        print("skipped: neither TROCAR_REAL_CT/l3 nor TROCAR_HEAD_CT is there")
-        return SKIPPED
-    if real.is_dir():
-        check_vertebra(real)
-    else:
-        print("skipped: the vertebra, no TROCAR_REAL_CT/l3")
-    if head.is_file():
-        check_head(head)
-    else:
-        print("skipped: the head, no TROCAR_HEAD_CT")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert open_share > 0.999, f"{open_share:.4f} of the soft tissue in slice 60 is open"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""studies_e2e_test.py PROGRAMS WORK: folders as hospitals and CDs have them: sub-folders, several series, a DICOMDIR, stray
+"""Folders as hospitals and CDs have them: sub-folders, several series, a DICOMDIR, stray
 files. What trocar-mesh takes from them and says of it, `trocar-mesh list`, --series, and --axis for DICOM."""
 import json
 import os
@@ -7,18 +7,13 @@ import pathlib
 import re
 import shutil
 import subprocess
-import sys
 
-from e2e import check, failures, outcome
+import jsonschema
+import numpy as np
+import pytest
 
-try:
-    import jsonschema
-    import numpy as np
-    import pydicom
-    from pydicom.uid import generate_uid
-except ImportError as missing:
-    print(missing)
-    sys.exit(77)
+pydicom = pytest.importorskip("pydicom")
+from pydicom.uid import generate_uid  # noqa: E402
 
 SLICES, SIZE = 9, 128
 
@@ -38,13 +33,13 @@ class Studies:
         """Returns the finished process; a wrong exit code is a failure."""
         done = subprocess.run([str(word) for word in (self.mesh, *words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                               check=False, timeout=60, **keys)
-        check(done.returncode == expect, f"{' '.join(map(str, words))}: ended with {done.returncode}, not {expect}: {done.stderr[-400:]!r}")
+        assert done.returncode == expect, f"{' '.join(map(str, words))}: ended with {done.returncode}, not {expect}: {done.stderr[-400:]!r}"
         return done
 
     def refuses(self, code, texts, *words):
         """Expects this exit code, and one line on stderr that contains all `texts`."""
         said = self.run(*words, expect=code).stderr
-        check(len(said.splitlines()) == 1 and all(text in said for text in texts), f"{words}: {said!r} lacks one of {texts}")
+        assert len(said.splitlines()) == 1 and all(text in said for text in texts), f"{words}: {said!r} lacks one of {texts}"
 
     def asset(self, *words):
         """The bytes of the asset."""
@@ -58,9 +53,9 @@ class Studies:
         out, report = self.work / "out.glb", self.work / "out.json"
         report.unlink(missing_ok=True)
         said = self.run(*words, "-o", out, "--report", report).stderr.splitlines()
-        check(len(said) == len({line.split(")")[0] for line in said}), f"two lines of a kind: {said}")
+        assert len(said) == len({line.split(")")[0] for line in said}), f"two lines of a kind: {said}"
         made = json.loads(report.read_bytes()) if report.exists() else {"warnings": [], "input": {}}
-        check(str(self.work) not in json.dumps(made), f"{words}: a path in the report: {made['warnings']}")
+        assert str(self.work) not in json.dumps(made), f"{words}: a path in the report: {made['warnings']}"
         codes = (re.search(r"warning \((\w+)\): (.*)", line) for line in said)
         return {found[1]: found[2] for found in codes if found}, made["input"].get("series")
 
@@ -70,7 +65,7 @@ class Studies:
         made = json.loads(done.stdout) if done.stdout else {"scans": []}
         if done.stdout:
             for error in list(self.schema.iter_errors(made))[:3]:
-                check(False, f"list {folder}: {error.json_path}: {error.message[:300]}")
+                pytest.fail(f"list {folder}: {error.json_path}: {error.message[:300]}")
         return {scan.get("number") or scan["path"]: scan for scan in made["scans"]}, made
 
     def series(self, folder, number, description, slices=range(SLICES), edit=None, **keys):
@@ -105,38 +100,43 @@ def litter(folder):
         (folder / name).write_bytes(content)
 
 
-def finds_the_slices(s):
+@pytest.fixture(name="s", scope="module")
+def studies(programs, work):
+    return Studies(programs, work)
+
+
+def test_finds_the_slices(s):
     """Sub-folders, stray files, links and a DICOMDIR change nothing: the asset is that of the slices alone, byte for byte."""
     study = s.work / "study"
     for k in range(SLICES):  # over two sub-folders, as some archives store them
         folder = study / "DICOM" / "PA000001" / "ST000001" / f"SE00000{1 + k // 5}"
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copy(s.scan / "dicom" / f"CT_{k + 1:03}.dcm", folder / f"IM{k:06}")
-    check(s.asset(study) == s.plain, "slices in sub-folders give another asset")
+    assert s.asset(study) == s.plain, "slices in sub-folders give another asset"
     (study / "DICOM" / "loop").symlink_to(study)
     (study / "again").symlink_to(study / "DICOM" / "PA000001")
     (study / "self").symlink_to("self")
     os.mkfifo(study / "pipe")
-    check(s.asset(study) == s.plain, "links give another asset")
+    assert s.asset(study) == s.plain, "links give another asset"
     for place in (study, study / "DICOM", study / "DICOM" / "PA000001" / "ST000001" / "SE000001", study / ".trash"):
         litter(place)
     (study / ".trash" / "IM000000").write_bytes((s.scan / "dicom" / "CT_001.dcm").read_bytes())
     made = subprocess.run(["dcmmkdir", "+r", "-Nxc", "-W", "-Nrc", "-Nec", "+I", "+D", "DICOMDIR", "+id", "DICOM/PA000001", "+p", "IM*"], cwd=study, check=False,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    check((study / "DICOMDIR").exists(), f"dcmmkdir made none: {made.stdout[-300:]}")
-    check(s.asset(study) == s.plain, "stray files give another asset")
+    assert (study / "DICOMDIR").exists(), f"dcmmkdir made none: {made.stdout[-300:]}"
+    assert s.asset(study) == s.plain, "stray files give another asset"
     said, _ = s.warnings(study)
-    check(set(said) == {"not_dicom"} and "DICOMDIR" not in said["not_dicom"] and "Thumbs.db" not in said["not_dicom"], f"stray files: {said}")
+    assert set(said) == {"not_dicom"} and "DICOMDIR" not in said["not_dicom"] and "Thumbs.db" not in said["not_dicom"], f"stray files: {said}"
     if (study / "DICOMDIR").exists():
-        check(s.asset(study / "DICOMDIR") == s.plain, "a DICOMDIR does not stand for its folder")
+        assert s.asset(study / "DICOMDIR") == s.plain, "a DICOMDIR does not stand for its folder"
     # Pictures and volumes beside the slices do not decide either, but it is said.
     (study / "jpeg").mkdir()
     for k in range(2 * SLICES):
         shutil.copy(s.scan / "png" / "slice_001.png", study / "jpeg" / f"{k}.png")
     shutil.copy(s.scan / "sample.nii.gz", study / "other.nii.gz")
-    check(s.asset(study) == s.plain, "pictures beside the slices give another asset")
+    assert s.asset(study) == s.plain, "pictures beside the slices give another asset"
     said, _ = s.warnings(study)
-    check(all(text in said.get("other_input", "") for text in ("18 images", "other.nii.gz", "DICOM")), f"left out: {said}")
+    assert all(text in said.get("other_input", "") for text in ("18 images", "other.nii.gz", "DICOM")), f"left out: {said}"
     # A damaged slice is not taken for a stray file.
     whole = (study / "DICOM" / "PA000001" / "ST000001" / "SE000002" / "IM000006").read_bytes()
     (study / "DICOM" / "PA000001" / "ST000001" / "SE000002" / "IM000006").write_bytes(whole[:-500])
@@ -147,14 +147,14 @@ def finds_the_slices(s):
     shutil.copy(s.scan / "sample.nii.gz", volume / "deep" / "ct.nii.gz")
     (volume / "deep" / "ct.json").write_text("{}")
     shutil.copy(s.scan / "png" / "slice_001.png", volume / "preview.png")
-    check(s.asset(volume) == s.asset(s.scan / "sample.nii.gz"), "a volume in a folder gives another asset")
+    assert s.asset(volume) == s.asset(s.scan / "sample.nii.gz"), "a volume in a folder gives another asset"
     shutil.copy(s.scan / "sample.nii.gz", volume / "second.nii.gz")
     s.refuses(2, ("ct.nii.gz", "second.nii.gz", "give one of them"), volume, "-o", s.work / "none.glb")
     pictures = s.work / "pictures"
     litter(pictures)
     shutil.copytree(s.scan / "png", pictures / "slices")
     grey = ("--spacing", "1.25,1.25,1", "--threshold", "95.2")
-    check(s.asset(pictures, *grey) == s.asset(s.scan / "png", *grey), "images in a sub-folder give another asset")
+    assert s.asset(pictures, *grey) == s.asset(s.scan / "png", *grey), "images in a sub-folder give another asset"
     shutil.copytree(s.scan / "png", pictures / "more")
     s.refuses(2, ("pictures/more", "pictures/slices", "give one of them"), pictures, "-o", s.work / "none.glb", *grey)
     nothing = s.work / "nothing"
@@ -162,7 +162,7 @@ def finds_the_slices(s):
     s.refuses(3, ("nothing", "no DICOM images"), nothing, "-o", s.work / "none.glb")
 
 
-def chooses(s):
+def test_chooses(s):
     """One line says which series was taken and why; a CT series comes before larger ones of other modalities."""
     study = s.work / "several"
     s.series(study / "a", 5, "Soft H30s", ConvolutionKernel="H30s")
@@ -171,32 +171,31 @@ def chooses(s):
     said, taken = s.warnings(study)
     line = said.get("other_series", "")
     for text in ("series 4 'Bone H60s'", "lowest number of the 2 CT series", "9 slices", "5 'Soft H30s'", "7 'Thick'", "--series"):
-        check(text in line, f"equals: {line!r} lacks {text!r}")
-    check(taken == {"number": 4, "kernel": "H60s", "modality": "CT"},
-          f"the report names {taken}")
+        assert text in line, f"equals: {line!r} lacks {text!r}"
+    assert taken == {"number": 4, "kernel": "H60s", "modality": "CT"}, f"the report names {taken}"
     (study / "c" / "IM000099").write_bytes(b"")
     s.series(study / "d", 3, "Thin", range(SLICES), lambda ds, k: setattr(ds, "Modality", "MR"))
     s.series(study / "e", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
-    check("series 4 " in s.warnings(study)[0].get("other_series", ""), "an MR of a lower number was taken")
+    assert "series 4 " in s.warnings(study)[0].get("other_series", ""), "an MR of a lower number was taken"
     for name in "ab":
         shutil.rmtree(study / name)
     line = s.warnings(study)[0].get("other_series", "")
-    check("series 7 'Thick'" in line and "only CT" in line and "3 'Thin'" in line, f"the only CT: {line!r}")
+    assert "series 7 'Thick'" in line and "only CT" in line and "3 'Thin'" in line, f"the only CT: {line!r}"
     # Screen captures without a position are not slices, however many there are.
     def capture(ds, k):
         ds.SOPClassUID = ds.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.7"
         del ds.ImagePositionPatient
     s.series(study / "f", 99, "Captures", range(SLICES), capture)
-    check("series 7 'Thick'" in s.warnings(study)[0].get("other_series", ""), "captures were taken")
+    assert "series 7 'Thick'" in s.warnings(study)[0].get("other_series", ""), "captures were taken"
     # Two patients in one folder: nothing says which is meant but the number of slices; it is said that there are two.
     two = s.work / "two"
     s.series(two / "a", 2, "Head", range(SLICES))
     s.series(two / "b", 2, "Head", range(4), lambda ds, k: (setattr(ds, "StudyInstanceUID", "1.2.3"), setattr(ds, "SeriesInstanceUID", "1.2.3.4")))
-    check("study" in s.run("list", two).stdout.splitlines()[0], "the list does not tell studies apart")
-    check("2 studies" in s.warnings(two)[0].get("other_series", ""), "two studies were not told")
+    assert "study" in s.run("list", two).stdout.splitlines()[0], "the list does not tell studies apart"
+    assert "2 studies" in s.warnings(two)[0].get("other_series", ""), "two studies were not told"
 
 
-def lists(s):
+def test_lists(s):
     """`list` names what there is, marks what is taken, and reads headers only."""
     study = s.work / "listed"
 
@@ -215,61 +214,61 @@ def lists(s):
     shutil.copytree(s.scan / "png", study / "png")
     litter(study)
     scans, whole = s.list(study)
-    check(whole.get("schema") == "trocar.list/1" and whole.get("folder") == "listed", f"{whole.get('schema')} {whole.get('folder')}")
-    check(str(s.work) not in json.dumps(whole), "a path in the list")
+    assert whole.get("schema") == "trocar.list/1" and whole.get("folder") == "listed", f"{whole.get('schema')} {whole.get('folder')}"
+    assert str(s.work) not in json.dumps(whole), "a path in the list"
     for wrong in ({**whole, "more": 1}, {**whole, "scans": []}, {**whole, "scans": [{**whole["scans"][0], "path": "/home"}]},
                   {**whole, "scans": [{k: v for k, v in whole["scans"][0].items() if k != "kernel"}]}):
-        check(not s.schema.is_valid(wrong), "the schema accepts anything")
+        assert not s.schema.is_valid(wrong), "the schema accepts anything"
     want = {2: ("dicom", "Sch\u00e4del H60s", "H60s", "CT", SLICES, 0, True), 3: ("dicom", "Tilted", None, "CT", 5, 14.036, True),
             9: ("dicom", "PET", None, "PT", 3, 0, False), 1: ("dicom", "Topogram", None, "CT", 1, None, False), 8: ("dicom", "Twice", None, "CT", 3, None, False),
             "ct.nii.gz": ("nifti", None, None, None, SLICES, 0, True), "png": ("images", None, None, None, SLICES, None, True)}
-    check(set(scans) == set(want), f"listed: {list(scans)}")
+    assert set(scans) == set(want), f"listed: {list(scans)}"
     for key, (kind, description, kernel, modality, slices, tilted, usable) in want.items():
         scan = scans.get(key, {})
         have = tuple(scan.get(name) for name in ("kind", "description", "kernel", "modality", "slices", "usable"))
-        check(have == (kind, description, kernel, modality, slices, usable), f"{key}: {scan}")
+        assert have == (kind, description, kernel, modality, slices, usable), f"{key}: {scan}"
         angle = scan.get("tilt_deg")
-        check(angle is None if tilted is None else abs((angle or 0) - tilted) < 0.01, f"{key}: tilt {angle}")
-        check(scan.get("taken") == (key == 2), f"{key}: taken {scan.get('taken')}")
+        assert angle is None if tilted is None else abs((angle or 0) - tilted) < 0.01, f"{key}: tilt {angle}"
+        assert scan.get("taken") == (key == 2), f"{key}: taken {scan.get('taken')}"
     pixel = 160 / SIZE
-    check(all(abs(a - b) < 1e-4 for a, b in zip(scans[2]["spacing_mm"], (pixel, pixel, 1))), f"spacing: {scans[2]}")
-    check(all(abs(a - b) < 1e-4 for a, b in zip(scans["ct.nii.gz"]["spacing_mm"], (pixel, pixel, 1))), f"spacing: {scans['ct.nii.gz']}")
-    check(scans[2]["path"] == "DICOM/A" and "LOCALIZER" in scans[1]["image_type"], f"{scans[2]['path']}, {scans[1]}")
-    check("same position" in scans[8]["problem"], f"{scans[8]}")
-    check("PT (positron" in (scans[9]["problem"] or "") and "LOCALIZER" in (scans[1]["problem"] or ""), f"{scans[9]}, {scans[1]}")
+    assert all(abs(a - b) < 1e-4 for a, b in zip(scans[2]["spacing_mm"], (pixel, pixel, 1))), f"spacing: {scans[2]}"
+    assert all(abs(a - b) < 1e-4 for a, b in zip(scans["ct.nii.gz"]["spacing_mm"], (pixel, pixel, 1))), f"spacing: {scans['ct.nii.gz']}"
+    assert scans[2]["path"] == "DICOM/A" and "LOCALIZER" in scans[1]["image_type"], f"{scans[2]['path']}, {scans[1]}"
+    assert "same position" in scans[8]["problem"], f"{scans[8]}"
+    assert "PT (positron" in (scans[9]["problem"] or "") and "LOCALIZER" in (scans[1]["problem"] or ""), f"{scans[9]}, {scans[1]}"
     table = s.run("list", study).stdout
     for text in ("Sch\u00e4del H60s", "H60s", "PT", "1.25 x 1.25 x 1", "14.0", "Topogram", "localiser", "same position", "ct.nii.gz", "png", "most slices of the 3 CT series", "--series"):
-        check(text in table, f"the table lacks {text!r}:\n{table}")
+        assert text in table, f"the table lacks {text!r}:\n{table}"
     marked = [line for line in table.splitlines() if line.startswith("*")]
-    check(len(marked) == 1 and "Sch\u00e4del" in marked[0], f"marked: {marked}")
+    assert len(marked) == 1 and "Sch\u00e4del" in marked[0], f"marked: {marked}"
     # The same again with every file cut behind its header: no pixel is read.
     for file in (study / "DICOM").glob("?/*"):
         content = file.read_bytes()
         file.write_bytes(content[:content.rindex(b"\xe0\x7f\x10\x00") + 12])
-    check(s.list(study)[1] == whole, "files without pixels are listed differently")
-    check(s.run("list", study).stdout == table, "the table of files without pixels differs")
+    assert s.list(study)[1] == whole, "files without pixels are listed differently"
+    assert s.run("list", study).stdout == table, "the table of files without pixels differs"
     s.refuses(3, ("truncated",), study, "-o", s.work / "none.glb")
     litter(s.work / "litter")
     large = s.work / "large"
     subprocess.run([s.programs / "trocar-sample-ct", large, "--size", "512", "--slices", "4", "--quiet"], check=True)
     size = sum(file.stat().st_size for file in (large / "dicom").iterdir())
     extra = bytes_read(s.mesh, "list", large / "dicom") - bytes_read(s.mesh, "list", s.work / "litter" / "README")
-    check(extra < 0.05 * size, f"list read {extra} of {size} bytes")
+    assert extra < 0.05 * size, f"list read {extra} of {size} bytes"
     # What list says is what meshing takes.
     for folder in ("several", "two"):  # of chooses()
         _, taken = s.warnings(s.work / folder)
         made = s.list(s.work / folder)[1]["scans"]
-        check([scan["number"] for scan in made if scan["taken"]] == [(taken or {}).get("number")], f"{folder}: {taken}")
+        assert [scan["number"] for scan in made if scan["taken"]] == [(taken or {}).get("number")], f"{folder}: {taken}"
     # A file; nothing usable.
-    check(s.list(s.scan / "sample.nii.gz")[0].get("sample.nii.gz", {}).get("slices") == SLICES, "a file cannot be listed")
+    assert s.list(s.scan / "sample.nii.gz")[0].get("sample.nii.gz", {}).get("slices") == SLICES, "a file cannot be listed"
     s.refuses(3, ("litter", "no DICOM images"), "list", s.work / "litter")
     done = s.run("list", s.series(s.work / "scouts", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"]), "--json", expect=3)
-    check("Topogram" in done.stdout and "scouts" in done.stderr and len(done.stderr.splitlines()) == 1, f"only a localiser: {done.stdout} {done.stderr}")
+    assert "Topogram" in done.stdout and "scouts" in done.stderr and len(done.stderr.splitlines()) == 1, f"only a localiser: {done.stdout} {done.stderr}"
     s.refuses(3, ("nowhere",), "list", s.work / "nowhere")
     s.refuses(2, ("FOLDER",), "list")
 
 
-def takes_the_series_that_is_named(s):
+def test_takes_the_series_that_is_named(s):
     """--series by UID, number or description; the asset is that of the series alone, whatever it was named by."""
     study, out = s.work / "named", ("-o", s.work / "none.glb")
     for number, description in ((3, "Head Bone thin"), (4, "Head bone thick"), (5, "bone"), (12, "Soft 3.0 B30f")):
@@ -282,7 +281,7 @@ def takes_the_series_that_is_named(s):
         shutil.copytree(study / str(number), alone)
         want = s.asset(alone, "--series", uid + str(number))
         for name in names:
-            check(s.asset(study, "--series", name) == want, f"--series {name} is not series {number}")
+            assert s.asset(study, "--series", name) == want, f"--series {name} is not series {number}"
     s.refuses(2, ("--series Bone", "3 'Head Bone thin'", "4 'Head bone thick'", "5 'bone'"), study, "--series", "Bone", *out)
     s.refuses(2, ("--series head", "2 series", "3 'Head Bone thin'", "4 'Head bone thick'"), study, "--series", "head", *out)
     for name in ("7", "1.2.3", "abdomen", uid):
@@ -290,13 +289,13 @@ def takes_the_series_that_is_named(s):
     # A number of two studies.
     s.series(study / "other", 12, "Other", range(4), lambda ds, k: (setattr(ds, "StudyInstanceUID", "1.2.3"), setattr(ds, "SeriesInstanceUID", "1.2.3.4")))
     s.refuses(2, ("--series 12", "2 series", uid + "12", "1.2.3.4"), study, "--series", "12", *out)
-    check(s.asset(study, "--series", "Other") == s.asset(study, "--series", "1.2.3.4"), "a description of another study")
+    assert s.asset(study, "--series", "Other") == s.asset(study, "--series", "1.2.3.4"), "a description of another study"
     s.series(study / "scout", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
     s.refuses(3, ("scout/IM000000", "localiser"), study, "--series", "1", *out)
-    check(b"glTF" in s.asset(study, "--series", "topo", "--any-modality", "--threshold", "0"), "a localiser by its description")
+    assert b"glTF" in s.asset(study, "--series", "topo", "--any-modality", "--threshold", "0"), "a localiser by its description"
 
 
-def slices_along_an_axis(s):
+def test_slices_along_an_axis(s):
     """A DICOM volume gives the same slices by --axis as the equal NIfTI."""
     def slices(scan, axis):
         file, folder = s.work / "axis.glb", s.work / "axis"
@@ -312,11 +311,11 @@ def slices_along_an_axis(s):
 
     for axis in ("coronal", "sagittal", "transverse"):
         dicom, nifti = slices(s.scan / "dicom", ("--axis", axis)), slices(s.scan / "sample.nii.gz", ("--axis", axis))
-        check(dicom is not None and dicom == nifti, f"{axis}: DICOM and NIfTI differ")
-        check(dicom is None or sum(x[2] for x in dicom[0]) > 100, f"{axis}: no mesh")
+        assert dicom is not None and dicom == nifti, f"{axis}: DICOM and NIfTI differ"
+        assert dicom is None or sum(x[2] for x in dicom[0]) > 100, f"{axis}: no mesh"
     one = s.asset(s.scan / "dicom", "--axis", "coronal", "--jobs", "1")
-    check(one == s.asset(s.scan / "dicom", "--axis", "coronal", "--jobs", "2"), "threads change it")
-    check(json.loads(s.run("info", s.work / "out.glb", "--json").stdout)["parameters"].get("axis") == "coronal", "the axis is not stored")
+    assert one == s.asset(s.scan / "dicom", "--axis", "coronal", "--jobs", "2"), "threads change it"
+    assert json.loads(s.run("info", s.work / "out.glb", "--json").stdout)["parameters"].get("axis") == "coronal", "the axis is not stored"
     # Stored as coronal slices: as stored without --axis, transverse with it.
     stored = s.work / "stored"
     stored.mkdir()
@@ -331,8 +330,8 @@ def slices_along_an_axis(s):
         ds.ImagePositionPatient, ds.PixelSpacing = [x, y + pixel * j, z + SLICES - 1], [1, pixel]
         ds.PixelData = voxels[::-1, j, :].tobytes()
         ds.save_as(stored / f"{j}")
-    check(slices(stored, ("--axis", "transverse")) == slices(s.scan / "sample.nii.gz", ()), "transverse slices of a coronal series")
-    check(len(slices(stored, ())[0]) == SIZE, "without --axis the slices are not as stored")
+    assert slices(stored, ("--axis", "transverse")) == slices(s.scan / "sample.nii.gz", ()), "transverse slices of a coronal series"
+    assert len(slices(stored, ())[0]) == SIZE, "without --axis the slices are not as stored"
     # What has no such slices: a tilted or uneven volume, a single slice, images.
     out = ("-o", s.work / "none.glb", "--axis", "coronal")
 
@@ -346,23 +345,3 @@ def slices_along_an_axis(s):
     s.refuses(3, ("evenly", "IM000004", "IM000005", "--axis"), s.series(s.work / "uneven", 2, "U", range(SLICES), move(0, 0.5)), *out)
     s.refuses(3, ("one slice", "--axis"), s.series(s.work / "single", 2, "S", range(1)), *out)
     s.refuses(2, ("--axis", "images"), s.scan / "png", *out, "--spacing", "1,1,1", "--threshold", "95")
-
-
-def main():
-    programs, work = map(pathlib.Path, sys.argv[1:3])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
-    studies = Studies(programs, work)
-    for part in (finds_the_slices, chooses, lists, takes_the_series_that_is_named, slices_along_an_axis):
-        before = len(failures)
-        try:
-            part(studies)
-        except (IndexError, KeyError, TypeError, ValueError) as error:  # of outputs that are not as they should be
-            check(False, f"{part.__name__}: {error!r}")
-        print(part.__name__, len(failures) - before, "failed")
-    shutil.rmtree(work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

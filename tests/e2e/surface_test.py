@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""surface_test.py SOURCE PROGRAMS WORK: the surface for display of a small sample scan and of the vertebra of the folder
+"""The surface for display of a small sample scan and of the vertebra of the folder
 TROCAR_REAL_CT: exported files read by a reader of our own, by admesh and by three.js, closed, near the trilinear iso-surface as numpy and scipy
 compute it, and near the outlines of the slices."""
 import json
-import os
-import pathlib
 import re
 import shutil
 import subprocess
-import sys
 
 import nibabel
 import numpy
 import scipy.ndimage
 import scipy.spatial
-from e2e import check, outcome, run
+from programs import L3_SCAN, PROGRAMS, SOURCE, WORK, run
 
-SOURCE, PROGRAMS, WORK = (pathlib.Path(word) for word in sys.argv[1:4])
 MESH = PROGRAMS / "trocar-mesh"
 THREE = SOURCE / "tests" / "e2e" / "three"
 HAS_THREE = (THREE / "node_modules" / "three").is_dir() and shutil.which("node")
@@ -27,7 +23,7 @@ def read_stl(file):
     """Corners of a binary STL's triangles, n x 3 x 3, and its stated normals."""
     data = file.read_bytes()
     count = int.from_bytes(data[80:84], "little")
-    check(len(data) == 84 + 50 * count, f"{file}: {len(data)} bytes for {count} triangles")
+    assert len(data) == 84 + 50 * count, f"{file}: {len(data)} bytes for {count} triangles"
     rows = numpy.frombuffer(data[84:], numpy.dtype([("xyz", "<f4", 12), ("attribute", "<u2")]), count)["xyz"]
     return rows[:, 3:].reshape(-1, 3, 3).astype(float), rows[:, :3]
 
@@ -39,10 +35,10 @@ def check_closed(name, corners, normals):
     edges = numpy.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
     codes = edges[:, 0] * len(vertices) + edges[:, 1]
     back = edges[:, 1] * len(vertices) + edges[:, 0]
-    check(len(numpy.unique(codes)) == len(codes), f"{name}: an edge is passed twice in one direction")
-    check(set(codes.tolist()) == set(back.tolist()), f"{name}: the surface is not closed")
+    assert len(numpy.unique(codes)) == len(codes), f"{name}: an edge is passed twice in one direction"
+    assert set(codes.tolist()) == set(back.tolist()), f"{name}: the surface is not closed"
     cross = numpy.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    check((numpy.einsum("ij,ij->i", cross, normals) > 0).all(), f"{name}: a normal of the STL points the other way")
+    assert (numpy.einsum("ij,ij->i", cross, normals) > 0).all(), f"{name}: a normal of the STL points the other way"
     return numpy.einsum("ij,ij->i", corners[:, 0] - corners[0, 0], cross).sum() / 6
 
 
@@ -108,7 +104,7 @@ def check_cut(name, corners, outline, large, voxel_mm):
                                          (95, "the large regions' outline is within {} mm of the cut", large, crossing)):
         mm = numpy.percentile(scipy.spatial.cKDTree(others).query(points)[0], share)
         print(f"{name}: {share} % of {words.format(round(mm, 3))}")
-        check(mm <= voxel_mm, f"{name}: {share} % of {words.format(round(mm, 3))}, a voxel is {voxel_mm} mm")
+        assert mm <= voxel_mm, f"{name}: {share} % of {words.format(round(mm, 3))}, a voxel is {voxel_mm} mm"
 
 
 def check_admesh(name, file, triangles, parts, volume_mm3):
@@ -118,22 +114,21 @@ def check_admesh(name, file, triangles, parts, volume_mm3):
     def values(words):
         return [float(word) for word in re.search(rf"{words}\s*:\s*(-?[\d.]+)(?:[ \t]+(\d+))?", text).groups() if word]
 
-    check(values("Number of facets") == [triangles, triangles], f"{name}: admesh reads {text}")
-    check(values("Number of parts") == [parts] and abs(values("Volume")[0] / volume_mm3 - 1) < 1e-4, f"{name}: admesh reads {text}")
+    assert values("Number of facets") == [triangles, triangles], f"{name}: admesh reads {text}"
+    assert values("Number of parts") == [parts] and abs(values("Volume")[0] / volume_mm3 - 1) < 1e-4, f"{name}: admesh reads {text}"
     for words in ("Total disconnected facets", "Degenerate facets", "Edges fixed", "Facets removed", "Facets added", "Facets reversed",
                   "Backwards edges", "Normals fixed"):
-        check(set(values(words)) == {0}, f"{name}: admesh finds {words}: {text}")
+        assert set(values(words)) == {0}, f"{name}: admesh finds {words}: {text}"
 
 
 def check_three(name, asset, files, info):
     if not HAS_THREE:
         return
     seen = json.loads(run("node", THREE / "load.mjs", asset).stdout)
-    check([s["triangles"] for s in seen["surfaces"]] == [s["triangles"] for s in info["surfaces"]],
-          f"{name}: three.js sees other surfaces than info")
+    assert [s["triangles"] for s in seen["surfaces"]] == [s["triangles"] for s in info["surfaces"]], f"{name}: three.js sees other surfaces than info"
     for file, one in zip(files, json.loads(run("node", THREE / "load_files.mjs", *files).stdout)):
-        check(one["triangles"] == info["surfaces"][0]["triangles"], f"{file}: three.js reads {one['triangles']} triangles")
-        check(one["normals"], f"{file}: without normals")
+        assert one["triangles"] == info["surfaces"][0]["triangles"], f"{file}: three.js reads {one['triangles']} triangles"
+        assert one["normals"], f"{file}: without normals"
 
 
 def check_scan(name, scan, triangles, voxel_mm, slices):
@@ -141,30 +136,30 @@ def check_scan(name, scan, triangles, voxel_mm, slices):
     run(MESH, scan, "-o", asset, "--surface", "--surface-triangles", triangles, "--report", report, "--quiet")
     again = WORK / "again.glb"
     run(MESH, scan, "-o", again, "--surface", "--surface-triangles", triangles, "--jobs", 1, "--quiet")
-    check(asset.read_bytes() == again.read_bytes(), f"{name}: other bytes with one thread")
+    assert asset.read_bytes() == again.read_bytes(), f"{name}: other bytes with one thread"
     run(MESH, "verify", "--independent", asset)
     info = json.loads(run(MESH, "info", asset, "--json").stdout)
     stated = json.loads(report.read_text())["surface"][0]
     print(f"{name}: {stated}")
-    check(stated["triangles"] <= triangles, f"{name}: {stated['triangles']} triangles, wanted {triangles}")
-    check(stated["distance_mm"]["p99"] <= stated["bound_mm"], f"{name}: states {stated['distance_mm']}")
+    assert stated["triangles"] <= triangles, f"{name}: {stated['triangles']} triangles, wanted {triangles}"
+    assert stated["distance_mm"]["p99"] <= stated["bound_mm"], f"{name}: states {stated['distance_mm']}"
     folder = WORK / f"{name}_files"
     subprocess.run(["rm", "-rf", str(folder)], check=True)
     run(MESH, "export", asset, "-o", folder, "--surface")
     files = [folder / f"surface{ending}" for ending in (".stl", ".ply", ".obj")]
-    check(sorted(folder.iterdir()) == sorted(files), f"{name}: exported {sorted(folder.iterdir())}")
+    assert sorted(folder.iterdir()) == sorted(files), f"{name}: exported {sorted(folder.iterdir())}"
     corners, normals = read_stl(files[0])
-    check(len(corners) == stated["triangles"], f"{name}: the STL has {len(corners)} triangles")
-    check(re.search(rb"element face (\d+)", files[1].read_bytes())[1] == str(len(corners)).encode(), f"{name}: the PLY differs")
-    check(files[2].read_text().count("\nf ") == len(corners), f"{name}: the OBJ differs")
+    assert len(corners) == stated["triangles"], f"{name}: the STL has {len(corners)} triangles"
+    assert re.search(rb"element face (\d+)", files[1].read_bytes())[1] == str(len(corners)).encode(), f"{name}: the PLY differs"
+    assert files[2].read_text().count("\nf ") == len(corners), f"{name}: the OBJ differs"
     volume = check_closed(name, corners, normals)
-    check(abs(volume / info["surfaces"][0]["volume_mm3"] - 1) < 1e-4, f"{name}: volume {volume}, info {info['surfaces']}")
+    assert abs(volume / info["surfaces"][0]["volume_mm3"] - 1) < 1e-4, f"{name}: volume {volume}, info {info['surfaces']}"
 
     check_admesh(name, files[0], len(corners), stated["parts"], volume)
     distance = distances_to_iso(scan, corners.mean(1))
     p99 = numpy.percentile(distance, 99)
     print(f"{name}: distance to the iso-surface by scipy p50 {numpy.median(distance):.3f}, p99 {p99:.3f} mm")
-    check(p99 <= stated["bound_mm"], f"{name}: 1 % is farther than {p99:.3f} mm from the iso-surface")
+    assert p99 <= stated["bound_mm"], f"{name}: 1 % is farther than {p99:.3f} mm from the iso-surface"
     for area_mm2 in (0, 2):
         run(MESH, scan, "-o", again, "--min-region", area_mm2, "--quiet")
         run(MESH, "export", again, "-o", WORK / f"{name}_slices_{area_mm2}")
@@ -174,7 +169,7 @@ def check_scan(name, scan, triangles, voxel_mm, slices):
     check_three(name, asset, files, info)
 
 
-def check_materials():
+def test_materials():
     """Each label has its surface: two halves of a ball, and a speck that is too small for one."""
     x, y, z = numpy.mgrid[:30, :30, :30]
     labels = numpy.where(numpy.sqrt((x - 14.5) ** 2 + (y - 14.5) ** 2 + (z - 14.5) ** 2) < 10, numpy.where(x < 15, 4, 7), 0)
@@ -184,29 +179,26 @@ def check_materials():
     run(MESH, file, "--labels", "4,7,9", "-o", asset, "--surface", "--report", report, "--quiet")
     run(MESH, "verify", "--independent", asset)
     told = json.loads(report.read_text())
-    check([(s["material"], "triangles" in s, s["dropped"]["specks"]) for s in told["surface"]] ==
-          [(0, True, 0), (1, True, 0), (2, False, 1)], f"labels: {told['surface']}")
+    assert ([(s["material"], "triangles" in s, s["dropped"]["specks"]) for s in told["surface"]] ==
+          [(0, True, 0), (1, True, 0), (2, False, 1)]), f"labels: {told['surface']}"
     absent = [w["where"] for w in told["warnings"] if w["code"] == "surface_absent"]
-    check(len(absent) == 1 and "9" in absent[0], f"labels: {told['warnings']}")
+    assert len(absent) == 1 and "9" in absent[0], f"labels: {told['warnings']}"
     run(MESH, "export", asset, "-o", WORK / "labels_files", "--surface")
     files = sorted((WORK / "labels_files").glob("*.stl"))
-    check(len(files) == 2, f"labels: exported {files}")
+    assert len(files) == 2, f"labels: exported {files}"
     for file, low, high in zip(files, (-15, -25), (-4, -14)):  # x of LPS, across the plane between the halves
         corners, normals = read_stl(file)
         volume = check_closed(file.name, corners, normals)
-        check(abs(volume / (2 / 3 * numpy.pi * 1000) - 1) < 0.05, f"{file.name}: {volume} mm^3 of half a ball")
-        check(low < corners[..., 0].min() < corners[..., 0].max() < high, f"{file.name}: x from {corners[..., 0].min()} to {corners[..., 0].max()}")
+        assert abs(volume / (2 / 3 * numpy.pi * 1000) - 1) < 0.05, f"{file.name}: {volume} mm^3 of half a ball"
+        assert low < corners[..., 0].min() < corners[..., 0].max() < high, f"{file.name}: x from {corners[..., 0].min()} to {corners[..., 0].max()}"
 
 
-def main():
-    subprocess.run(["rm", "-rf", str(WORK)], check=True)
-    WORK.mkdir(parents=True)
+def test_surface():
     run(PROGRAMS / "trocar-sample-ct", WORK / "scan", "--size", "128", "--slices", "35")
     scan = WORK / "scan" / "sample.nii.gz"
     check_scan("sample", scan, 20000, 1.25, (8, 17, 26))
-    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT", "")) / "l3" / "sub-ct_label-22_ct.nii.gz"
-    if l3.exists():
-        check_scan("l3", l3, 50000, 1.5, (24,))
+    if L3_SCAN.exists():
+        check_scan("l3", L3_SCAN, 50000, 1.5, (24,))
     else:
         print("no real scan: the vertebra is skipped")
 
@@ -217,17 +209,11 @@ def main():
         told = json.loads(report.read_text())
         warned = {w["code"]: w["sentence"] for w in told["warnings"] if w["code"].startswith("surface")}
         more = told["surface"][0]["triangles"] > most
-        check(more == ("surface_triangles" in warned), f"{words}: {told['surface']}, warned {warned}")
-        check(set(warned) <= set(wanted) and ("surface_distance" in warned) == ("surface_distance" in wanted), f"{words}: {warned}")
-        check(not wanted or warned["surface_distance"].endswith("give more --surface-triangles"), f"{words}: warned {warned}")
+        assert more == ("surface_triangles" in warned), f"{words}: {told['surface']}, warned {warned}"
+        assert set(warned) <= set(wanted) and ("surface_distance" in warned) == ("surface_distance" in wanted), f"{words}: {warned}"
+        assert not wanted or warned["surface_distance"].endswith("give more --surface-triangles"), f"{words}: warned {warned}"
 
     run(MESH, scan, "-o", plain, "--quiet")
     refused = run(MESH, "export", plain, "-o", WORK / "none", "--surface", expect=3).stderr
-    check("no surface in this asset" in refused and not (WORK / "none").exists(), f"export without a surface: {refused}")
-    check("needs --surface" in run(MESH, scan, "-o", plain, "--surface-triangles", 5000, expect=2).stderr, "no word of --surface")
-    check_materials()
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert "no surface in this asset" in refused and not (WORK / "none").exists(), f"export without a surface: {refused}"
+    assert "needs --surface" in run(MESH, scan, "-o", plain, "--surface-triangles", 5000, expect=2).stderr, "no word of --surface"

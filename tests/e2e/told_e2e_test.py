@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""told_e2e_test.py SOURCE BIN SCAN WORK: what the operator is told, and when.
+"""What the operator is told, and when.
 
  1. A fault is a line in a redirected log while the session goes on: name, sensor, value, limit, what to do. The summary has them.
  2. A recovery that is not granted says why, once for each reason, and a granted one says so.
@@ -12,18 +12,15 @@ import contextlib
 import csv
 import json
 import os
-import pathlib
 import re
-import shutil
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 
 from device_link import HELLO, HOLD, SIZES, Host, hello
-from e2e import check, outcome, run
+from programs import run
 
 READY_S = 20  # a limit for a hanging program, not a bound
 
@@ -74,22 +71,22 @@ def faults_at_once(programs, work, scene):
         process = subprocess.Popen([programs / "trocar-run", scene, "--rate", "500", "--late-ticks", "0", "--recover", "signal", "--summary", summary, "--quiet"],
                                    stdout=stream, stderr=stream, cwd=work)
         line = wait_for(log, "fault joint_limit")
-        check(line is not None, f"the fault is not in the log: {log.read_text()!r}")
-        check(process.poll() is None and not summary.exists(), "the fault was told after the session only")
+        assert line is not None, f"the fault is not in the log: {log.read_text()!r}"
+        assert process.poll() is None and not summary.exists(), "the fault was told after the session only"
         process.send_signal(10)  # SIGUSR1
         waiting = wait_for(log, "no recovery yet")
-        check(process.poll() is None and waiting is not None and "still outside its limits" in waiting, f"the recovery is not explained: {waiting!r}")
+        assert process.poll() is None and waiting is not None and "still outside its limits" in waiting, f"the recovery is not explained: {waiting!r}"
         process.terminate()
         process.wait(timeout=READY_S)
     shape = (r"trocar-run: fault joint_limit at \d+\.\d{4} s: a joint is outside its limits "
              r"\(angle theta \d of leg \d -?[\d.]+ deg, (limit|at least) -?[\d.]+ deg\); move the tool back towards the middle; "
-             r"then ask for recovery: kill -USR1 \d+")
-    check(line is None or re.fullmatch(shape, line) is not None, f"the line is {line!r}")
+             r"then request recovery: kill -USR1 \d+")
+    assert line is None or re.fullmatch(shape, line) is not None, f"the line is {line!r}"
     fault, = json.loads(summary.read_text())["faults"]
-    check(re.fullmatch(r"th_\d_\d_rad", str(fault.get("quantity"))) is not None, fault)
-    check(0 < abs(fault.get("value", 0) - fault.get("limit", 0)) < 0.1, fault)
+    assert re.fullmatch(r"th_\d_\d_rad", str(fault.get("quantity"))) is not None, fault
+    assert 0 < abs(fault.get("value", 0) - fault.get("limit", 0)) < 0.1, fault
     message = fault.get("message")
-    check(line is None or f"trocar-run: fault {message};" in line, f"{message!r} in the summary, {line!r} in the log")
+    assert line is None or f"trocar-run: fault {message};" in line, f"{message!r} in the summary, {line!r} in the log"
 
 
 def recoveries(source, programs, work, asset):
@@ -102,9 +99,9 @@ def recoveries(source, programs, work, asset):
                        "--quiet", cwd=work, expect=5)
         told = [line for line in done.stderr.splitlines() if "no recovery yet" in line]
         reasons = [re.sub(r"lift it \d+ mm", "lift it N mm", line.partition(" s: ")[2]) for line in told]
-        check(reasons == wanted, f"{plan}: told {told}")
+        assert reasons == wanted, f"{plan}: told {told}"
         lift = re.search(r"lift it (\d+) mm", done.stderr)
-        check(lift is not None and 1 <= int(lift[1]) <= 15, f"{plan}: {lift}")
+        assert lift is not None and 1 <= int(lift[1]) <= 15, f"{plan}: {lift}"
     # A recovery that is granted.
     lifted = work / "lifted.json"
     up = json.loads(scene.read_text())
@@ -113,8 +110,7 @@ def recoveries(source, programs, work, asset):
     lifted.write_text(json.dumps(up))
     done = run(programs / "trocar-run", lifted, "--clock", "virtual", "--recover", "auto", "--quiet", cwd=work)
     lines = done.stderr.splitlines()
-    check(len(lines) == 4 and "fault joint_limit" in lines[0] and "no recovery yet" in lines[1] and "recovered at" in lines[2] and "black box" in lines[3],
-          f"a recovery: {lines}")
+    assert len(lines) == 4 and "fault joint_limit" in lines[0] and "no recovery yet" in lines[1] and "recovered at" in lines[2] and "black box" in lines[3], f"a recovery: {lines}"
 
 
 @contextlib.contextmanager
@@ -200,7 +196,7 @@ def connections(source, programs, work, asset):
             while True:
                 answers.append(link.recv(512))
         denial = struct.pack("<4sBBHQQ", b"TRCR", 1, 5, 56, 0, 1)
-        check(1 <= len(answers) <= 5 and all(data[:24] == denial and data[32:] == nonce + b"\1" + bytes(7) for data in answers), f"denials: {answers}")
+        assert 1 <= len(answers) <= 5 and all(data[:24] == denial and data[32:] == nonce + b"\1" + bytes(7) for data in answers), f"denials: {answers}"
         cases = {"busy": (simulator.address, key, 5, "in a session with another host"),
                  "wrong key": (simulator.address, other_key, 5, "has another key; --key-file must be a copy"),
                  "nobody": (nobody, key, 5, "nothing listens on this port"),
@@ -217,16 +213,16 @@ def connections(source, programs, work, asset):
         messages = set()
         for name, (returncode, stderr) in outcomes.items():
             _, _, code, words = cases[name]
-            check(returncode == code and len(stderr.splitlines()) == 1 and words in stderr, f"{name}: {returncode}, {stderr!r}")
+            assert returncode == code and len(stderr.splitlines()) == 1 and words in stderr, f"{name}: {returncode}, {stderr!r}"
             messages.add(stderr.partition(": ")[2].partition(": ")[2])
-        check(len(messages) == len(cases), f"the messages are not different: {messages}")
+        assert len(messages) == len(cases), f"the messages are not different: {messages}"
         link.close()
 
 
 def ended(code, *command):
     """As run(), and goes on if the exit code is another."""
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
-    check(done.returncode == code, f"{' '.join(str(word) for word in command[1:])}: ended with {done.returncode}, not {code}: {done.stderr!r}")
+    assert done.returncode == code, f"{' '.join(str(word) for word in command[1:])}: ended with {done.returncode}, not {code}: {done.stderr!r}"
     return done
 
 
@@ -239,23 +235,23 @@ def replays(source, programs, work, asset, scan):
     trocar_run, virtual = programs / "trocar-run", ("--clock", "virtual", "--quiet")
     run(trocar_run, scene_file, *virtual, "--record", recording)
     replay = ("--replay", recording, "--quiet")
-    check(run(trocar_run, scene_file, *replay).stderr == "", "the same session: something was said")
+    assert run(trocar_run, scene_file, *replay).stderr == "", "the same session: something was said"
 
     # The column: last, full in the first row only, and any reader of CSV gets the other columns.
     with recording.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    check(list(rows[0])[-1] == "origin" and all(None not in row and None not in row.values() for row in rows), "the columns")
+    assert list(rows[0])[-1] == "origin" and all(None not in row and None not in row.values() for row in rows), "the columns"
     stated = rows[0].get("origin", "")
-    check(stated.startswith("program=") and all(row["origin"] == "" for row in rows[1:]), f"{stated!r}")
+    assert stated.startswith("program=") and all(row["origin"] == "" for row in rows[1:]), f"{stated!r}"
     origin = dict(entry.partition("=")[::2] for entry in stated.split(";")) if stated else {"program": "", "scene": "", "asset": ""}
     for key, file in (("scene", scene_file), ("asset", asset)):
         digest = subprocess.run(["b2sum", "-l", "256", file], capture_output=True, text=True, check=True).stdout.split()[0]
-        check(origin[key] == digest, f"{key}: {origin[key]}, b2sum {digest}")
+        assert origin[key] == digest, f"{key}: {origin[key]}, b2sum {digest}"
 
     def refused(name, *words, arguments=(), file=scene_file, of=recording):
         done = ended(3, trocar_run, file, "--replay", of, "--quiet", *arguments)
         lines = done.stderr.splitlines()
-        check(done.returncode == 3 and len(lines) == 1 and lines[0].startswith(f"trocar-run: {of}: ") and all(word in lines[0] for word in words), f"{name}: {done.stderr!r}")
+        assert done.returncode == 3 and len(lines) == 1 and lines[0].startswith(f"trocar-run: {of}: ") and all(word in lines[0] for word in words), f"{name}: {done.stderr!r}"
 
     other = work / "other.json"
     other.write_text(json.dumps({**scene, "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
@@ -279,7 +275,7 @@ def replays(source, programs, work, asset, scan):
     newer = work / "newer.csv"
     newer.write_text("".join(line.replace(f"program={origin['program']}", "program=99.1") for line in lines))
     done = run(trocar_run, scene_file, "--replay", newer, "--quiet")
-    check(len(done.stderr.splitlines()) == 1 and "version 99.1" in done.stderr and origin["program"] in done.stderr, f"another version: {done.stderr!r}")
+    assert len(done.stderr.splitlines()) == 1 and "version 99.1" in done.stderr and origin["program"] in done.stderr, f"another version: {done.stderr!r}"
     changed = work / "changed.csv"
     column = list(rows[0]).index("tau_1_1_Nm")
     at = next(i for i in range(1, len(lines)) if i > 300 and float(lines[i].split(",")[column]) != 0)
@@ -287,15 +283,15 @@ def replays(source, programs, work, asset, scan):
     fields[column] = repr(float(fields[column]) * (1 + 1e-15))
     changed.write_text("".join(lines[:at] + [",".join(fields)] + lines[at + 1:]))
     done = ended(3, trocar_run, scene_file, "--replay", changed, "--quiet")
-    check(f"the torques differ from the recording's from row {at} on" in done.stderr, f"other torques: {done.stderr!r}")
+    assert f"the torques differ from the recording's from row {at} on" in done.stderr, f"other torques: {done.stderr!r}"
     # A recording of an older version has no such column.
     for tampered, code in ((lines, 0), (changed.read_text().splitlines(keepends=True), 3)):
         old = work / "old.csv"
         old.write_text("".join(line.rstrip("\n").rpartition(",")[0] + "\n" for line in tampered))
         done = ended(code, trocar_run, scene_file, "--replay", old, "--quiet")
-        check("warning" in done.stderr and "does not say what it was recorded with" in done.stderr, f"an old recording: {done.stderr!r}")
+        assert "warning" in done.stderr and "does not say what it was recorded with" in done.stderr, f"an old recording: {done.stderr!r}"
     done = ended(3, trocar_run, other, "--replay", old, "--quiet")
-    check("the torques differ" in done.stderr, f"an old recording on another scene: {done.stderr!r}")
+    assert "the torques differ" in done.stderr, f"an old recording on another scene: {done.stderr!r}"
     # Hostile text.
     for bad in ("scene", "=1", "a=1;a=2", "a=1;", ";", "a=\x1b[2J", "a=" + "1" * 5000):
         forged = work / "forged.csv"
@@ -309,9 +305,9 @@ def replays(source, programs, work, asset, scan):
     short = work / "short.csv"
     short.write_text("".join(recording.read_text().splitlines(keepends=True)[:101]))
     done = run(trocar_run, scene_file, "--replay", short)
-    check("short.csv: has 100 ticks, and the scene lasts" in done.stderr, f"a short recording: {done.stderr}")
-    check("touched nothing" in done.stdout, f"100 ticks above the sheet: {done.stdout}")
-    check("has" not in run(trocar_run, scene_file, "--replay", recording).stderr, "a whole recording is called short")
+    assert "short.csv: has 100 ticks, and the scene lasts" in done.stderr, f"a short recording: {done.stderr}"
+    assert "touched nothing" in done.stdout, f"100 ticks above the sheet: {done.stdout}"
+    assert "has" not in run(trocar_run, scene_file, "--replay", recording).stderr, "a whole recording is called short"
 
     # A black box names its origin too, and the replay of a fault has the fault's exit code.
     reach = work / "reach.json"
@@ -324,10 +320,7 @@ def replays(source, programs, work, asset, scan):
     refused("a black box on another scene", "the scene", file=other, of=box)
 
 
-def main():
-    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+def test_told(source, programs, scan, work):
     asset, scene = work / "sample.glb", work / "reach_end.json"
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     scene.write_text(json.dumps(at_reach_end(source, asset)))
@@ -335,8 +328,3 @@ def main():
     recoveries(source, programs, work, asset)
     connections(source, programs, work, asset)
     replays(source, programs, work, asset, scan)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""tutorial_test.py PROGRAMS SOURCE WORK: every command of SOURCE/TUTORIAL.md, in order, in the empty folder WORK.
+"""Every command of TUTORIAL.md, in order, in an empty folder.
 
-PROGRAMS is the folder of the programs: build/release/bin, or /usr/bin for installed ones. TROCAR_HEAD_CT names
-the head CT that scripts/head-ct makes; without it the test is skipped (exit code 77).
+TROCAR_PROGRAMS names the folder of installed programs, if these are to be run. TROCAR_HEAD_CT names
+the head CT that scripts/head-ct makes; without it the commands are skipped.
 
 How the page is read:
 - ```sh: a command a line; a backslash continues it. Its exit code must be 0, or one that the line states:
@@ -20,16 +20,16 @@ import os
 import pathlib
 import re
 import shlex
-import shutil
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
 
-from e2e import check, failures, outcome
+import pytest
+from programs import HEAD_CT
+
 
 ATTEMPTS = 4
 TIMEOUT_S = 120
@@ -89,9 +89,9 @@ def parse(page):
             if parts and isinstance(parts[-1], Block) and not parts[-1].expected:
                 parts[-1].expected = [text for text in body.splitlines() if text.strip(" .")]
             else:
-                check(False, f"line {line}: output without a command before it")
+                pytest.fail(f"line {line}: output without a command before it")
         else:
-            check(False, f"line {line}: a block that is neither sh, text nor json with a file's name")
+            pytest.fail(f"line {line}: a block that is neither sh, text nor json with a file's name")
     return parts
 
 
@@ -211,8 +211,9 @@ def run_page(page, runner):
     return wrong
 
 
-def check_that_it_can_fail(runner):
+def test_mistake_is_noticed(programs, tmp_path):
     """Pages with one mistake each must not pass; the same pages without it must."""
+    runner = Runner(programs, tmp_path, HEAD_CT, 1)
     pages = [
         # (right, wrong)
         ("```sh\ntrue\n```\n", "```sh\nfalse\n```\n"),
@@ -227,38 +228,23 @@ def check_that_it_can_fail(runner):
     for right, wrong in pages:
         for page, passes in ((right, True), (wrong, False)):
             found = run_page(page, runner)
-            check(not found if passes else found, f"self-check: {page!r}: {found}")
+            assert not found if passes else found, f"self-check: {page!r}: {found}"
 
 
-def check_page(page, source):
+def test_page(source):
+    page = (source / "TUTORIAL.md").read_text(encoding="utf-8")
     shown = [line for part in parse(page) if isinstance(part, Block) for line in part.expected]
     for words in REQUIRED:
-        check(any(words in line for line in shown), f"TUTORIAL.md shows no output with {words!r}")
+        assert any(words in line for line in shown), f"TUTORIAL.md shows no output with {words!r}"
     for target in re.findall(r"\]\(([^)#:]+)\)", page):
-        check((source / target).exists(), f"TUTORIAL.md links to {target}, which is not there")
+        assert (source / target).exists(), f"TUTORIAL.md links to {target}, which is not there"
 
 
-def main():
-    if len(sys.argv) != 4:
-        print("usage: tutorial_test.py PROGRAMS SOURCE WORK", file=sys.stderr)
-        return 2
-    programs, source, work = (pathlib.Path(word).resolve() for word in sys.argv[1:])
-    head_ct = pathlib.Path(os.environ.get("TROCAR_HEAD_CT", "") or "/nowhere").resolve()
-    if not head_ct.is_file():
-        print("skipped: TROCAR_HEAD_CT does not name the head CT (scripts/head-ct head.nii.gz fetches it)")
-        return 77
+def test_commands(programs, source, work):
+    if not HEAD_CT.is_file():
+        pytest.skip("TROCAR_HEAD_CT does not name the head CT (scripts/head-ct head.nii.gz fetches it)")
+    programs = pathlib.Path(os.environ.get("TROCAR_PROGRAMS") or programs)
     for name in ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-sample-ct"):
-        check((programs / name).is_file(), f"no {name} in {programs}")
-    page = (source / "TUTORIAL.md").read_text(encoding="utf-8").split("\n## Appendix")[0]  # which is wrong_uses_test.py's
-    shutil.rmtree(work, ignore_errors=True)
-    for name in ("self_check", "tutorial"):
-        (work / name).mkdir(parents=True)
-    check_that_it_can_fail(Runner(programs, work / "self_check", head_ct, 1))
-    check_page(page, source)
-    if not failures:
-        failures.extend(run_page(page, Runner(programs, work / "tutorial", head_ct, ATTEMPTS)))
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        assert (programs / name).is_file(), f"no {name} in {programs}"
+    wrong = run_page((source / "TUTORIAL.md").read_text(encoding="utf-8"), Runner(programs, work, HEAD_CT, ATTEMPTS))
+    assert not wrong, "\n".join(wrong)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""wrong_uses_test.py PROGRAMS SOURCE [WORDS]: every wrong use in the appendix of SOURCE/TUTORIAL.md, with its exit code and its
+"""Every wrong use in SOURCE/docs/wrong-uses.md, with its exit code and its
 message; with WORDS only those whose line has them.
 
 To add a wrong use, add a line to a table of the page; if it needs a file, make it in the page's ```sh block.
 
-How the appendix is read:
+How the page is read:
 - ```json NAME: a file, written as it stands; ```sh: commands that make the other files, in a new empty folder.
 - ### PROGRAM: the lines of its table are | mistake | `command` | exit code | `message` |. A command is run by bash in that folder.
   The program must end with the exit code, and its standard error must be "PROGRAM: message" and nothing else. `...` in a message
@@ -20,11 +20,11 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 
-from e2e import check, failures, outcome
+import pytest
+
 
 PROGRAMS = ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-sample-ct")
 LEAST, MOST_WITH_DOTS = 20, 3  # lines for each program
@@ -47,22 +47,15 @@ class WrongUse:
         return ".+".join(re.escape(piece) for piece in text.split("..."))
 
 
-def appendix(page):
-    """The page's appendix, and the number of its first line."""
-    before, _, text = page.partition("\n## Appendix")
-    return text, before.count("\n") + 2
-
-
 def unquoted(cell):
     quoted = re.fullmatch(r"`([^`]+)`", cell)
     return quoted[1] if quoted else None
 
 
 def parse(page):
-    """The wrong uses of the page's appendix."""
+    """The wrong uses of the page."""
     found, program = [], None
-    text, first = appendix(page)
-    for number, line in enumerate(text.splitlines(), first):
+    for number, line in enumerate(page.splitlines(), 1):
         if line.startswith("### "):
             program = line[4:].strip()
         cells = [cell.strip() for cell in line.strip("|").split(" | ")]
@@ -70,7 +63,7 @@ def parse(page):
             continue
         command, message = unquoted(cells[1]) if len(cells) == 4 else None, unquoted(cells[-1])
         if command is None or message is None or not cells[2].isdigit():
-            check(False, f"line {number}: not | mistake | `command` | exit code | `message` |")
+            pytest.fail(f"line {number}: not | mistake | `command` | exit code | `message` |")
             continue
         found.append(WrongUse(number, program, cells[0], command, int(cells[2]), message))
     return found
@@ -79,16 +72,16 @@ def parse(page):
 def check_table(uses):
     for program in PROGRAMS:
         its = [use for use in uses if use.program == program]
-        check(len(its) >= LEAST, f"{program}: {len(its)} wrong uses, not {LEAST}")
-        check(len({use.command for use in its}) == len(its), f"{program}: a command twice")
-        check(sum("..." in use.message for use in its) <= MOST_WITH_DOTS, f"{program}: more than {MOST_WITH_DOTS} lines with ...")
+        assert len(its) >= LEAST, f"{program}: {len(its)} wrong uses, not {LEAST}"
+        assert len({use.command for use in its}) == len(its), f"{program}: a command twice"
+        assert sum("..." in use.message for use in its) <= MOST_WITH_DOTS, f"{program}: more than {MOST_WITH_DOTS} lines with ..."
     for use in uses:
-        check(use.program in PROGRAMS and use.program in use.command.split(), f"line {use.line}: not a command of {use.program}")
-        check(use.code in (2, 3, 4, 5) and len(use.message) >= 10, f"line {use.line}: {use.code} {use.message!r}")
+        assert use.program in PROGRAMS and use.program in use.command.split(), f"line {use.line}: not a command of {use.program}"
+        assert use.code in (2, 3, 4, 5) and len(use.message) >= 10, f"line {use.line}: {use.code} {use.message!r}"
 
 
 class Folder:
-    """A new folder with the files of the appendix, in which commands run."""
+    """A new folder with the files of the page, in which commands run."""
 
     def __init__(self, programs):
         self.path = pathlib.Path(tempfile.mkdtemp(prefix="trocar-wrong-uses-"))
@@ -126,14 +119,14 @@ class Folder:
         return done.returncode, done.stderr.replace(f"127.0.0.1:{self.port}", "127.0.0.1:4840")
 
     def prepare(self, page):
-        for kind, name, body in re.findall(r"^```(\w*)[ \t]*(\S*)\n(.*?)^```$", appendix(page)[0], re.M | re.S):
+        for kind, name, body in re.findall(r"^```(\w*)[ \t]*(\S*)\n(.*?)^```$", page, re.M | re.S):
             if kind == "json":
                 (self.work / name).write_text(body, encoding="utf-8")
                 if self.user:
                     os.chown(self.work / name, NOBODY, NOBODY)
                 continue
             code, said = self.run("set -e\n" + body)
-            check(code == 0 and not said, f"the appendix's preparation ended with {code}: {said}")
+            assert code == 0 and not said, f"the page's preparation ended with {code}: {said}"
 
     def files(self):
         """Name and state of each file; a file that is written again has another state."""
@@ -167,29 +160,19 @@ def check_that_it_can_fail(folder, use):
     for wrong in (WrongUse(**{**vars(use), "code": use.code + 1}), WrongUse(**{**vars(use), "message": use.message + "!"}),
                   WrongUse(**{**vars(use), "message": use.message[1:]}), WrongUse(**{**vars(use), "command": use.command + " extra"}),
                   WrongUse(**{**vars(use), "command": f"touch left; {use.command}"})):
-        check(folder.try_out(wrong), f"self-check: passed although wrong: {wrong}")
+        assert folder.try_out(wrong), f"self-check: passed although wrong: {wrong}"
         (folder.work / "left").unlink(missing_ok=True)
 
 
-def main():
-    if len(sys.argv) < 3:
-        print(__doc__.splitlines()[0], file=sys.stderr)
-        return 2
-    programs, source = (pathlib.Path(word).resolve() for word in sys.argv[1:3])
-    page = (source / "TUTORIAL.md").read_text(encoding="utf-8")
+def test_wrong_uses(programs, source):
+    page = (source / "docs" / "wrong-uses.md").read_text(encoding="utf-8")
     uses = parse(page)
     check_table(uses)
-    chosen = [use for use in uses if all(word in page.splitlines()[use.line - 1] for word in sys.argv[3:])]
     with Folder(programs) as folder:
         folder.prepare(page)
-        if not failures and uses:
-            check(not (done := folder.try_out(uses[0])), f"{done}")
-            check_that_it_can_fail(folder, uses[0])
-        for use in chosen if not failures else []:
-            failures.extend(folder.try_out(use))
-    print(f"{len(chosen)} wrong uses")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        wrong = folder.try_out(uses[0])
+        assert not wrong, wrong
+        check_that_it_can_fail(folder, uses[0])
+        wrong = [line for use in uses for line in folder.try_out(use)]
+    print(f"{len(uses)} wrong uses")
+    assert not wrong, "\n".join(wrong)

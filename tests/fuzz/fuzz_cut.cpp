@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A sheet and a sequence of cuts: after each the sheet is valid, its area exact, and a cut in place
 // equals one on a copy; with too little capacity the sheet is unchanged. Then the force law
-// `network` on the remaining sheet. In: a hard case (tests/corpus/cut), or bytes that encode a
+// `network` on the remaining sheet. In: a stress case (tests/corpus/cut), or bytes that encode a
 // sheet and tools.
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "formats/geometry/mesh_validity.h"
-#include "pipeline/mesh/triangulation.h"
-#include "runtime/cut/cut.h"
+#include "pipeline/triangulation/triangulation.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/response.h"
+#include "runtime/hole_cutting/cut.h"
 #include "tests/cases/cut_case.h"
 #include "tests/fuzz/harness.h"
 #include "tests/reference/deformation/global_solver.h"

@@ -24,6 +24,7 @@
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/sheet_law_fixture.h"
 
 namespace {
 
@@ -78,7 +79,7 @@ void check_allocation(const Jacobian& G, const Wrench& wanted, const MotorVector
     fail("allocation: invalid input is accepted");
   if (!(got.tau_motor_Nm.array().abs() <= limit.array()).all()) fail("allocation: law 1");
   if (!(got.scale >= 0 && got.scale <= 1)) fail("allocation: scale");
-  // Where squares neither vanish nor overflow.
+  // This holds if squares neither vanish nor overflow.
   const double torque = got.tau_motor_Nm.norm();
   if (!(torque > 1e-150 && torque < 1e150)) return;
   const Wrench off = G.transpose() * got.tau_motor_Nm - got.scale * wanted;
@@ -184,7 +185,7 @@ void check_hand_numbers(const HandTrajectory& trajectory, const HandImpedance& i
 void check_packets(double number) {
   if (!start_link()) fail("no link");
   static const LinkKey key = random_link_key();
-  std::array<std::uint8_t, kLargestPacketBytes> bytes{};
+  std::array<std::uint8_t, kMaxPacketBytes> bytes{};
   StatePacket state{1, 1, 0, DriveMode::kReady, 0, 0, {}};
   state.encoder_rad[5] = number;
   CommandPacket command{1, 1, 0, CommandMode::kTorque, 0, {}};
@@ -214,23 +215,23 @@ void check_loop(const std::vector<CorruptedTick>& ticks, SafetyLimits limits) {
   static const auto sheets = place_slices(scene, test::square_asset(1), "fuzz");
   LoopModel model;
   model.device = paper_device();
-  model.contact.tool = make_tool(scene.tool);
-  model.contact.law.kind = ForceLawKind::kNetwork;
+  model.tool = make_tool(scene.tool);
   model.limits = limits;
   const Sheet* const current[] = {(*sheets)[0].get()};
+  SheetLaw law = test::network_law(model);
   LoopState state;
   SetDevice device;
   TickResult result;
   int since = -1;
   for (int tick = 0; tick < kMaxLoopTicks; ++tick) {
     Pose T;  // 0.1 mm deeper per tick, then at rest
-    T.p_m.z() = 0.15 + 1e-3 - 1e-4 * std::min(tick, 20) - model.contact.tool.tip_plate_m.z();
+    T.p_m.z() = 0.15 + 1e-3 - 1e-4 * std::min(tick, 20) - model.tool.tip_plate_m.z();
     const InverseResult inverse = inverse_kinematics(model.device, T);
     device.now = {tick * 1e-3, encoder_angles(inverse.joints)};
     TickInputs inputs;
     inputs.sheets = current;
     inputs.gap_s = 1e-3;
-    inputs.response = {0, 5000, {}};
+    inputs.prefetched = {0, 5000, {}};
     const int corrupted = tick - 20;
     device.answer = DeviceStatus::kOk;
     if (corrupted >= 0 && static_cast<std::size_t>(corrupted) < ticks.size()) {
@@ -239,11 +240,11 @@ void check_loop(const std::vector<CorruptedTick>& ticks, SafetyLimits limits) {
         device.now.encoder_rad[static_cast<std::size_t>(s.encoder)] = s.angle;
       }
       inputs.gap_s = s.gap_s;
-      inputs.response = {0, s.stiffness, {s.offset_m, s.offset_y_m}};
+      inputs.prefetched = {0, s.stiffness, {s.offset_m, s.offset_y_m}};
       device.now.t_s += s.device_t_s;
       if (s.silent) device.answer = DeviceStatus::kNoData;
     }
-    haptic_tick(model, inputs, device, state, result);
+    haptic_tick(model, inputs, device, law, state, result);
     for (const double tau : device.written.tau_motor_Nm) {
       if (!std::isfinite(tau)) fail("loop: a torque that is not finite");
       if (!(std::abs(tau) <= model.device.motor_peak_torque_Nm)) fail("loop: beyond the peak");
@@ -348,7 +349,7 @@ void check_bytes(fuzz::Bytes bytes) {
       return check_pose(paper_device(), T, wanted, vector_of<MotorVector>(bytes));
     }
     case 1: {
-      // By rotation vector, so that more of the poses are valid.
+      // A rotation vector makes more of the poses valid than a quaternion would.
       Pose T;
       T.p_m = vector_of<Eigen::Vector3d>(bytes);
       T.q = from_rotation_vector(vector_of<Eigen::Vector3d>(bytes));
@@ -407,7 +408,7 @@ void check_bytes(fuzz::Bytes bytes) {
   }
 }
 
-// ---- a hard case: its numbers as input of every check ----
+// ---- a stress case: its numbers as input of every check ----
 
 void check_case(const nlohmann::json& json) {
   JsonErrors errors{"input.json", {}};

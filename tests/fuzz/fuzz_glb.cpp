@@ -25,7 +25,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto asset = trocar::decode_asset({data, size}, "input.glb");
   if (!asset) {
     trocar::fuzz::expect_refusal(asset.error());
-    // With corrected checksums the bytes reach the decoders. The seeds' slices are numbered from 0.
+    // The checksums are corrected so that the bytes reach the decoders. The seeds' slices are
+    // numbered from 0.
     std::vector<std::uint8_t> sealed(data, data + size);
     trocar::write_index_checksums(sealed);
     for (const int index : {0, 1, 2}) {

@@ -37,7 +37,7 @@ const LinkKey& key_for() {
 
 template <typename Packet>
 Bytes encoded(const Packet& packet) {
-  Bytes bytes(kLargestPacketBytes);
+  Bytes bytes(kMaxPacketBytes);
   bytes.resize(encode(packet, key_for<Packet>(), bytes));
   return bytes;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// An outline, or a picture and its outline, through every stage of meshing; hard cases also into an
-// asset and back. All checks hold, or the input is refused. In: a hard case (tests/corpus/pslg), or
-// bytes that encode rings or pixels.
+// An outline, or a picture and its outline, through every stage of meshing; stress cases also into
+// an asset and back. All checks hold, or the input is refused. In: a stress case
+// (tests/corpus/pslg), or bytes that encode rings or pixels.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,9 +11,9 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh/refinement.h"
-#include "pipeline/mesh/triangulation.h"
+#include "pipeline/triangulation/mesh_quality.h"
+#include "pipeline/triangulation/refinement.h"
+#include "pipeline/triangulation/triangulation.h"
 #include "tests/cases/pslg_case.h"
 #include "tests/fuzz/harness.h"
 
@@ -105,7 +105,7 @@ void mesh_outline(const Pslg& outline, const test::PslgCase& options) {
     fail("quality: not finite");
   if (refined.outcome == RefinementOutcome::kRefined && quality.below_unexplained > 0)
     fail("refinement: an unexplained sharp triangle");
-  // For hard cases only: for bytes it finds little, and takes as long as all other checks.
+  // Only for stress cases: on random bytes it finds little, and takes as long as all other checks.
   if (!options.right.empty()) expect_stored(refined.mesh, options);
 }
 
@@ -243,7 +243,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto read =
       test::parse_pslg_case({reinterpret_cast<const char*>(data), size}, "input.json");
   if (!read) return 0;
-  // Of the few large cases only a part; their test runs them whole.
+  // The few large cases are cropped or skipped here; their own test runs them completely.
   if (read->picture) {
     check_picture(cropped(*read->picture), *read);
   } else if (corners_of(read->outline) <= kMaxCorners) {

@@ -126,7 +126,7 @@ class Stream {
     packet.host_nonce = {bytes.next(), bytes.next(), 1};
     packet.period_s = kPeriod_s;
     packet.fresh = bytes.below(2) == 0;
-    Datagram datagram(kLargestPacketBytes);
+    Datagram datagram(kMaxPacketBytes);
     datagram.resize(encode(packet, shared_key(), datagram));
     sent_.push_back(datagram);
     if (give(datagram, true) != LinkRefusal::kNone) return;
@@ -156,7 +156,7 @@ class Stream {
                               : CommandMode::kTorque;
     if (how % 2 == 0) packet.state_seen = session.last_state;
     if (packet.mode == CommandMode::kTorque) packet.tau_motor_Nm.fill(0.01 * bytes.small());
-    Datagram datagram(kLargestPacketBytes);
+    Datagram datagram(kMaxPacketBytes);
     datagram.resize(encode(packet, session.key, datagram));
     if (datagram.empty()) fail("a command is not encoded");
     session.sequence = packet.sequence;

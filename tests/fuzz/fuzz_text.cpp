@@ -13,6 +13,7 @@
 #include "formats/session/scene.h"
 #include "runtime/link/link_key.h"
 #include "runtime/session/session.h"
+#include "runtime/session/tick_rate.h"
 #include "runtime/simulation/fault_plan.h"
 #include "tests/fuzz/harness.h"
 

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 tests = pathlib.Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(tests / "e2e"), str(tests / "pipeline" / "read")]
+sys.path[:0] = [str(tests / "support"), str(tests / "e2e"), str(tests / "pipeline" / "read" / "dicom")]
 import device_link  # noqa: E402
 import dicom_variants_test as dicom  # noqa: E402
 import dicom_segmentation_test as segmentation  # noqa: E402

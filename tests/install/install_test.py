@@ -1,38 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
-"""install_test.py SOURCE BUILD ASSET WORK: the installed tree, used without the source tree.
+"""The installed tree, used without the source tree.
 
-Installs all components below WORK, then: every program answers --version with the project's
+Installs all components, then: every program answers --version with the project's
 version; the installed scenes load with the installed device description; every schema is installed; every
 installed header compiles by itself; the man pages render and name
 every option of --help; the example program builds against find_package(Trocar) and lists the
 slices that `trocar-mesh info` lists; the bill of materials names the libraries that are used.
 """
 import json
-import pathlib
 import re
 import shutil
 import subprocess
 import sys
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "e2e"))
-from console_client import Console  # noqa: E402
-from e2e import check, outcome, run  # noqa: E402
+import pytest
+from console_client import Console
+from programs import ASSETS, BUILD, run
 
 PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim", "trocar-console")
 
 
-def check_programs(usr, version):
+@pytest.fixture(name="usr", scope="module")
+def installed_tree(work):
+    run("cmake", "--install", BUILD, "--prefix", work / "usr")
+    return work / "usr"
+
+
+@pytest.fixture(name="version", scope="module")
+def project_version():
+    return re.search(r"^CMAKE_PROJECT_VERSION:\w+=(.*)$", (BUILD / "CMakeCache.txt").read_text(), re.M)[1]
+
+
+@pytest.fixture(name="asset", scope="module")
+def sample_asset():
+    return ASSETS / "sample.glb"
+
+
+def test_programs(usr, version):
     for name in PROGRAMS:
         said = run(usr / "bin" / name, "--version").stdout.split()
-        check(said[:2] == [name, version], f"{name} --version: {said}, expected {version}")
+        assert said[:2] == [name, version], f"{name} --version: {said}, expected {version}"
 
 
-def check_schemas(usr, source):
+def test_schemas(usr, source):
     installed = sorted(path.name for path in (usr / "share/trocar/schemas").iterdir())
-    check(installed == sorted(path.name for path in (source / "formats/session").glob("*.schema.json")), f"installed schemas: {installed}")
+    assert installed == sorted(path.name for path in (source / "formats/session").glob("*.schema.json")), f"installed schemas: {installed}"
 
 
-def check_console(usr, asset, work):
+def test_console(usr, asset, work):
     """The installed console serves its page, and starts the installed trocar-run."""
     folder = work / "console"
     (folder / "scenes").mkdir(parents=True)
@@ -41,39 +56,39 @@ def check_console(usr, asset, work):
     (folder / "scenes/one.json").write_text(json.dumps({**scene, "asset": "../sample.glb"}))
     console = Console(usr / "bin/trocar-console", folder)
     status, page = console.get("/", token=None)
-    check(status == 200 and b"<html" in page, f"the console's page: {status}")
+    assert status == 200 and b"<html" in page, f"the console's page: {status}"
     has_vendor = (usr / "share/trocar/console/vendor").is_dir()
-    check(not has_vendor or console.get("/vendor/three.module.js", token=None)[0] == 200, "three.js of the installed page")
-    check((b"scripts/setup console" in page) != has_vendor, "the page does not say what is missing")
+    assert not has_vendor or console.get("/vendor/three.module.js", token=None)[0] == 200, "three.js of the installed page"
+    assert (b"scripts/setup console" in page) != has_vendor, "the page does not say what is missing"
     live = console.live()
-    check(console.post("/api/start", {"scene": "scenes/one.json", "clock": "virtual"})[0] == 200, "a session")
-    check(live.until(lambda l: l.state() == "ended", 30) and "puncture" in live.kinds(), f"{live.states} {live.kinds()}")
-    check(console.stop() == 0, "the console's exit code")
+    assert console.post("/api/start", {"scene": "scenes/one.json", "clock": "virtual"})[0] == 200, "a session"
+    assert live.until(lambda l: l.state() == "ended", 30) and "puncture" in live.kinds(), f"{live.states} {live.kinds()}"
+    assert console.stop() == 0, "the console's exit code"
 
 
-def check_scenes(usr, asset):
+def test_scenes(usr, asset):
     scenes = sorted((usr / "share/trocar/scenes").glob("*.json"))
-    check(len(scenes) >= 4, f"installed scenes: {scenes}")
+    assert len(scenes) >= 4, f"installed scenes: {scenes}"
     for scene in scenes:
         run(usr / "bin/trocar-run", scene, "--asset", asset, "--device-description",
             usr / "share/trocar/device/four_legs.json", "--check")
 
 
-def check_man_pages(usr):
+def test_man_pages(usr):
     if not shutil.which("man") or not shutil.which("help2man"):
         print("no man or help2man here: man pages not checked")
         return
     for name in PROGRAMS:
         page = run("man", "--warnings", "-l", usr / "share/man/man1" / f"{name}.1.gz",
                    env={"MANWIDTH": "100", "LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"})
-        check(not page.stderr, f"man {name}: {page.stderr}")
+        assert not page.stderr, f"man {name}: {page.stderr}"
         options = set(re.findall(r"--[a-z][a-z-]+", run(usr / "bin" / name, "--help").stdout))
         text = page.stdout.replace("\u2010\n", "-").replace("\u2010", "-")
         missing = [o for o in sorted(options) if o not in text]
-        check(options and not missing, f"man {name} lacks {missing}")
+        assert options and not missing, f"man {name} lacks {missing}"
 
 
-def check_example(usr, asset, work):
+def test_example(usr, asset, work):
     example = work / "example"
     run("cmake", "-S", usr / "share/doc/trocar-formats-dev/examples", "-B", example,
         f"-DCMAKE_PREFIX_PATH={usr}", "-DCMAKE_BUILD_TYPE=Release")
@@ -83,9 +98,8 @@ def check_example(usr, asset, work):
     info = json.loads(run(usr / "bin/trocar-mesh", "info", asset, "--json").stdout)
     expected = [(s["index"], s["z_mm"], s["vertices"], s["triangles"]) for s in info["slices"]]
     found = [(int(i), float(z), int(v), int(t)) for i, z, v, t in listed]
-    check(len(found) > 1 and [f[0::2] + f[3:] for f in found] == [e[0::2] + e[3:] for e in expected]
-          and all(abs(f[1] - e[1]) < 1e-3 for f, e in zip(found, expected)),
-          f"the example lists {found[:3]} ..., info {expected[:3]} ...")
+    assert (len(found) > 1 and [f[0::2] + f[3:] for f in found] == [e[0::2] + e[3:] for e in expected]
+          and all(abs(f[1] - e[1]) < 1e-3 for f, e in zip(found, expected))), f"the example lists {found[:3]} ..., info {expected[:3]} ..."
     run(example / "list_slices", __file__, expect=3)
     unknown = work / "unknown"
     unknown.mkdir()
@@ -93,62 +107,39 @@ def check_example(usr, asset, work):
                                             "find_package(Trocar REQUIRED COMPONENTS nothing)\n")
     failed = subprocess.run(["cmake", "-S", unknown, "-B", unknown / "b", f"-DCMAKE_PREFIX_PATH={usr}"],
                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
-    check(failed.returncode != 0, "find_package(Trocar COMPONENTS nothing) is accepted")
+    assert failed.returncode != 0, "find_package(Trocar COMPONENTS nothing) is accepted"
 
 
-def check_headers(usr, work):
+def test_headers(usr, work):
     """Every installed header compiles by itself, with the dependencies of the package alone."""
     folder = work / "headers"
     folder.mkdir()
     headers = sorted(p.relative_to(usr / "include/trocar") for p in (usr / "include/trocar").rglob("*.h"))
-    check(len(headers) > 10, f"installed headers: {headers}")
+    assert len(headers) > 10, f"installed headers: {headers}"
     unit = folder / "unit.cpp"
     for header in headers:
         unit.write_text(f'#include "{header}"\n#include "{header}"\nint main() {{ return 0; }}\n')
         done = subprocess.run(["c++", "-std=c++20", "-fsyntax-only", f"-I{usr / 'include/trocar'}", "-isystem",
                                "/usr/include/eigen3", unit], stderr=subprocess.PIPE, text=True, check=False)
-        check(done.returncode == 0, f"{header} does not compile by itself: {done.stderr[:500]}")
+        assert done.returncode == 0, f"{header} does not compile by itself: {done.stderr[:500]}"
 
 
-def check_versions(source, version):
+def test_versions(source, version):
     """One version everywhere."""
-    check(f"\nversion: {version}\n" in (source / "CITATION.cff").read_text(), f"CITATION.cff is not of {version}")
-    check(f"## [{version}]" in (source / "CHANGELOG.md").read_text(), f"CHANGELOG.md has no section {version}")
+    assert f"\nversion: {version}\n" in (source / "CITATION.cff").read_text(), f"CITATION.cff is not of {version}"
+    assert f"## [{version}]" in (source / "CHANGELOG.md").read_text(), f"CHANGELOG.md has no section {version}"
 
 
-def check_bill_of_materials(source, build, work):
+def test_bill_of_materials(source, work):
     bill = work / "trocar.cdx.json"
-    run(sys.executable, "-B", source / "scripts/lib/bill_of_materials.py", build, bill)
+    run(sys.executable, "-B", source / "scripts/lib/bill_of_materials.py", BUILD, bill)
     bill = json.loads(bill.read_text())
-    check(bill["bomFormat"] == "CycloneDX" and bill["specVersion"] == "1.4", "the bill's format")
+    assert bill["bomFormat"] == "CycloneDX" and bill["specVersion"] == "1.4", "the bill's format"
     references = [c["bom-ref"] for c in bill["components"]]
-    check(len(references) == len(set(references)), "a component stands twice in the bill")
+    assert len(references) == len(set(references)), "a component stands twice in the bill"
     used = {d["ref"].split("/")[1].split("@")[0]: {r.split("/")[2].split("@")[0] for r in d["dependsOn"]}
             for d in bill["dependencies"]}
     for name, needed in (("trocar-mesh", {"libdraco7", "libtinygltf-dev", "libeigen3-dev", "libdcmtk17", "libopencv-core406"}),
                          ("trocar-run", {"libdraco7", "libeigen3-dev", "libsodium23", "libc6"})):
-        check(needed <= used.get(name, set()), f"the bill lacks {needed - used.get(name, set())} of {name}")
-    check(not any(re.match("libopencv|libcgal", n) for n in used["trocar-run"]), "OpenCV or CGAL in trocar-run's bill")
-
-
-def main():
-    source, build, asset, work = map(pathlib.Path, sys.argv[1:])
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
-    usr = work / "usr"
-    run("cmake", "--install", build, "--prefix", usr)
-    version = re.search(r"^CMAKE_PROJECT_VERSION:\w+=(.*)$", (build / "CMakeCache.txt").read_text(), re.M)[1]
-    check_programs(usr, version)
-    check_schemas(usr, source)
-    check_scenes(usr, asset)
-    check_console(usr, asset, work)
-    check_man_pages(usr)
-    check_example(usr, asset, work)
-    check_headers(usr, work)
-    check_versions(source, version)
-    check_bill_of_materials(source, build, work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        assert needed <= used.get(name, set()), f"the bill lacks {needed - used.get(name, set())} of {name}"
+    assert not any(re.match("libopencv|libcgal", n) for n in used["trocar-run"]), "OpenCV or CGAL in trocar-run's bill"

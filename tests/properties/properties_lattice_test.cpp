@@ -120,7 +120,7 @@ RC_GTEST_PROP(DiametralDot, IsThePowerOfThalesCircle, (P a, P b, P p)) {
   RC_PRE(a != b);
   const std::int64_t dot = diametral_dot(a, b, p);
   RC_ASSERT(dot == diametral_dot(b, a, p));
-  // By the law of cosines, exactly.
+  // The law of cosines, evaluated exactly.
   const Int128 legs = Int128{distance2(a, p)} + distance2(b, p);
   RC_ASSERT(legs - distance2(a, b) == 2 * Int128{dot});
   const test::Motion m = motion_within_bounds({a, b, p});

@@ -11,9 +11,9 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/mesh/refined_rings.h"
-#include "pipeline/mesh/refinement.h"
-#include "pipeline/mesh/triangulation.h"
+#include "pipeline/triangulation/refined_rings.h"
+#include "pipeline/triangulation/refinement.h"
+#include "pipeline/triangulation/triangulation.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"
@@ -53,7 +53,7 @@ Shape shape_of(const Pslg& pslg) {
   return out;
 }
 
-// Of 400 random outlines at least a tenth is degenerate in each way.
+// At least a tenth of 400 random outlines is degenerate in each way.
 TEST(AnyOutline, EachDegeneracyIsFrequent) {
   int needles = 0, near = 0, tied = 0, drawn = 0;
   const auto outlines = rc::gen::resize(rc::kNominalSize, rc::gen::exec(any_outline));
@@ -373,7 +373,7 @@ Field rotated(const Field& field) {
   return out;
 }
 
-// With pixels and pictures that are not square.
+// Pixels and pictures are not square.
 RC_GTEST_PROP(Contours, AreEquivariantUnderAQuarterTurn, ()) {
   const int size = test::any_in(8, 32);
   Field field = any_field(size);

@@ -7,6 +7,8 @@
 #include <random>
 #include <string>
 
+#include "pipeline/open/open_stack.h"
+#include "pipeline/read/dicom/dicom_stack.h"
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/write_dicom.h"
 #include "tests/properties/property_fixture.h"

@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Properties of the sheet on random meshes with holes, needles and features of the lattice's size:
-// the spring network, its energy, the cut, the quality pass, the region of a force, overlap and
-// placing.
+// the spring network, its energy, the cut, the quality pass, the region of a force, coverage
+// and the placing of slices.
+// Long because all tests of this file share its fixtures.
 #include <cmath>
 #include <map>
 #include <numbers>
 
 #include "formats/geometry/mesh_validity.h"
-#include "pipeline/mesh/triangulation.h"
+#include "pipeline/triangulation/triangulation.h"
 #include "runtime/contact/overlap.h"
 #include "runtime/contact/sheet.h"
-#include "runtime/cut/cut.h"
 #include "runtime/deformation/network.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/region.h"
 #include "runtime/deformation/response.h"
-#include "runtime/refine/local_refinement.h"
+#include "runtime/hole_cutting/cut.h"
+#include "runtime/local_refinement/local_refinement.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"
 #include "tests/reference/deformation/network_checks.h"
@@ -35,7 +36,7 @@ constexpr Membrane kMembrane{20, 1e6};
 
 /// A constrained Delaunay mesh with up to four holes. A quarter of them are only a few lattice
 /// steps large, where most crossings must be rounded. A quarter are meshes of random outlines:
-/// needles, slits, circles, hard cases of meshing.
+/// needles, slits, circles, stress cases of meshing.
 SliceMesh any_sheet() {
   Random random(test::any_seed());
   const int kind = random.between(0, 3);
@@ -128,8 +129,8 @@ RC_GTEST_PROP(Network, HasTheBedStiffnessOfItsArea, ()) {
   for (const double f : network.bed_N_per_m)
     bed += f;
   const double step_m = kLattice.step_m();
-  const double right =
-      kMembrane.bed_N_per_m3 * 0.5 * static_cast<double>(doubled_area(sheet)) * step_m * step_m;
+  const double right = kMembrane.foundation_N_per_m3 * 0.5 *
+                       static_cast<double>(doubled_area(sheet)) * step_m * step_m;
   RC_ASSERT(std::abs(bed / right - 1) < 1e-12);
   // A uniform displacement stretches no spring, exactly.
   const std::vector<double> w(network.size(), 1e-3);
@@ -185,7 +186,7 @@ RC_GTEST_PROP(Network, DoesNotDependOnTheInputOrder, ()) {
   }
 }
 
-// With full damping a sweep is one of Gauss-Seidel: each node goes to its least energy.
+// A sweep with full damping is one of Gauss-Seidel: each node moves to its least energy.
 RC_GTEST_PROP(Propagation, NeverRaisesTheEnergy, ()) {
   const SliceMesh sheet = any_sheet();
   const Network network = make_network(sheet, kLattice, kMembrane);
@@ -293,7 +294,8 @@ Motion any_translation_or_motion() {
   return *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
 }
 
-// As after a puncture: the hole is cut, then the quality pass improves the triangles around it.
+// Repeats the steps of a puncture: the hole is cut, then the quality pass improves the triangles
+// around it.
 SliceMesh improved(const SliceMesh& sheet, const Ring& tool) {
   SheetMesh mesh = *make_sheet_mesh(sheet, 200, 400);
   const std::size_t slots = mesh.triangles.size();
@@ -319,7 +321,7 @@ RC_GTEST_PROP(QualityPass, IsEquivariantUnderMotions, ()) {
   RC_ASSERT(canonical(there) == canonical(m(here)));
 }
 
-// Of triangles of equal size the queue takes the one with the lowest slot first: another order of
+// The queue breaks ties between triangles of equal size by the lowest slot: another order of
 // the sheet may give another mesh, but an equally good one.
 RC_GTEST_PROP(QualityPass, IsAsGoodInEveryOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
@@ -349,8 +351,8 @@ Result<Region> region(const SliceMesh& sheet, const Ring& tool, double radius_m)
                         workspace);
 }
 
-// For another order of the sheet: the area under the tool is equal exactly; the force is equal up
-// to rounding if the triangles are the same, else within the error of grading (region.h).
+// If the order of the sheet changes, the area under the tool is exactly equal; the force is equal
+// up to rounding if the triangles are the same, else within the error of grading (region.h).
 RC_GTEST_PROP(Region, HasTheSameForceInEveryOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
@@ -425,9 +427,9 @@ RC_GTEST_PROP(Overlap, DoesNotDependOnTheInputOrder, ()) {
   const ToolAndHole with = any_tool_and_hole(mesh);
   const Overlap here = overlap_of(mesh, with), there = overlap_of(permuted(mesh, false).mesh, with),
                 from_others = overlap_of(permuted(mesh).mesh, with);
-  RC_ASSERT(there.fraction == here.fraction);
+  RC_ASSERT(there.coverage == here.coverage);
   RC_ASSERT(there.centroid_steps == here.centroid_steps);
-  RC_ASSERT(std::abs(from_others.fraction - here.fraction) < 1e-12);
+  RC_ASSERT(std::abs(from_others.coverage - here.coverage) < 1e-12);
   RC_ASSERT((from_others.centroid_steps - here.centroid_steps).norm() < 1e-6);
 }
 
@@ -441,11 +443,11 @@ RC_GTEST_PROP(Overlap, IsEquivariantUnderMotions, ()) {
       what->points[i] = m(what->points[i]);
   }
   const Overlap here = overlap_of(mesh, with), there = overlap_of(m(mesh), moved_with);
-  RC_TAG(std::string(m.quarters == 0 ? "translated" : "rotated") + (here.fraction == 0 ? ", beside"
-                                                                    : here.fraction == 1
+  RC_TAG(std::string(m.quarters == 0 ? "translated" : "rotated") + (here.coverage == 0 ? ", beside"
+                                                                    : here.coverage == 1
                                                                         ? ", inside"
                                                                         : ", in part"));
-  RC_ASSERT(here.fraction == there.fraction);
+  RC_ASSERT(here.coverage == there.coverage);
   RC_ASSERT((there.centroid_steps - moved(m, here.centroid_steps)).norm() < 1e-6);
 }
 

@@ -23,12 +23,12 @@ using runtime::Random;
 enum class OutlineKind : std::uint8_t {
   kContours,        ///< sub-pixel contours of noise: islands, holes, necks
   kChains,          ///< pixel chains of noise: pinches
-  kStars,           ///< with holes
-  kSpecks,          ///< in a star's bays, where a simplified edge may pass over them
+  kStars,           ///< stars with holes
+  kSpecks,          ///< specks in a star's bays, where a simplified edge may pass over them
   kNeedles,         ///< angles down to a thousandth of a degree in one corner
   kNearCoincident,  ///< vertices one step apart, slits one step wide
   kCocircular,      ///< corners of rings exactly on concentric circles
-  kCorpus,          ///< a hard case of tests/corpus/pslg
+  kCorpus,          ///< a stress case of tests/corpus/pslg
 };
 inline constexpr int kOutlineKinds = 8;
 
@@ -126,8 +126,8 @@ inline Pslg any_cocircular(Random& random) {
   }
 }
 
-/// The hard cases that are rings of moderate size. Larger ones, and those at the ends of the
-/// lattice, are in hard_cases_meshing_test only.
+/// The stress cases that are rings of moderate size. Larger ones, and those at the ends of the
+/// lattice, are in stress_cases_meshing_test only.
 inline const std::vector<Pslg>& corpus_outlines() {
   static const std::vector<Pslg> kOutlines = [] {
     std::vector<Pslg> out;

@@ -268,7 +268,7 @@ TEST(CrossSection, AtAnIsoValueAgreesWithCountedSamples) {
   constexpr double kStep = 0.125;
   std::mt19937_64 bits(22);
   double area = 0;
-  const double sure = aperture_radius_mm(scan) + edge_reach_mm(phantom);
+  const double sure = aperture_radius_mm(scan) + blur_radius_mm(phantom);
   static_assert(8 * kStep == 1);
   for (int y = -30; y < 85; ++y)
     for (int x = -60; x < 60; ++x) {

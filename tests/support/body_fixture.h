@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes, sheets and bodies of the force law `cutting`.
+// Scenes, sheets and bone volumes for tests of the force law `cutting`.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/bone_cutting/material/bone_volume.h"
 #include "runtime/contact/sheet.h"
-#include "runtime/cutting/body.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::test {
@@ -74,9 +74,9 @@ struct Placed {
   }
 };
 
-inline runtime::Body body_of(Scene scene, const Asset& asset) {
+inline runtime::BoneVolume bone_volume_of(Scene scene, const Asset& asset) {
   const Placed placed(scene, asset);
-  auto body = runtime::make_body(scene, placed.sheets);
+  auto body = runtime::make_bone_volume(scene, placed.sheets);
   EXPECT_TRUE(body) << body.error().message;
   return std::move(*body);
 }
@@ -84,7 +84,7 @@ inline runtime::Body body_of(Scene scene, const Asset& asset) {
 /// Why there is no body; empty: there is.
 inline std::string refusal_of(Scene scene, const Asset& asset) {
   const Placed placed(scene, asset);
-  const auto body = runtime::make_body(scene, placed.sheets);
+  const auto body = runtime::make_bone_volume(scene, placed.sheets);
   return body ? std::string() : body.error().message;
 }
 

@@ -11,7 +11,7 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/slice_mesh.h"
-#include "runtime/cut/cut.h"
+#include "runtime/hole_cutting/cut.h"
 
 namespace trocar::runtime {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sheets that are constrained Delaunay, for tests: any mesh, made so by flips, and random ones with
-// holes, needles and features of the lattice's size.
+// Constrained Delaunay sheets for tests: any mesh after flips, and random meshes with holes, needles
+// and features of the lattice's size.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -13,8 +13,8 @@
 #include <numbers>
 #include <vector>
 
-#include "runtime/cut/cut.h"
-#include "runtime/mesh/sheet_mesh.h"
+#include "runtime/hole_cutting/cut.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/sheet_fixture.h"
 

@@ -14,11 +14,11 @@
 namespace trocar::test {
 
 struct DelayedLinkOptions {
-  double delay_max_s = 0;          ///< of each packet, either way: uniform from 0
-  double loss = 0;                 ///< share of packets that never arrive, either way
-  double drive_period_s = 2.5e-4;  ///< a state in each
-  double host_stop_s = 0;          ///< the host stands still for so long ...
-  int ticks_between_stops = 1;     ///< ... each time after so many ticks
+  double delay_max_s = 0;          ///< a packet's delay is uniform from 0 to this, either way
+  double loss = 0;                 ///< fraction of packets that never arrive, either way
+  double drive_period_s = 2.5e-4;  ///< time between two states of the drive
+  double host_stop_s = 0;          ///< duration of a stall of the host
+  int ticks_between_stops = 1;     ///< number of ticks from one stall to the next
   std::uint64_t seed = 1;
 };
 
@@ -50,7 +50,7 @@ class DelayedLink final : public runtime::Device {
     send(packet, commands_);
     return DeviceStatus::kOk;
   }
-  /// To the host's next tick.
+  /// Advances the drive's time to the host's next tick.
   void advance(double dt_s) noexcept override {
     tick_s_ += dt_s;
     if (options_.host_stop_s > 0 && ++ticks_ % options_.ticks_between_stops == 0) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A limit of the size of files that this process writes, in place of a full disk: a write puts what
-// fits, and the next one fails.
+// Limits the size of the files that this process writes, in place of a full disk: a write stores the
+// bytes that fit, and the next one fails.
 #pragma once
 
 #include <sys/resource.h>

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/contour/segmentation.h"
+#include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
 

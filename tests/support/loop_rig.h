@@ -10,8 +10,10 @@
 
 #include "runtime/control/haptic_loop.h"
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
 #include "runtime/simulation/simulated_device.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/sheet_law_fixture.h"
 
 namespace trocar::test {
 
@@ -20,9 +22,9 @@ struct RigOptions {
   Tissue tissue{5000, 1e6, 0, {}, {}};
   double hand_stiffness_N_per_m = 200;
   double hand_damping_N_s_per_m = 0;
-  double pressed_N = 35;      ///< by the hand, once it has moved down
-  double going_down_s = 0.5;  ///< from the surface; constant speed
-  double lifted_at_s = 0;     ///< if not 0: from this time on the hand moves up, at the same speed
+  double pressed_N = 35;      ///< force of the hand at the end of its way down
+  double going_down_s = 0.5;  ///< duration of the way down from the surface, at constant speed
+  double lifted_at_s = 0;     ///< time at which the hand begins to move up at that speed; 0: never
   bool passivity = true;
   double joint_friction_Nms_per_rad = 0.005;
   runtime::CouplingOptions coupling;
@@ -59,23 +61,22 @@ class Rig {
     device_ = std::make_unique<runtime::SimulatedDevice>(
         std::move(*runtime::make_simulated_device(scene, description_)));
     model_.device = description_;
-    model_.contact.tool = runtime::make_tool(scene.tool);
-    model_.contact.dt_s = 1 / options.rate_Hz;
+    model_.tool = runtime::make_tool(scene.tool);
     model_.rate_Hz = options.rate_Hz;
     model_.passivity.on = options.passivity;
-    model_.coupling = options.coupling;
+    law_ = hooke_law(model_, options.coupling);
     // Limits are off: these tests are about the loop's stability.
     model_.limits.speed_max_m_per_s = model_.limits.rotation_rate_max_rad_per_s = 1e6;
     model_.limits.encoder_rate_max_rad_per_s = 1e6;
     model_.limits.torque_rise_time_max_s = 1e6;
     model_.limits.torque_rise_max_Nm_per_s = 1e9;
-    model_.limits.energy_given_max_J = 1e9;
+    model_.limits.energy_limit_J = 1e9;
   }
 
   const runtime::TickResult& tick() {
     runtime::TickInputs inputs;
     inputs.sheets = current_;
-    runtime::haptic_tick(model_, inputs, *device_, state_, result_);
+    runtime::haptic_tick(model_, inputs, *device_, law_, state_, result_);
     device_->step(1 / options_.rate_Hz);
     return result_;
   }
@@ -98,6 +99,7 @@ class Rig {
   }
 
   runtime::LoopModel model_;
+  runtime::SheetLaw law_{runtime::ContactModel{}};
   runtime::LoopState state_;
   runtime::TickResult result_;
   std::unique_ptr<runtime::SimulatedDevice> device_;

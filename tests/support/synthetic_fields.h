@@ -7,7 +7,7 @@
 #include <numbers>
 #include <random>
 
-#include "pipeline/contour/segmentation.h"
+#include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
 

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Requests to the console by HTTP, and its binary container (protocol.md).
+// Tests: tests/e2e/console_page_test.py
 
 const KEY = "trocar-token";
 
-// The token is in the link's fragment. It is taken out of the address, which may be on a wall, and kept until the window is closed.
+// The token is in the link's fragment. It is removed from the address, which may be visible on a projector, and kept until the window
+// is closed.
 function take_token() {
   const given = location.hash.slice(1);
   if (given) {
@@ -22,7 +24,7 @@ async function answer(path, options = {}) {
   let words = `${path}: the console answered ${response.status}`;
   try {
     words = (await response.json()).error ?? words;
-  } catch { /* no JSON: the status has to do */ }
+  } catch { /* not JSON: the status has to suffice */ }
   throw new Error(words);
 }
 
@@ -32,7 +34,7 @@ export const get_container = async (path) => parse_container(await (await answer
 export const post = (path, body) =>
   answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
-/// Needs no token, and goes out although the page may be closing.
+/// Needs no token, and is sent even if the page is closing.
 export const emergency_stop = () => answer("/api/emergency_stop", { method: "POST", keepalive: true });
 
 export const file_query = (path, values) => {
@@ -45,6 +47,6 @@ export const file_query = (path, values) => {
 export function parse_container(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
   const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  const of = (Type) => (place) => new Type(buffer, 4 + size + place[0], place[1]);
+  const of = (Type) => ([offset, count]) => new Type(buffer, 4 + size + offset, count);
   return { json, floats: of(Float32Array), uints: of(Uint32Array), doubles: of(Float64Array) };
 }

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The curves: force over time, force over depth, HU along the path, and the two histograms. uPlot draws the axes; curves whose x
 // goes back and forth and the marks are drawn in its hook.
+// Tests: tests/e2e/console_page_test.py
 import uPlot from "uplot";
 import { hu_at } from "./data.js";
 
-// Small charts are drawn faster by the processor than by a GPU that is one in name only.
+// Small charts are drawn faster by the processor than by a GPU that is only emulated.
 const get_context = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, options) {
   return get_context.call(this, kind, kind === "2d" ? { ...options, willReadFrequently: true } : options);
@@ -24,7 +25,7 @@ const round_up = (value) => {
   return step * Math.ceil((value / step) * 2) / 2;
 };
 
-/// One chart in `box` that is made anew with another size or theme.
+/// One chart in `box`. It is made anew when the size or the theme changes.
 class Chart {
   constructor(box, options) {
     this.box = box;
@@ -226,13 +227,13 @@ export class Charts {
     if (!moved && front?.text === this.front?.text) return;
     this.front = front;
     const { points, low, high } = this.profile;
-    const room = Math.max(2, 0.06 * points[points.length - 1].depth);
-    this.hu.set([[0, 1], [null, null]], [-room, points[points.length - 1].depth + room], [low, 100 * Math.ceil(1.15 * high / 100)]);
+    const margin = Math.max(2, 0.06 * points[points.length - 1].depth);
+    this.hu.set([[0, 1], [null, null]], [-margin, points[points.length - 1].depth + margin], [low, 100 * Math.ceil(1.15 * high / 100)]);
   }
 
-  /// Where the law is cutting, else the tip; null without a row.
+  /// The cutting front, or the tip if nothing is being cut; null without a row.
   front_of(shown) {
-    const z = shown.value("front_z_m"), is_cutting = z !== 0 && !Number.isNaN(z);  // the column is there, or not 0, by that law only
+    const z = shown.value("front_z_m"), is_cutting = z !== 0 && !Number.isNaN(z);  // only that force law writes the column
     const mm = is_cutting ? 1000 * (shown.bone.top_m - z) : shown.depth_mm();
     if (Number.isNaN(mm) || !shown.row) return null;
     const hu = shown.value("front_HU");
@@ -272,15 +273,15 @@ export class Charts {
       this.ticks.set([[0, 1], [null, null]], [0, 12], [0, 1]);
       return;
     }
-    const shares = parts.map((counts) => {
+    const fractions = parts.map((counts) => {
       const total = counts ? counts.reduce((a, b) => a + b, 0) : 0;
       return Array.from(counts ?? [], (count) => (total ? count / total : 0));
     });
-    this.bins = { edges, shares };
+    this.bins = { edges, fractions };
     let last = 0;
-    shares.forEach((list) => list.forEach((share, k) => { if (share > 0) last = Math.max(last, k); }));
+    fractions.forEach((list) => list.forEach((fraction, k) => { if (fraction > 0) last = Math.max(last, k); }));
     const to = Math.ceil(Math.log2(edges[last + 1] || 1024));
-    this.ticks.set([[0, 1], [null, null]], [0, Math.max(7, to)], [0, round_up(1.05 * Math.max(0.01, ...shares.flat()))]);
+    this.ticks.set([[0, 1], [null, null]], [0, Math.max(7, to)], [0, round_up(1.05 * Math.max(0.01, ...fractions.flat()))]);
   }
 
   draw_ticks(plot) {
@@ -289,15 +290,15 @@ export class Charts {
       words(plot, ctx, this.shown?.is_recording ? "not in a recording" : "", bbox.left + bbox.width / 2, bbox.top + bbox.height / 3, css("--soft"), "center");
       return ctx.restore();
     }
-    const { edges, shares } = this.bins;
+    const { edges, fractions } = this.bins;
     for (const [which, colour] of [[0, "--blue"], [1, "--orange"]]) {
       ctx.strokeStyle = ctx.fillStyle = css(colour);
       ctx.lineWidth = 0.15 * px;
       ctx.beginPath();
-      for (const [k, share] of shares[which].entries()) {
-        if (!share) continue;
+      for (const [k, fraction] of fractions[which].entries()) {
+        if (!fraction) continue;
         const from = Math.log2(Math.max(1, edges[k])), to = Math.log2(Math.max(1.1, edges[k + 1]));
-        const x = plot.valToPos(from, "x", true), width = plot.valToPos(to, "x", true) - x, y = plot.valToPos(share, "y", true), zero = plot.valToPos(0, "y", true);
+        const x = plot.valToPos(from, "x", true), width = plot.valToPos(to, "x", true) - x, y = plot.valToPos(fraction, "y", true), zero = plot.valToPos(0, "y", true);
         if (which === 0) ctx.fillRect(x, y, Math.max(1, width - 1), zero - y);
         else ctx.rect(x, y, Math.max(1, width - 1), zero - y);
       }

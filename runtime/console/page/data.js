@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a session or a recording consists of for the panels: rows by column name, the history of force, and the bone.
+// Tests: tests/e2e/console_page_test.py
 
-/// Where each column is in a row; a column that is not there gives `otherwise`.
+/// The position of each column in a row. A missing column has the value `otherwise`.
 export class Columns {
   constructor(list) {
     this.at = new Map();
@@ -13,17 +14,17 @@ export class Columns {
   }
   has(name) { return this.at.has(name); }
   value(row, name, otherwise = NaN) {
-    const place = this.at.get(name);
-    return place ? row[place[0]] : otherwise;
+    const at = this.at.get(name);
+    return at ? row[at[0]] : otherwise;
   }
-  /// null: no such column.
+  /// null if there is no such column.
   values(row, name) {
-    const place = this.at.get(name);
-    return place ? row.subarray(place[0], place[0] + place[1]) : null;
+    const at = this.at.get(name);
+    return at ? row.subarray(at[0], at[0] + at[1]) : null;
   }
 }
 
-/// Force over time and depth. Of more than 4000 points, each pair is replaced by the one with the larger force, so peaks stay.
+/// Force over time and depth. If there are more than 4000 points, the one with the larger force replaces each pair, so peaks stay.
 export class History {
   constructor() { this.clear(); }
   clear() {
@@ -44,7 +45,7 @@ export class History {
     this.best = null;
     if (this.t.length > 4000) this.thin();
   }
-  /// The curve is interrupted: the page was hidden.
+  /// Interrupts the curve, because the page was hidden.
   gap() {
     if (this.t.length && this.force[this.force.length - 1] !== null) this.push(this.t[this.t.length - 1] + 1e-9, null, null);
   }
@@ -63,19 +64,19 @@ export class History {
 
 /// The bone of /api/bone as typed arrays.
 export function read_bone({ json, floats, uints }) {
-  const mesh = (part) => ({ places: floats(part.vertices), triangles: uints(part.triangles), hu: part.hu ? floats(part.hu) : null });
+  const mesh = (part) => ({ positions: floats(part.vertices), triangles: uints(part.triangles), hu: part.hu ? floats(part.hu) : null });
   const slices = json.slices.map((slice) => ({ slice: slice.slice, z_m: slice.z_m, cuts: 0, ...mesh(slice) }));
   return { surface: json.surface ? mesh(json.surface) : null, slices, tool: json.tool, goals: json.goals,
     top_m: Math.max(...slices.map(({ z_m }) => z_m)) };
 }
 
-/// The triangle of a slice at x, y and the shares of its corners; null outside its material.
-function triangle_at({ places, triangles }, x, y) {
+/// The triangle of a slice at x, y and the weights of its second and third corner; null outside its material.
+function triangle_at({ positions, triangles }, x, y) {
   for (let k = 0; k < triangles.length; k += 3) {
     const a = triangles[k], b = triangles[k + 1], c = triangles[k + 2];
-    const bx = places[2 * b] - places[2 * a], by = places[2 * b + 1] - places[2 * a + 1];
-    const cx = places[2 * c] - places[2 * a], cy = places[2 * c + 1] - places[2 * a + 1];
-    const px = x - places[2 * a], py = y - places[2 * a + 1];
+    const bx = positions[2 * b] - positions[2 * a], by = positions[2 * b + 1] - positions[2 * a + 1];
+    const cx = positions[2 * c] - positions[2 * a], cy = positions[2 * c + 1] - positions[2 * a + 1];
+    const px = x - positions[2 * a], py = y - positions[2 * a + 1];
     const area = bx * cy - by * cx;
     const v = (px * cy - py * cx) / area, w = (bx * py - by * px) / area;
     if (v >= 0 && w >= 0 && v + w <= 1) return { a, b, c, v, w };
@@ -85,7 +86,7 @@ function triangle_at({ places, triangles }, x, y) {
 
 export const is_material = (slice, x, y) => triangle_at(slice, x, y) !== null;
 
-/// HU of a slice at x, y; null outside its material, or without HU.
+/// HU of a slice at x, y; null outside its material or without HU.
 export function hu_at(slice, x, y) {
   const { hu } = slice, at = hu && triangle_at(slice, x, y);
   return at ? hu[at.a] + at.v * (hu[at.b] - hu[at.a]) + at.w * (hu[at.c] - hu[at.a]) : null;
@@ -105,14 +106,14 @@ export class Shown {
   }
   value(name, otherwise) { return this.row ? this.columns.value(this.row, name, otherwise) : otherwise ?? NaN; }
   values(name) { return this.row ? this.columns.values(this.row, name) : null; }
-  /// On the hand: what the torques give.
+  /// The force on the hand that the torques produce.
   force(row = this.row) {
     const wrench = row && this.columns.values(row, "wrench_delivered");
     return wrench ? Math.hypot(wrench[0], wrench[1], wrench[2]) : NaN;
   }
-  /// Has the device been read? Before that the row's places mean nothing.
+  /// Has the device been read? Before that the row's positions mean nothing.
   is_placed(row = this.row) { return this.columns.value(row, "safety", 1) !== 0; }
-  /// Of the tip below the first slice; negative above it.
+  /// Depth of the tip below the first slice; negative above it.
   depth_mm(row = this.row) {
     const tool = row && this.columns.values(row, "tool_m");
     const top = this.bone?.top_m ?? this.about.sheets?.[0]?.z_m;

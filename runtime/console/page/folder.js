@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The folder's scenes, recordings and assets. Names come from files: textContent only.
+// The folder's scenes, recordings and assets. Names come from files, so they are set by textContent only.
+// Tests: tests/e2e/console_page_test.py
 
 const by_id = (id) => document.getElementById(id);
 

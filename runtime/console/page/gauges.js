@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Torques against their limits, joint and workspace limits, pose, and the slices. Text only by textContent.
+// Torques against their limits, joint and workspace limits, pose, slices and events. Texts are set by textContent only.
+// Tests: tests/e2e/console_page_test.py
 
 const kAxes = ["x", "y", "z"], kDegrees = 180 / Math.PI;
 const kShownEvents = 100;
@@ -11,10 +12,10 @@ function element(tag, name = "", text = "") {
   return made;
 }
 
-/// Without a minus before zero.
+/// Like toFixed(), without a minus before zero.
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 
-/// To the nearest limit, in rad; of a recording from its angles (four a leg), if the limits are known.
+/// Angle to the nearest joint limit, in rad. For a recording it is computed from the angles (four for each leg), if the limits are known.
 function joint_margin(shown) {
   const angles = shown.values("motor_angle_rad"), limits = shown.about.joint_limits_rad;
   if (shown.columns.has("joint_margin") || !angles || !(limits?.length >= 4)) return shown.value("joint_margin");
@@ -34,21 +35,21 @@ class Row {
     if (this.value.textContent !== value) this.value.textContent = value;
     if (this.limit.textContent !== limit) this.limit.textContent = limit;
   }
-  /// From the left end, 0..1.
-  fill(share) {
-    this.bar.style.transform = `scaleX(${Math.min(1, Math.max(0, share || 0))})`;
-    this.gauge.classList.toggle("near", share > 0.9);
+  /// Fills the bar from the left end; 1 is full.
+  fill(fraction) {
+    this.bar.style.transform = `scaleX(${Math.min(1, Math.max(0, fraction || 0))})`;
+    this.gauge.classList.toggle("near", fraction > 0.9);
   }
-  /// From the middle, -1..1.
-  swing(share) {
-    const safe = Math.min(1, Math.max(-1, share || 0));
+  /// Fills the bar from the middle to the left (-1) or right (1) end.
+  swing(fraction) {
+    const safe = Math.min(1, Math.max(-1, fraction || 0));
     this.bar.style.transform = `translateX(50%) scaleX(${safe / 2})`;
     this.gauge.classList.toggle("near", Math.abs(safe) > 0.9);
   }
-  /// A point between two ends, 0..1.
-  point(share) {
-    this.bar.style.left = `${100 * Math.min(1, Math.max(0, share || 0))}%`;
-    this.gauge.classList.toggle("near", share < 0.05 || share > 0.95);
+  /// Shows a mark between the left (0) and the right end (1).
+  point(fraction) {
+    this.bar.style.left = `${100 * Math.min(1, Math.max(0, fraction || 0))}%`;
+    this.gauge.classList.toggle("near", fraction < 0.05 || fraction > 0.95);
   }
 }
 
@@ -99,9 +100,9 @@ export class Gauges {
     }
     const q = shown.values("q");
     if (q) {
-      const tilt = kDegrees * Math.acos(Math.min(1, Math.max(-1, 1 - 2 * (q[1] * q[1] + q[2] * q[2])))), most = box?.tilt_max_rad ? box.tilt_max_rad * kDegrees : NaN;
-      this.tilt.text(`${tilt.toFixed(1)}°`, Number.isNaN(most) ? "" : `of ${most.toFixed(0)}°`);
-      this.tilt.fill(tilt / (most || 45));
+      const tilt = kDegrees * Math.acos(Math.min(1, Math.max(-1, 1 - 2 * (q[1] * q[1] + q[2] * q[2])))), max = box?.tilt_max_rad ? box.tilt_max_rad * kDegrees : NaN;
+      this.tilt.text(`${tilt.toFixed(1)}°`, Number.isNaN(max) ? "" : `of ${max.toFixed(0)}°`);
+      this.tilt.fill(tilt / (max || 45));
     } else this.tilt.text("–");
     const heat = shown.value("motor_heat_max");
     this.heat.text(Number.isNaN(heat) ? "–" : `${(100 * heat).toFixed(0)} %`, "of its limit");

@@ -1,21 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // HU as colour: the map cividis (perceptually uniform, and the same to people with a colour vision deficiency), and its legend.
+// Tests: tests/e2e/console_page_test.py
 
 const kStops = ("00224e 002e6a 1a386f 32436d 434e6c 535a6d 61656f 6f7073 7d7c78 8c8878 9b9476 aba072 bcae6c cdbb63 dec958 f0d846 fee838")
   .split(" ").map((hex) => [0, 2, 4].map((at) => parseInt(hex.slice(at, at + 2), 16)));
-// The darkest quarter is left out: it could not be told from a dark page.
+// The darkest quarter is left out: it could not be distinguished from a dark page.
 const kFirst = 4;
 
 export const kNoHu = [150, 160, 170];  ///< grey: the asset has no HU
 
-/// Colour of a share 0..1 as [red, green, blue] of 255.
-export function colour(share) {
-  const at = kFirst + Math.min(1, Math.max(0, share)) * (kStops.length - 1 - kFirst);
+/// Colour of a fraction of the range, 0..1, as [red, green, blue] of 255.
+export function colour(fraction) {
+  const at = kFirst + Math.min(1, Math.max(0, fraction)) * (kStops.length - 1 - kFirst);
   const low = Math.min(Math.floor(at), kStops.length - 2);
   return kStops[low].map((value, k) => value + (at - low) * (kStops[low + 1][k] - value));
 }
 
-/// Range of the map for these arrays of HU: from their 2nd to their 98th percentile, to round numbers, also at the legend's quarters. null: no HU.
+/// Range of the map for these arrays of HU: from their 2nd to their 98th percentile, rounded so that the legend's quarters are round
+/// numbers, too. null: no HU.
 export function range_of(arrays) {
   const sample = [];
   for (const hu of arrays) {
@@ -24,7 +26,7 @@ export function range_of(arrays) {
   }
   if (!sample.length) return null;
   sample.sort((a, b) => a - b);
-  const at = (share) => sample[Math.round(share * (sample.length - 1))];
+  const at = (fraction) => sample[Math.round(fraction * (sample.length - 1))];
   const low = 100 * Math.floor(at(0.02) / 100);
   return [low, low + 200 * Math.max(1, Math.ceil((at(0.98) - low) / 200))];
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WebSocket to the console: hello, events, states, snapshots and meshes. It is closed while the page is hidden and opened
-// again afterwards, so that the page goes on with the present state; events that were missed meanwhile are asked for by number.
+// again afterwards, so that the page continues with the present state. It requests the events that it has missed by their number.
+// Tests: tests/e2e/console_page_test.py
 import { token } from "./api.js";
 
 const kSnapshot = 1, kSheet = 2, kShape = 3;
@@ -53,7 +54,7 @@ export class Live {
     socket?.close();
   }
 
-  /// Called once a frame: what has been shown is acknowledged, so that a slow page is sent less.
+  /// The caller calls it once per frame. It acknowledges what has been shown, so that the console sends less to a slow page.
   ack() {
     if (!this.to_ack || this.socket?.readyState !== WebSocket.OPEN) return;
     this.socket.send(JSON.stringify({ ack: this.to_ack }));
@@ -91,7 +92,7 @@ export class Live {
       sheet: view.getUint32(8, true),
       cuts: view.getUint32(12, true),
       slice: view.getInt32(16, true),
-      places: new Float32Array(data, 32, width * vertices),
+      positions: new Float32Array(data, 32, width * vertices),
       hu: has_hu ? new Float32Array(data, hu_at, vertices) : null,
       triangles: new Uint32Array(data, hu_at + (has_hu ? 4 * vertices : 0), 3 * triangles),
     };

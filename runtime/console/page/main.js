@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ties the page together: which source is shown (a session or a recording), buttons, keys, and the loop that draws.
+// Tests: tests/e2e/console_page_test.py
 import { emergency_stop, file_query, get_blob, get_container, get_json, post } from "./api.js";
 import { Charts } from "./charts.js";
 import { Shown, read_bone } from "./data.js";
@@ -20,7 +21,7 @@ const app = {
   playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "", waiting: null,
 };
 
-/// The view is drawn in the next frame, the panels at the latest after kPanels_ms, or kSlowPanels_ms where frames are slow.
+/// The view is drawn in the next frame, the panels after kPanels_ms at the latest, or kSlowPanels_ms if frames are slow.
 function changed() {
   app.has_moved = app.panels_are_old = true;
 }
@@ -46,13 +47,13 @@ try {
 app.charts = new Charts();
 app.gauges = new Gauges();
 
-/// Of a session's recording, the session's name.
+/// The session's name, if the file is a session's recording.
 const short = (file) => file.replace(/^sessions\//, "").replace(/\/session\.csv$/, "");
 
 // ---- what is shown ----
 const shown = () => (app.tab === "playback" ? app.playback.first : app.live ?? app.preview);
 
-/// The bone of the source that is shown goes to the view; sheets and shapes that came before are applied again.
+/// Passes the bone of the shown source to the view, and applies the sheets and shapes that came earlier.
 function show_bone() {
   const source = shown();
   app.view?.set_bone(source?.bone ?? null);
@@ -169,7 +170,7 @@ app.link = new Live({
   },
   snapshot: (row) => {
     if (!app.live || row.length !== app.live.columns.width) return;
-    const has_moved = row[0] !== app.live.row?.[0];  // the time stands still in a pause, and at the end
+    const has_moved = row[0] !== app.live.row?.[0];  // the time stops in a pause and at the end
     app.live.take(row);
     app.has_moved ||= has_moved;
     app.panels_are_old = true;
@@ -254,7 +255,7 @@ addEventListener("keydown", (event) => {
     if (app.role === "operator") command("stop");
   } else if (app.tab === "playback") toggle_play();
 }, true);
-// A button that has the focus would also be pressed when the space key comes up.
+// A button with the focus would also be pressed when the space key is released.
 addEventListener("keyup", (event) => {
   if (event.code === "Space" && event.target instanceof HTMLButtonElement) event.preventDefault();
 }, true);
@@ -262,7 +263,7 @@ addEventListener("keyup", (event) => {
 // ---- playback ----
 const play = guarded(async (recording) => {
   await app.playback.open(recording.file, recording.scene);
-  // A recording does not tell the device's limits: those of the last session here.
+  // A recording does not hold the device's limits, so those of the last session here are used.
   const { motor_peak_torque_Nm, joint_limits_rad, workspace } = app.live?.about ?? {};
   Object.assign(app.playback.first.about, { motor_peak_torque_Nm, joint_limits_rad, workspace });
   app.gauges.events_key = "";
@@ -348,7 +349,7 @@ function draw_overlay(source) {
   lines[0].textContent = source ? scene : "";
   const slice = view?.slices[view.section_slice(source)];
   lines[1].textContent = app.tab === "playback" && source && !source.bone ? "The scene of this recording is not in the folder: there is no bone to show."
-    : !source || !slice ? "" : view.view === "section" ? `Slice ${slice.slice} at z = ${(1000 * slice.z_m).toFixed(1)} mm, seen from above; line: contour of the CT${slice.is_lost ? " (its holes cannot be shown)" : ""}`
+    : !source || !slice ? "" : view.view === "section" ? `Slice ${slice.slice} at z = ${(1000 * slice.z_m).toFixed(1)} mm, viewed from above; line: contour of the CT${slice.is_lost ? " (its holes cannot be shown)" : ""}`
     : view.view === "tool" ? "From the tool's axis, 100 mm above the tip"
     : !source.bone?.surface ? "Slices; the asset has no surface here" : "Surface and slices";
   if (source?.bone?.goals && view?.view !== "section") lines[1].textContent += "; green: target and planned line, orange: zones to keep out of";
@@ -391,7 +392,7 @@ function frame(now) {
   if (source && app.has_moved) app.view?.update(source);
   app.has_moved = false;
   if (app.view?.frame(now)) app.panels_are_old = true;
-  if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(kSlowPanels_ms, 8 * (app.view?.frame_ms ?? 0)))) return;
+  if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(kSlowPanels_ms, 8 * (app.view?.pace.frame_ms ?? 0)))) return;
   app.panels_are_old = false;
   panels_at = now;
   draw_status();
@@ -406,7 +407,7 @@ set_view("perspective");
 requestAnimationFrame(frame);
 refresh();
 
-// For tests and for whoever looks for a fault by the browser's console: what the page shows, as data.
+// window.trocar is what the page shows, as data for tests and for debugging in the browser's console.
 const row_of = (source) => (source?.row ? Object.fromEntries([...source.columns.at.keys()].map((name) => [name, Array.from(source.values(name))])) : null);
 window.trocar = {
   get role() { return app.role; },
@@ -418,7 +419,7 @@ window.trocar = {
   get row() { return row_of(app.live); },
   get events() { return app.live?.events ?? []; },
   get missed() { return app.live?.missed ?? 0; },
-  get slices() { return app.view?.slices.map(({ slice, z_m, triangles, places, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: places.length / 2, cuts: cuts ?? 0 })) ?? []; },
+  get slices() { return app.view?.slices.map(({ slice, z_m, triangles, positions, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: positions.length / 2, cuts: cuts ?? 0 })) ?? []; },
   get totals() { return app.gauges.totals; },
   get surface_triangles() { return (app.view?.surface?.geometry.index.count ?? 0) / 3; },
   get drawn_surface_triangles() {
@@ -426,9 +427,9 @@ window.trocar = {
     return (drawn?.geometry.index.count ?? 0) / 3;
   },
   get bone_shown_ms() { return app.view?.bone_shown_ms ?? null; },
-  get frames() { return app.view?.frames ?? 0; },
-  get fps() { return app.view?.fps ?? 0; },
-  get scale() { return app.view?.scale ?? 0; },
+  get frames() { return app.view?.pace.frames ?? 0; },
+  get fps() { return app.view?.pace.fps ?? 0; },
+  get scale() { return app.view?.pace.scale ?? 0; },
   get renderer() { return app.view?.renderer_name ?? ""; },
   get shape() { return { vertices: app.view?.shape ? app.view.shape_w.length : 0, deepest_m: app.view?.shape?.visible ? app.view.shape_depth_m : 0 }; },
   get playback_row() { return row_of(app.playback.first); },

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording with its scene, played; and a second one against it.
+// Plays a recording with its scene, and a second one to compare with.
+// Tests: tests/e2e/console_page_test.py
 import { file_query, get_container } from "./api.js";
 import { Shown, is_material, read_bone } from "./data.js";
 
 const kContact = 1;  // ContactPhase
-const kMostPoints = 6000;  // of a curve
+const kMaxCurvePoints = 6000;
 
-/// A Shown whose rows are all there.
+/// A Shown that has all its rows.
 class Recorded extends Shown {
   constructor({ json, doubles }) {
     super(json.columns, json.about);
@@ -28,7 +29,7 @@ class Recorded extends Shown {
     this.history.clear();
     this.touched_at = new Map();
     this.find_punctures();
-    const every = Math.max(1, Math.ceil(this.count / kMostPoints));
+    const every = Math.max(1, Math.ceil(this.count / kMaxCurvePoints));
     for (let i = 0; i < this.count; ++i) {
       const row = this.row_at(i);
       const slice = this.columns.value(row, "active_slice", -1);
@@ -36,8 +37,8 @@ class Recorded extends Shown {
       if (i % every === 0 && this.is_placed(row)) this.history.push(this.times[i], this.force(row), this.depth_mm(row));
     }
   }
-  /// A recording of the force law `cutting` has the front instead of punctures: a slice is cut through when the front has passed the
-  /// lower side of its slab, half way to the next slice, and touched when the front is in it.
+  /// A recording of the force law `cutting` has the front instead of punctures. A slice is cut through when the front has passed the
+  /// lower side of its slab, half way to the next slice. It is touched when the front is in the slab.
   find_punctures() {
     const slices = this.bone?.slices ?? [];
     if (!this.columns.has("front_z_m") || !slices.length) return;
@@ -77,7 +78,7 @@ class Recorded extends Shown {
     this.events = this.all_events.filter(({ t_s }) => t_s <= now);
     this.pierced = new Set(this.punctures().map(({ slice }) => slice));
   }
-  /// Of the slices, from the events and the rows so far.
+  /// Whether slices are touched or punctured follows from the events and the rows so far.
   values(name) {
     const slices = this.bone?.slices ?? [], now = this.row ? this.times[this.index] : 0;
     if (name === "sheet_touched") return slices.map(({ slice }) => Number(this.touched_at.get(slice) <= now || (this.pierced?.has(slice) ?? false)));
@@ -120,14 +121,14 @@ export class Playback {
   get end_s() { return Math.max(this.first?.end_s ?? 0, this.first?.second?.end_s ?? 0); }
   get marks() {
     const { first } = this;
-    const places = [];
+    const positions = [];
     for (const event of first?.punctures() ?? []) {
       const slice = first.bone?.slices.find((candidate) => candidate.slice === event.slice);
       if (!slice) continue;
       const tip = first.columns.values(first.row_at(first.index_at(event.t_s)), "tool_m");
-      places.push({ x: tip[0], y: tip[1], z: slice.z_m });
+      positions.push({ x: tip[0], y: tip[1], z: slice.z_m });
     }
-    return places;
+    return positions;
   }
 
   go_to(t) {
@@ -136,7 +137,7 @@ export class Playback {
     this.first?.second?.go_to(this.time_s);
   }
 
-  /// `passed_s` of the clock on the wall; true: the row has changed.
+  /// `passed_s`: passed wall-clock time. Returns true if the row has changed.
   advance(passed_s) {
     if (!this.is_playing || !this.first) return false;
     this.go_to(this.time_s + passed_s * this.speed);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The state in words, with what to do.
+// Tests: tests/e2e/console_page_test.py
 
 export const kRunning = 2, kFault = 3, kRecovering = 4;  // SafetyState
-const kContact = 1, kPunctured = 2, kBeside = 3;          // ContactPhase
-const kOperators = { paused: ["Paused", "Torques are zero and time stands still. Press Resume to go on."],
-  forces_off: ["Forces off", "Torques are zero, the tool moves freely and time goes on. Press Recover for forces."] };
+const kContact = 1, kPunctured = 2, kMissed = 3;          // ContactPhase
+const kOperators = { paused: ["Paused", "Torques are zero and time is stopped. Press Resume to continue."],
+  forces_off: ["Forces off", "Torques are zero, the tool moves freely and time continues. Press Recover for forces."] };
 
 /// The last fault that no recovery has ended, or null.
 export function last_fault(events) {
@@ -18,7 +19,7 @@ export function last_fault(events) {
 const sentence = (words) => (words ? words[0].toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".") : "");
 
 function fault_words(event) {
-  if (!event) return "A fault that this page has not been told of; the terminal of the session says more.";
+  if (!event) return "A fault whose message this page has not received; the terminal of the session has it.";
   if (!event.meaning) return sentence(event.text ?? "");
   const measured = event.measured ? ` (${event.measured})` : "";
   return `${sentence(event.meaning + measured)} ${sentence(event.advice)}`;
@@ -29,14 +30,14 @@ function contact_words(shown) {
   if (shown.about.force_law === "cutting" && shown.value("embedded_m", 0) > 0) return `The tool is in the bone, ${(1000 * shown.value("embedded_m")).toFixed(1)} mm of it.`;
   if (phase === kContact) return `The tool presses on slice ${slice}.`;
   if (phase === kPunctured) return "The tip is below the slice that was punctured last.";
-  if (phase === kBeside) return "The tip is below a slice, beside its material.";
+  if (phase === kMissed) return "The tip is below a slice, past the edge of its material.";
   return "The tool touches nothing.";
 }
 
-/// {level: good | wait | bad, state, words} of the session's state as the console has it and of the latest row.
+/// Describes the session's state as {level: good | wait | bad, state, words}, from the console's state and the latest row.
 export function describe({ shown, state, is_connected, is_refused }) {
   if (is_refused) return { level: "bad", state: "Refused", words: "The console refused this page. Open the link that trocar-console printed." };
-  if (!is_connected) return { level: "bad", state: "No connection", words: "The console does not answer; the session may go on. This page connects again by itself. Start trocar-console again if it ended." };
+  if (!is_connected) return { level: "bad", state: "No connection", words: "The console does not answer; the session may continue. This page connects again by itself. Start trocar-console again if it ended." };
   const said = sentence(state.message ?? ""), message = /^(Ended|Paused|Running|Idle)\.$/.test(said) ? "" : said;
   if (state.state === "lost") return { level: "bad", state: "Session lost", words: `${message} Use the device's emergency stop if forces persist.` };
   if (state.state === "starting") return { level: "wait", state: "Starting", words: message };

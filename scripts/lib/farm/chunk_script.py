@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The script of an array's tasks: one chunk each. That it has ended well is a file in the run's folder, since Slurm's own record may
-be lost with slurmctld. A program that was killed, interrupted or could not write leaves no result: its chunk is tried again."""
+"""The script of an array's tasks, each of which does one chunk. A task that ended well leaves a result file in the run's folder, since
+Slurm's own record may be lost with slurmctld. A program that was killed, interrupted or could not write leaves no result, and its chunk
+is tried again."""
 import shlex
 
 TEMPLATE = """\

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How scans are cut into chunks of about equal work, and these into job arrays that the cluster's limits allow."""
+"""Divides scans into chunks of about equal work, and chunks into job arrays within the cluster's limits."""
 
 
 def cut(seconds, slots, chunk_s):
-    """The names of `seconds` (name: estimate) in chunks of about `chunk_s` of work, in their order. Little work makes a chunk for
-    each slot."""
+    """Divides the names of `seconds` (name: estimate) in their order into chunks of about `chunk_s` of work. If there is little work, each
+    slot gets a chunk."""
     total = sum(seconds.values())
     target = max(1e-9, min(chunk_s, total / slots))
     chunks, before, last = [], 0, None
     for name, cost in seconds.items():
-        place = int((before + cost / 2) / target)
-        if place != last:
+        index = int((before + cost / 2) / target)
+        if index != last:
             chunks.append([])
         chunks[-1].append(name)
-        before, last = before + cost, place
+        before, last = before + cost, index
     return chunks
 
 
 def index_text(indices):
-    """Sorted numbers as Slurm's --array wants them: 0-3,7."""
+    """Sorted numbers in the form of Slurm's --array: 0-3,7."""
     parts, start = [], None
     for k, index in enumerate(indices):
         if start is None:

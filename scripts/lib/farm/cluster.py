@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Slurm cluster on this machine, in a fresh folder that is removed with it."""
+"""A Slurm cluster on this machine, with a new folder that is removed at its end."""
 import os
 import pathlib
 import shutil
@@ -15,7 +15,7 @@ PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "scontrol")
 
 
 class LocalCluster:
-    """with LocalCluster(3) as cluster: ... ; sets SLURM_CONF of this process meanwhile."""
+    """A context manager, as in `with LocalCluster(3) as cluster`. It sets SLURM_CONF of this process while the cluster runs."""
 
     def __init__(self, nodes, parent=None):
         self.nodes, self.parent = nodes, parent
@@ -30,7 +30,7 @@ class LocalCluster:
         if missing:
             raise FarmError(USAGE, f"--local-cluster: {missing[0]} is not installed; scripts/setup farm installs Slurm")
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="trocar-farm.", dir=self.parent))
-        self.folder.chmod(0o755)  # munged and slurmd ask for it
+        self.folder.chmod(0o755)  # munged and slurmd require it
         try:
             self.keeper = subprocess.Popen([sys.executable, "-B", KEEPER, self.folder, str(self.nodes)], stdin=subprocess.PIPE,
                                            stdout=subprocess.PIPE, text=True, start_new_session=True)

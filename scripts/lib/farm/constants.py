@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The constants of a plan, measured: on a sample of the collection's scans or read from a store's journal, and on this machine's file
-system, program and Slurm. Each says where it comes from."""
+"""Measures the constants of a plan: on a sample of the collection's scans or from a store's journal, and on this machine's file system,
+program and Slurm. Each constant names its source."""
 import dataclasses
 import json
 import os
@@ -15,13 +15,13 @@ from cluster import PROGRAMS, LocalCluster
 from errors import BUG, REFUSED, USAGE, FarmError
 
 SAMPLE = 8  # scans
-WHOLE_FILES = 40
-COPIES = 200  # of a scan, to time what is looked at for each
-ENTRIES = 20000  # of a collection, to time its reading
+ATOMIC_FILES = 40
+COPIES = 200  # copies of a scan, to time the check of each
+ENTRIES = 20000  # entries of a collection, to time its reading
 TASKS, NODES = 24, 2
-# What a scan leaves: report, asset, action and index entry, each written in a temporary file, synced, renamed, its folder synced.
+# Report, asset, action and index entry of a scan, each an atomic file.
 FILES_PER_SCAN = 4
-READS_PER_SCAN = 2  # for the digest and for meshing; the second one is often from memory
+READS_PER_SCAN = 2  # for the digest and for meshing; the second read is often from memory
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Constant:
 
 
 class Measurement:
-    """`say` is told what is measured next. All is done in `scratch`, a folder on the store's file system."""
+    """`say` is called with the next step. Files are made in `scratch`, a folder on the store's file system."""
 
     def __init__(self, program, collection, store, scratch, say):
         self.program, self.collection, self.store, self.scratch, self.say = program, pathlib.Path(collection), store, scratch, say
@@ -54,7 +54,7 @@ class Measurement:
         self.out[name] = Constant(what, value, unit, source)
 
     def batch(self, collection, store, *options):
-        """Seconds, and what it printed."""
+        """Runs a batch and returns its seconds and its output."""
         start = time.monotonic()
         done = subprocess.run([self.program, "batch", collection, "-o", store, "--jobs", "1", "--quiet", *options], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, check=False)
@@ -122,10 +122,10 @@ class Measurement:
         spent = time.monotonic() - start
         if size:
             self.keep("read_bytes_per_s", "reading inputs", size / spent, "bytes/s", f"{size / 1e6:.1f} MB of them, not from memory, one reader")
-        folder, start = self.scratch / "whole", time.monotonic()
+        folder, start = self.scratch / "atomic", time.monotonic()
         folder.mkdir()
         handle = os.open(folder, os.O_RDONLY)
-        for k in range(WHOLE_FILES):
+        for k in range(ATOMIC_FILES):
             with open(folder / "new", "wb") as stream:
                 stream.write(b"x" * 20000)
                 stream.flush()
@@ -133,8 +133,8 @@ class Measurement:
             os.rename(folder / "new", folder / str(k))
             os.fsync(handle)
         os.close(handle)
-        self.keep("whole_file_s", "a file written whole (create, sync, rename, sync)", (time.monotonic() - start) / WHOLE_FILES, "s",
-                  f"{WHOLE_FILES} files of 20 kB in {self.scratch.parent}, one writer")
+        self.keep("whole_file_s", "an atomic file (create, sync, rename, sync)", (time.monotonic() - start) / ATOMIC_FILES, "s",
+                  f"{ATOMIC_FILES} files of 20 kB in {self.scratch.parent}, one writer")
 
     def inputs(self):
         """The files that the collection names, or that lie in folders that it names."""
@@ -143,13 +143,13 @@ class Measurement:
             if isinstance(given, dict):
                 given = given.get("folder") or os.path.dirname(str(given.get("glob", "")))
             for path in given if isinstance(given, list) else [given]:
-                place = self.collection.parent / str(path)
-                if place.is_file():
-                    yield place
-                elif place.is_dir():
-                    yield from (file for file in sorted(place.iterdir()) if file.is_file())
+                found = self.collection.parent / str(path)
+                if found.is_file():
+                    yield found
+                elif found.is_dir():
+                    yield from (file for file in sorted(found.iterdir()) if file.is_file())
 
-    # --- what is done for each scan of a collection, whatever becomes of it ---
+    # --- costs of each scan of a collection, whatever its outcome ---
 
     def of_collection(self):
         self.say("reading collections")
@@ -165,12 +165,12 @@ class Measurement:
             self.batch(file, store, *(self.only(["copy0"]) if count == ENTRIES else ()))
             seconds[count] = min(self.batch(file, store, *self.only(["copy0"]))[0] for _ in range(3))
         copies = self.scratch / f"copies{COPIES}.json"
-        looked, one = (min(self.batch(copies, store, "--dry-run", "--json", *options)[0] for _ in range(3)) for options in ((), self.only(["copy0"])))
+        all_of_them, one = (min(self.batch(copies, store, "--dry-run", "--json", *options)[0] for _ in range(3)) for options in ((), self.only(["copy0"])))
         entry = max(0.0, (seconds[ENTRIES] - seconds[COPIES]) / (ENTRIES - COPIES))
         self.keep("start_s", "start of the program in a task", max(0.0, seconds[COPIES] - COPIES * entry), "s", "a run with nothing to do, now")
         self.keep("entry_s", "reading an entry of the collection", entry, "s", f"collections of {COPIES} and {ENTRIES} entries, now")
-        self.keep("look_s", "seeing that a scan is up to date", max(0.0, (looked - one) / (COPIES - 1)), "s",
-                  f"--dry-run on {COPIES} scans that are, and on one, now")
+        self.keep("look_s", "finding that a scan is up to date", max(0.0, (all_of_them - one) / (COPIES - 1)), "s",
+                  f"--dry-run on {COPIES} such scans, and on one, now")
 
     def absolute(self, given):
         if isinstance(given, list):
@@ -182,13 +182,13 @@ class Measurement:
     # --- Slurm ---
 
     def of_slurm(self):
-        """On a cluster of its own: a cycle of a slot that has nothing to do, and slurmctld's processor time for a task."""
+        """On a separate cluster: the time a slot takes for an empty task, and slurmctld's processor time for a task."""
         path = os.environ.get("PATH", "") + ":/usr/sbin:/sbin"
         if any(shutil.which(name, path=path) is None for name in PROGRAMS):
             self.keep("dispatch_s", "dispatch of a task", 1.0, "s", "assumed; Slurm is not installed here (scripts/setup farm)")
             self.keep("controller_s", "slurmctld, of a task", 0.01, "s", "assumed; Slurm is not installed here (scripts/setup farm)")
             return
-        self.say("dispatching empty tasks on a cluster of its own")
+        self.say("dispatching empty tasks on a separate cluster")
         with LocalCluster(NODES) as cluster:
             controller = int((cluster.folder / "run" / "slurmctld.pid").read_text())
             before, start = processor_s(controller), time.monotonic()
@@ -209,7 +209,7 @@ def processor_s(pid):
 
 
 def measure(program, collection, store, scratch, say):
-    """The number of scans of the collection, and the constants by name."""
+    """Returns the number of scans of the collection, and the constants by name."""
     one = Measurement(program, collection, store, scratch, say)
     for step in (one.of_scans, one.of_files, one.of_collection, one.of_slurm):
         step()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A store's journal: one NDJSON file for each process that wrote to it. It is for people and for estimates; what is finished is
-known from the store itself. Lines that cannot be read are left out: a killed process may have ended within one."""
+"""A store's journal: one NDJSON file for each process that wrote to it. It serves people and estimates; the store itself shows what is
+finished. Lines that cannot be read are skipped, because a killed process may have ended within one."""
 import dataclasses
 import json
 import pathlib
@@ -22,12 +22,12 @@ class Entry:
 
     @property
     def is_refused(self):
-        """The scan itself is wrong: another try would end the same way. Not so if its process was killed, or could not write."""
+        """Whether the scan itself is wrong, so that another try would end the same way. A killed process or a write error is no refusal."""
         return self.outcome == "failed" and self.exit_code in (USAGE, REFUSED)
 
 
 def entry_of(line):
-    """None if it is not that of a scan."""
+    """The entry in a line, or None if the line is not a scan's."""
     try:
         row = json.loads(line)
         scan, outcome, seconds = row["scan"], row["outcome"], float(row["seconds"])
@@ -45,7 +45,7 @@ def entry_of(line):
 
 
 class Journal:
-    """Read piece by piece: new_entries() gives what was written since it was last called."""
+    """Reads incrementally: new_entries() returns the entries written since its last call."""
 
     def __init__(self, store):
         self.folder = pathlib.Path(store) / "journal"
@@ -69,12 +69,12 @@ class Journal:
                             out.append(entry)
                 self.read[file.name] = at
             except OSError:
-                continue  # gone, or not visible yet
+                continue  # the file is gone, or not visible yet
         return out
 
 
 def estimates(entries, names, guess_s):
-    """Seconds of each of the named scans: its last time, or the mean of all."""
+    """Estimated seconds of each named scan: its last time, or the mean of all scans."""
     last = {entry.scan: entry.seconds for entry in entries if entry.outcome != "found"}
     mean = sum(last.values()) / len(last) if last else guess_s
     return {name: last.get(name, mean) for name in names}

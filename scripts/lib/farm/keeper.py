@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""keeper.py FOLDER NODES: runs munged, slurmctld and NODES slurmd in FOLDER until its standard input ends, and starts again what dies.
-Then it takes all down and removes FOLDER.
+"""keeper.py FOLDER NODES: runs munged, slurmctld and NODES slurmd in FOLDER until its standard input ends, and restarts daemons that die.
+Then it stops all of them and removes FOLDER.
 
-A process of its own, so that the cluster is taken down however scripts/farm ends. It is the subreaper of all that it starts:
+It is a process of its own, so that the cluster is stopped however scripts/farm ends. It is the subreaper of all that it starts:
 slurmstepd outlives slurmd, and a task its slurmstepd, but neither outlives the keeper. Writes "ready" once all nodes answer, or one
 line that says what failed."""
 import ctypes
@@ -20,11 +20,11 @@ from slurm_conf import conf_text, free_ports, node_names
 PR_SET_CHILD_SUBREAPER = 36
 START_S = 30
 ANSWER_S = 10
-# A restarted slurmctld reads a state that may be seconds old. Job numbers given since would be given again, slurmd refuses
-# them ("Duplicate jobid") and its node drains; so each start begins at numbers that no earlier one gave.
+# A restarted slurmctld reads a state that may be seconds old and would assign the job numbers of these seconds again. slurmd refuses
+# them ("Duplicate jobid") and its node drains. Each start therefore begins at numbers that no earlier one has assigned.
 JOB_NUMBERS_PER_START = 100_000
-# It also takes tasks for running that have ended since. Nodes say what they run when they register: at once, when it does not
-# yet believe them (BatchStartTimeout + MessageTimeout), and then after 20 pings. A reconfiguration makes them do it between.
+# It also believes that tasks still run which have ended since. Nodes report their tasks when they register: at once, when slurmctld
+# does not yet trust them (BatchStartTimeout + MessageTimeout), and then after 20 pings. A reconfiguration makes them register earlier.
 REGISTER_S = 8
 NO_ADDRESSES = ("getaddrinfo", "Address family not supported")
 ONLY_LO = "; if this machine has no network but lo, give lo a second address: ip addr add 10.255.255.1/32 dev lo"
@@ -113,7 +113,7 @@ class Keeper:
         return f"no answer within {START_S} s"
 
     def watch(self):
-        """Until standard input ends."""
+        """Restarts dead daemons until standard input ends."""
         while not select.select([sys.stdin], [], [], 0.1)[0]:
             self.reap()
             for name, process in list(self.running.items()):
@@ -125,7 +125,7 @@ class Keeper:
                 self.ask("scontrol", "reconfigure")
 
     def reap(self):
-        """Also the orphans that became children of this process."""
+        """Collects ended children, also orphans that became children of this process."""
         while True:
             try:
                 pid, status = os.waitpid(-1, os.WNOHANG)
@@ -138,7 +138,7 @@ class Keeper:
                     process.returncode = os.waitstatus_to_exitcode(status)
 
     def take_down(self):
-        """slurmstepd first, through Slurm, since it outlives slurmd; then everything that is left."""
+        """Stops slurmstepd first, through Slurm, since it outlives slurmd, then all other processes."""
         if self.running:
             self.ask("scancel", "--user", str(os.getuid()))
             end = time.monotonic() + 3
@@ -158,7 +158,7 @@ class Keeper:
 
 
 def descendants(root):
-    """Of the process `root`, itself left out, without those that have ended and wait for their parent."""
+    """The descendants of the process `root`, without zombies."""
     children = {}
     for stat in pathlib.Path("/proc").glob("[0-9]*/stat"):
         try:

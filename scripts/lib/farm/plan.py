@@ -2,8 +2,8 @@
 """scripts/farm --plan: how long a collection takes, how many bytes it makes, and what saturates first, from measured constants.
 
 The model: chunks of `chunk_s` of work on nodes * slots slots. A task also waits for its dispatch, starts the program and lets it read
-the collection. Before, between and after the rounds every scan is looked at once, by one process. What all slots share (the file system,
-slurmctld) has a rate; beyond the number of slots that uses it up, more slots do not help."""
+the collection. Before, between and after the rounds one process checks every scan once. Resources that all slots share (the
+file system, slurmctld) have a rate, and more slots than use it up do not help."""
 import json
 import math
 import os
@@ -15,23 +15,23 @@ import constants
 import program
 from errors import DONE, WRITE, FarmError
 
-COST_MAX, COST_WANTED = 0.05, 0.02  # of a chunk's time: above the first the plan names a chunk with the second
-LOOKS = 3  # of all scans: before the first, after the measuring and after the main round
+COST_MAX, COST_WANTED = 0.05, 0.02  # shares of a chunk's time: above the first, the plan proposes a chunk with the second
+CHECKS = 3  # checks of all scans: before the first, after the measuring and after the main round
 
 
 def work_out(scans, nodes, slots_a_node, chunk_s, of):
-    """`of`: the constants' values by name. All that a plan says, as numbers."""
+    """Returns the numbers of a plan. `of`: the constants' values by name."""
     slots = nodes * slots_a_node
     work_s = scans * of["scan_s"]
     chunks = max(1, math.ceil(work_s / chunk_s), min(scans, slots))
     cost_s = of["dispatch_s"] + of["start_s"] + scans * of["entry_s"]  # a chunk
     task_s = work_s / chunks + cost_s
-    looks_s = LOOKS * (of["start_s"] + scans * (of["entry_s"] + of["look_s"]))
+    looks_s = CHECKS * (of["start_s"] + scans * (of["entry_s"] + of["look_s"]))
     made = scans * of["made_share"]
 
-    # Of each shared thing: how many seconds of it a second of one slot uses.
+    # How many seconds of each shared resource a second of one slot uses.
     scans_a_s = scans / chunks / task_s  # of a slot
-    use = {"slurmctld": of["controller_s"] / task_s, "writing files whole, one at a time": constants.FILES_PER_SCAN * of["whole_file_s"] * scans_a_s}
+    use = {"slurmctld": of["controller_s"] / task_s, "writing atomic files, one at a time": constants.FILES_PER_SCAN * of["whole_file_s"] * scans_a_s}
     if of.get("read_bytes_per_s"):
         use["reading inputs"] = constants.READS_PER_SCAN * of["input_bytes"] * scans_a_s / of["read_bytes_per_s"]
     limits = sorted(({"what": name, "slots": max(1, math.floor(1 / share)), "used_share": share * slots} for name, share in use.items() if share > 0),
@@ -74,7 +74,7 @@ def text(plan):
     lines = [
         f"{plan['scans']} scans on {plan['nodes']} nodes, {plan['slots']} slots: {duration(plan['seconds'])}; {plan['chunks']} chunks",
         f"  work {duration(plan['work_s'])} on one slot; the farm's own cost {100 * plan['own_cost_share']:.1f} %: {plan['chunk_cost_s']:.2f} s a chunk, "
-        f"{duration(plan['looks_s'])} for looking at all scans {LOOKS} times",
+        f"{duration(plan['looks_s'])} for checking all scans {CHECKS} times",
         f"  written {size(plan['asset_bytes'])} of assets and {size(plan['beside_bytes'])} beside them, {plan['files']} files and links; "
         f"read {size(plan['read_bytes'])}",
     ]

@@ -19,7 +19,7 @@ class Program:
         return [self.path, "batch", self.collection, "-o", self.store, *options]
 
     def stale(self):
-        """How many scans the collection has, and the names of those that have no asset of today's input, parameters and program."""
+        """The number of scans in the collection, and the names of the stale ones."""
         done = subprocess.run(self.command("--dry-run", "--json", "--quiet"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                               check=False)
         if done.returncode != 0:
@@ -33,12 +33,12 @@ class Program:
             raise FarmError(BUG, f"{self.path} batch --dry-run --json: not what this version of scripts/farm reads ({error!r})") from None
 
     def tidy(self):
-        """Removes what killed processes of this host left in the store, as every batch does when it starts. Failures are the next run's."""
+        """Removes files that killed processes of this host left in the store, as every batch does when it starts. Failures are ignored."""
         subprocess.run(self.command("--only", os.devnull, "--quiet"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
 
 
 def find(path, root):
-    """The program: the one given, the one that was built here, or that of PATH."""
+    """The path of the program: the one given, else the one built here, else that of PATH."""
     built = root / "build" / "release" / "bin" / "trocar-mesh"
     found = path or (str(built) if built.exists() else shutil.which("trocar-mesh"))
     if not found or not os.access(found, os.X_OK):

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps tasks from running after a daemon was killed: nodes that Slurm has drained ("Duplicate jobid"), tasks that it holds
-("launch failed requeued held"), and tasks that have ended without its notice and so take a slot. Returning a node needs Slurm's
-administrator: on a cluster of its own scripts/farm does it; on another one it names the node, cancels the held task and submits
-its chunk again. Everybody may cancel a task of their own that has ended."""
+"""Repairs what keeps tasks from running after a daemon was killed: nodes that Slurm has drained ("Duplicate jobid"), tasks that it holds
+("launch failed requeued held"), and ended tasks that Slurm believes to run and that therefore occupy a slot. Only Slurm's administrator
+can return a node. On its own cluster scripts/farm does so; on another one it names the node, cancels the held task and submits its chunk
+again. Every user may cancel their own tasks."""
 import time
 
 import slurm
 
-ENDED_S = 4  # from a task's result to its end by Slurm; a task ends as soon as its result is there
+ENDED_S = 4  # longest time from a task's result to its end in Slurm
 
 
 class Repair:
     def __init__(self, own, partition, say):
         self.own, self.partition, self.say = own, partition, say
         self.named = set()
-        self.ended = {}  # task: when it was first seen to run although its result is there
+        self.ended = {}  # task: when it was first found running although it has a result
         self.count = 0
 
     def nodes(self):
-        """False if no node takes tasks."""
+        """Returns or reports nodes that are out of service. The result is false if no node takes tasks."""
         known = slurm.nodes(self.partition)
         out = [node for node in known if node.is_out]
         for node in out:
@@ -33,7 +33,7 @@ class Repair:
         return self.own or len(out) < len(known)
 
     def tasks(self, tasks):
-        """Of those that are held, the ones that can only be submitted again."""
+        """Releases held tasks, or cancels them and returns those that must be submitted again."""
         lost = []
         for task in tasks:
             if not task.is_held:
@@ -49,7 +49,7 @@ class Repair:
         return lost
 
     def ended_unnoticed(self, tasks):
-        """`tasks` run, by Slurm, and have a result."""
+        """Cancels tasks that have a result but that Slurm still reports as running."""
         now = time.monotonic()
         self.ended = {(task.job, task.index): self.ended.get((task.job, task.index), now) for task in tasks}
         for (job, index), since in self.ended.items():

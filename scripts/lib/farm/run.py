@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Brings a store up to date with its collection by rounds of job arrays.
 
-A first round of small chunks measures how long scans take, if the journal does not say. After each round the store is asked what is
-still missing: that is tried again, in smaller chunks and with a longer time limit, so that one bad scan holds back no other."""
+A first round of small chunks measures how long scans take, if the journal does not say. After each round the scans that are
+still stale are tried again in smaller chunks and with a longer time limit, so that one bad scan does not delay others."""
 import contextlib
 import math
 import sys
@@ -17,16 +17,16 @@ from repair import Repair
 from run_folder import RunFolder
 
 TRIES = 3
-MEASURING_SCANS = 3  # a slot, where the journal is empty
-SMALLER = 10  # chunks of a further try
-JOURNAL_S = 3  # it has a file for each task
-LAST_S = 10  # for tasks that Slurm has started twice, to end by themselves
+MEASURING_SCANS = 3  # scans for each slot, if the journal is empty
+SMALLER = 10  # factor by which chunks of a further try are smaller
+JOURNAL_S = 3  # interval of reading it; it has a file for each task
+LAST_S = 10  # time for tasks that Slurm has started twice to end by themselves
 LIMIT_MIN_MINUTES = 5
-LIMIT_TIMES = 10  # of what the longest chunk should take
+LIMIT_TIMES = 10  # factor over the estimate of the longest chunk
 
 
 def limit_minutes(chunk_s):
-    """Slurm counts whole minutes."""
+    """The time limit of a chunk. Slurm counts whole minutes."""
     return max(LIMIT_MIN_MINUTES, math.ceil(LIMIT_TIMES * chunk_s / 60))
 
 
@@ -59,7 +59,7 @@ class Progress:
 
 
 class Run:
-    """`own`: the context of a cluster that is started for this run, and may be repaired; None: that of SLURM_CONF."""
+    """`own`: the context of a cluster that is started for this run and may be repaired; None: the cluster of SLURM_CONF."""
 
     def __init__(self, program, options, own, chunk_s, time_limit_minutes, say):
         self.program, self.options, self.own, self.chunk_s, self.time_limit_minutes = program, options, own, chunk_s, time_limit_minutes
@@ -68,10 +68,10 @@ class Run:
         self.rounds = []
         self.slots = 0
         self.resubmitted = 0
-        self.given_up = {}  # scan: why
+        self.given_up = {}  # scan: reason
 
     def all(self):
-        """The numbers of summary.py. Nothing of the run but the store is left, however it ends."""
+        """Runs all rounds and returns the numbers of summary.py. However the run ends, only the store remains of it."""
         start = time.monotonic()
         if self.own is None:
             slurm.require()

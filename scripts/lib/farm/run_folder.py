@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""STORE.farm: the results of a run's tasks, on the same file system as the store and beside it. One scripts/farm a store; what an
-interrupted one left is removed by the next, and nothing stays of one that has ended."""
+"""STORE.farm: the folder of a run's task results, beside the store on the same file system. A store has one scripts/farm at a time, which
+removes the files of an interrupted run, and its own files when it ends."""
 import fcntl
 import hashlib
 import os
@@ -13,7 +13,7 @@ from errors import USAGE, WRITE, FarmError
 class RunFolder:
     def __init__(self, store):
         self.path = pathlib.Path(str(store) + ".farm")
-        # The same for every run on this store, so that its tasks are found again.
+        # Every run on this store has the same prefix, so that its tasks are found again.
         self.prefix = "trocar-" + hashlib.sha256(str(store).encode()).hexdigest()[:10] + "-"
         self.lock = None
 
@@ -40,7 +40,7 @@ class RunFolder:
                 file.unlink(missing_ok=True)
 
     def write_chunks(self, number, chunks):
-        """The names of each chunk of round `number`; chunks count from 1."""
+        """Writes the names of each chunk of round `number`; chunks count from 1."""
         try:
             for k, names in enumerate(chunks, 1):
                 (self.path / f"names.{number}.{k}").write_text("\n".join(names) + "\n")
@@ -48,7 +48,7 @@ class RunFolder:
             raise FarmError(WRITE, f"{self.path}: {error.strerror}") from None
 
     def results(self, number, wanted):
-        """Chunk: exit code of the program, of those of the wanted chunks of round `number` that have ended."""
+        """The program's exit code for each of the wanted chunks of round `number` that has ended."""
         out = {}
         for name in os.listdir(self.path):
             words = name.split(".")
@@ -56,11 +56,11 @@ class RunFolder:
                 try:
                     out[int(words[2])] = int((self.path / name).read_text())
                 except (OSError, ValueError):
-                    continue  # not all there yet
+                    continue  # not yet completely visible
         return out
 
     def last_line(self, number, chunk):
-        """Of what the program said, unless it ended well."""
+        """The last line that the program printed, unless it ended well."""
         try:
             lines = (self.path / f"log.{number}.{chunk}").read_text(errors="replace").strip().splitlines()
         except OSError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of a Slurm cluster, and what they say. Nothing here knows of scans."""
+"""Runs the commands of a Slurm cluster and reads their output. It does not deal with scans."""
 import dataclasses
 import os
 import re
@@ -9,14 +9,14 @@ import subprocess
 from errors import USAGE, WRITE, FarmError
 
 ANSWER_S = 30  # slurmctld answers within its MessageTimeout, or not at all
-# Of the states of `squeue -t all`: what still waits or runs. A task that is COMPLETING has ended.
+# States of `squeue -t all` in which a task still waits or runs. A COMPLETING task has ended.
 ACTIVE = {"PENDING", "CONFIGURING", "RUNNING", "SUSPENDED", "STOPPED", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "RESIZING", "SIGNALING",
           "SPECIAL_EXIT", "STAGE_OUT"}
 DEFAULTS = {"MaxArraySize": 1001, "MaxJobCount": 10000}
 
 
 class NoAnswer(Exception):
-    """slurmctld could not be reached, or refused; the text says why."""
+    """slurmctld could not be reached, or refused a command; the text gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Node:
 
     @property
     def is_out(self):
-        """Takes no tasks until somebody returns it; one that is only reported as not responding may return by itself."""
+        """Whether the node takes no tasks until somebody returns it. A node that only does not respond may return by itself."""
         return self.state.startswith(("drain", "down", "fail"))
 
 
@@ -78,7 +78,7 @@ def limits():
 
 
 def processors(partition):
-    """Those of nodes that are not out; A/I/O/T of sinfo."""
+    """Processors of the nodes in service, from A/I/O/T of sinfo."""
     said = ask("sinfo", "-h", "-o", "%C", *(("-p", partition) if partition else ()))
     total = 0
     for word in said.split():
@@ -99,12 +99,12 @@ def nodes(partition):
 
 
 def submit(script, *options):
-    """The array's number."""
+    """Submits an array and returns its number."""
     return ask("sbatch", "--parsable", *options, text=script).strip().split(";")[0]
 
 
 def tasks(prefix):
-    """All of this user's array tasks whose job name begins with `prefix`, also those that ended in the last minutes."""
+    """This user's array tasks whose job name begins with `prefix`, including those that ended in the last minutes."""
     said = ask("squeue", "-h", "-r", "-t", "all", "--user", os.getuid(), "-o", "%F|%K|%T|%j|%r")
     found = []
     for line in said.splitlines():

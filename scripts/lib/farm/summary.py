@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run of scripts/farm did: throughput, the slowest scans, failures, and the farm's own cost."""
+"""The summary of a run of scripts/farm: throughput, the slowest scans, failures, and the farm's own cost."""
 import dataclasses
 
 SLOWEST = 5
@@ -10,13 +10,13 @@ ROWS_MAX = 50
 class Summary:
     scans: int
     stale_at_start: int
-    entries: list  # the journal's, of this run
-    seconds: float  # of the whole run
+    entries: list  # the journal's entries of this run
+    seconds: float  # duration of the run
     slots: int
     rounds: list
     repairs: int
     resubmitted: int
-    not_finished: dict  # scan: why
+    not_finished: dict  # scan: reason
 
     def numbers(self):
         done = [entry for entry in self.entries if entry.outcome != "failed"]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the chunks of one round as Slurm job arrays until each has a result or is given up.
 
-A chunk is judged by its result in the run's folder, never by Slurm's count of tasks: a slurmctld that was killed forgets the last
-seconds, both submissions that it acknowledged and tasks that ended. A chunk that neither waits nor runs and has no result is
-submitted again. The name of an array says which chunks it holds, so that one whose acknowledgement was lost is known, too."""
+Completion is determined from the result in the run's folder, never from Slurm's count of tasks, because a killed slurmctld forgets its
+last seconds: both acknowledged submissions and ended tasks. A chunk that neither waits nor runs and has no result is submitted again.
+The name of an array gives its chunks, so that an array is recognised even if its acknowledgement was lost."""
 import dataclasses
 import time
 
@@ -12,8 +12,8 @@ import chunks
 import slurm
 from errors import USAGE, WRITE, FarmError
 
-ATTEMPTS = 4  # of a chunk whose task ends without a result, in one round
-GRACE_POLLS = 3  # a result may be seen later than the end of its task
+ATTEMPTS = 4  # tries of a chunk whose task ends without a result, in one round
+GRACE_POLLS = 3  # a result may become visible after the end of its task
 SUBMIT_FAILURES = 5
 DONE, TIMEOUT = "done", "time limit"
 
@@ -33,7 +33,7 @@ class Chunk:
     names: list
     attempts: int = 0
     missing: int = 0  # polls in a row in which it neither waited nor ran
-    end: str = ""  # DONE, TIMEOUT, or why it was given up
+    end: str = ""  # DONE, TIMEOUT, or the reason for giving up
 
 
 class Round:
@@ -74,7 +74,7 @@ class Round:
             time.sleep(self.options.poll_s)
 
     def poll(self):
-        """Whether tasks run or can. Raises NoAnswer if slurmctld does not answer."""
+        """Returns whether tasks run or can run. Raises NoAnswer if slurmctld does not answer."""
         self.take_results()
         tasks = slurm.tasks(self.job_name)
         has_nodes = self.repair.nodes()
@@ -120,7 +120,7 @@ class Round:
             return
         if self.limits is None:
             self.limits = slurm.limits()
-        # Half of what the cluster holds is left to others.
+        # Half of the cluster's jobs are left to others.
         room = self.limits["MaxJobCount"] // 2 - len(active)
         throttle = f"%{self.options.throttle}" if self.options.throttle else ""
         for offset, indices in chunks.arrays(self.waiting, self.limits["MaxArraySize"], room):
@@ -144,7 +144,7 @@ class Round:
 
 
 def cancel_all(prefix, patience_s=0):
-    """Tasks of this or an earlier run on the store; those that run have `patience_s` to end by themselves. Returns how many there were."""
+    """Cancels the tasks of this or an earlier run on the store and returns their number. Running tasks have `patience_s` to end by themselves."""
     end = time.monotonic() + patience_s
     try:
         active = [task for task in slurm.tasks(prefix) if task.state in slurm.ACTIVE]

@@ -42,7 +42,7 @@ AssetSlice disc(int index, int corners) {
   return slice;
 }
 
-// Every fifth slice has no material. With `gap`, indices have a gap.
+// Every fifth slice is empty. With `gap`, indices have a gap.
 Asset discs(int slices, int first, bool gap = false) {
   Asset asset;
   asset.generator = "asset_part_test";
@@ -131,7 +131,7 @@ TEST(AssetPart, RefusesASliceThatIsNotThere) {
 
 // The same slices in assets of 1, 35 and 350: the bytes read are equal, except for the length of
 // numbers in the JSON, the mean HU of the slices that share the node (four here, where every fifth
-// has no material) and, with a gap, the steps of a bisection.
+// is empty) and, with a gap, the steps of a bisection.
 TEST(AssetPart, ReadsOnlyTheRequestedSlices) {
   const auto read = [](const Asset& asset, std::vector<int> indices) {
     const Bytes glb = *encode_asset(asset);

@@ -17,19 +17,26 @@ struct Outcome {
   std::string out, err;
 };
 
-/// A program with an option --threshold and a subcommand `info` with a flag --json.
+/// A program with some options and a subcommand `info` with a flag --json.
 Outcome parse(std::vector<const char*> arguments) {
   CLI::App app("Does something.", "program");
   add_help_and_version(app, "program 1.2 (library 3)");
-  double threshold = 0, angle = 0;
-  int bits = 0;
+  double threshold = 0, angle = 0, width = 2.5;
+  int bits = 0, count = 0;
   std::string axis;
   bool as_json = false;
   app.add_option("--threshold", threshold, "in HU");
   app.add_option("--angle", angle, "in degrees")->check(CLI::Range(-1e6, 60.5));
   app.add_option("--bits", bits, "a number")->check(CLI::Range(0, 14));
   app.add_option("--axis", axis, "a name")->check(CLI::IsMember({"coronal", "sagittal", "other"}));
+  app.add_option("--width", width, "of a line")
+      ->type_name("MM")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 9.0).description(""));
+  app.add_option("--count", count)->type_name("N")->check(CLI::Range(0, 9).description(""));
+  app.add_option("--dump", "a stage")->group(kDiagnostics);
   app.add_subcommand("info", "describe")->add_flag("--json", as_json, "as JSON");
+  add_help_for_diagnostics(app);
   arguments.insert(arguments.begin(), "program");
   testing::internal::CaptureStdout();
   testing::internal::CaptureStderr();
@@ -52,9 +59,18 @@ TEST(CommandLine, PrintsHelpAndVersionToStandardOutput) {
   const Outcome help_on_info = parse({"info", "--help"});
   EXPECT_EQ(help_on_info.code, 0);
   EXPECT_NE(help_on_info.out.find("--json"), std::string::npos) << help_on_info.out;
+  EXPECT_NE(help.out.find("--width MM=2.5 "), std::string::npos) << help.out;
   const Outcome version = parse({"--version"});
   EXPECT_EQ(version.code, 0);
   EXPECT_EQ(version.out, "program 1.2 (library 3)\n");
+}
+
+TEST(CommandLine, ShowsDiagnosticsOnlyInTheHelpOnAll) {
+  const Outcome help = parse({"--help"}), all = parse({"--help-all"});
+  EXPECT_EQ(all.code, 0);
+  EXPECT_EQ(help.out.find("--dump"), std::string::npos) << help.out;
+  for (const char* text : {"Diagnostics:", "--dump", "--threshold"})
+    EXPECT_NE(all.out.find(text), std::string::npos) << all.out;
 }
 
 TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
@@ -82,6 +98,9 @@ TEST(CommandLine, SaysWhatAValueMustBe) {
   EXPECT_EQ(parse({"--angle", "61"}).err,
             "program: --angle 61: must be within -1000000 and 60.5" + end);
   EXPECT_EQ(parse({"--bits", "-1"}).err, "program: --bits -1: must be within 0 and 14" + end);
+  EXPECT_EQ(parse({"--width", "10"}).err, "program: --width 10: must be within 0 and 9" + end);
+  EXPECT_EQ(parse({"--width", "wide"}).err, "program: --width: wide is not a number" + end);
+  EXPECT_EQ(parse({"--count", "2.5"}).err, "program: --count: 2.5 is not a whole number" + end);
   EXPECT_EQ(parse({"--axis", "axial"}).err,
             "program: --axis axial: must be coronal, sagittal or other" + end);
   EXPECT_EQ(

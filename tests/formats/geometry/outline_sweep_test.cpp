@@ -65,7 +65,7 @@ int right_of(const Pslg& pslg, std::size_t ring, std::size_t i) {
   return out;
 }
 
-// What check_pslg() must say; or nothing.
+// The expected message of check_pslg(), or nothing.
 std::string by_pairs(const Pslg& pslg) {
   for (const Ring& ring : pslg.rings) {
     if (ring.size() < 3) return "a ring of fewer than three vertices";
@@ -145,7 +145,7 @@ Pslg random_cells(std::int32_t size, int density, Random& random) {
     return x >= 0 && y >= 0 && x < size && y < size &&
            cell[static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x)] != 0;
   };
-  // By start: the ends, of two at most, each with the cell on its left.
+  // The edges from each start: at most two ends, each with the cell on its left.
   std::map<LatticePoint, std::vector<LatticePoint>> out;
   for (std::int32_t y = 0; y < size; ++y) {
     for (std::int32_t x = 0; x < size; ++x) {
@@ -313,7 +313,7 @@ TEST(RingsAround, AreThoseInWhichTheRingLies) {
     if (by_pairs(pslg).starts_with("a ring")) continue;
     for (Ring& ring : pslg.rings)
       if (random.in(0, 3) == 0) std::reverse(ring.begin(), ring.end());
-    const auto found = rings_around(pslg.rings);
+    const auto found = enclosing_rings(pslg.rings);
     const auto is_in = [&](std::size_t q, std::size_t r) {
       const Ring& ring = pslg.rings[q];
       return q != r && is_inside_ring(std::int64_t{ring[0].x} + ring[1].x,
@@ -472,7 +472,7 @@ std::size_t edges(const Pslg& pslg) {
   return out;
 }
 
-// Where all pairs are compared, an edge of the larger shape takes 32 times as long.
+// If all pairs were compared, an edge of the larger shape would take 32 times as long.
 TEST(OutlineSweep, TimeOfAnEdgeHardlyGrows) {
   for (const Shape& shape : kShapes) {
     for (const bool accepted : {true, false}) {

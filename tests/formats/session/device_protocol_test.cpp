@@ -58,7 +58,7 @@ StatePacket state(std::uint64_t sequence = 4) {
 
 template <typename Packet>
 Bytes encoded(const Packet& packet, const LinkKey& key = kKey) {
-  Bytes bytes(kLargestPacketBytes);
+  Bytes bytes(kMaxPacketBytes);
   bytes.resize(encode(packet, key, bytes));
   return bytes;
 }
@@ -413,7 +413,7 @@ TEST_F(DeviceProtocol, PacketsOfAnotherSessionDirectionOrKeyAreRefused) {
   HelloPacket read_hello;
   const Bytes old = encoded(command());
   EXPECT_EQ(decode(old, kKey, command().session + 1, last, read), LinkRefusal::kSession);
-  // With the right session number the key is still wrong.
+  // The session number is right, but the key is still wrong.
   const LinkKey other = session_key(kKey, hello().host_nonce, {2});
   EXPECT_EQ(decode(old, other, command().session, last, read), LinkRefusal::kMac);
   EXPECT_EQ(decode(old, kKey, command().session, last, read_state), LinkRefusal::kKind);

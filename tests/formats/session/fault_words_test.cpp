@@ -25,7 +25,7 @@ TEST(FaultWords, EveryFaultHasItsOwnWordsOnOneLine) {
     EXPECT_STREQ(words.name, to_string(fault));
     names.insert(words.name);
     meanings.insert(words.meaning);
-    stills.insert(words.still);
+    stills.insert(words.meaning_in_recovery);
     const std::string line = describe(fault, 1);
     EXPECT_EQ(line,
               std::string(words.name) + " at 1.0000 s: " + words.meaning + "; " + words.advice);

@@ -241,6 +241,23 @@ TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
   }
 }
 
+TEST_F(Recording, TheNamesUntil020OfTheEnergyLimitAreRead) {
+  std::vector<RecordingRow> rows = any_rows(2);
+  rows[1].fault = rows[1].outside_fault = Fault::kEnergyLimit;
+  std::string csv = csv_of(folder_, rows);
+  for (std::size_t at = 0; (at = csv.find(",energy_limit,", at)) != std::string::npos;)
+    csv.replace(at, 14, ",energy,");
+  const auto read = parse_recording(csv, "r.csv");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ((*read)[1].fault, Fault::kEnergyLimit);
+  EXPECT_EQ((*read)[1].outside_fault, Fault::kEnergyLimit);
+
+  const auto origin = parse_origin("energy-budget=0.05");
+  ASSERT_TRUE(origin) << origin.error().message;
+  ASSERT_NE(origin->find("energy-limit"), nullptr);
+  EXPECT_EQ(*origin->find("energy-limit"), "0.05");
+}
+
 TEST_F(Recording, TheFirstColumnsAreFixed) {
   EXPECT_EQ(recording_header().rfind(
                 "t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,tool_y_m,tool_z_m,"

@@ -95,7 +95,7 @@ TEST(Scene, EveryFieldIsRead) {
   EXPECT_FALSE(scene->slices[0].tissue);
   EXPECT_EQ(scene->force_law.kind, ForceLawKind::kNetwork);
   EXPECT_EQ(scene->force_law.solver, NetworkSolver::kLocal);
-  EXPECT_EQ(scene->force_law.reach_m, 0.02);
+  EXPECT_EQ(scene->force_law.decay_length_m, 0.02);
   EXPECT_EQ(scene->force_law.radius_m, 0.05);
   EXPECT_EQ(scene->tool.tilt_deg, 40);
   EXPECT_EQ(scene->tool.tilt_azimuth_deg, -90);
@@ -116,7 +116,7 @@ TEST(Scene, EveryFieldIsRead) {
   EXPECT_EQ(scene->hand.trajectory[1].tip_m[2], 0.1);
 }
 
-/// With everything that the force law `cutting` has: a body, tissues that are cut, the law.
+/// A scene with everything that the force law `cutting` can have: bone volume, cut tissues, the law.
 json fullest_of_cutting() {
   json scene = smallest();
   scene.erase("slices");
@@ -156,7 +156,7 @@ TEST(Scene, EveryFieldOfTheCuttingLawIsRead) {
   EXPECT_FALSE(cut.strength_MPa);
   ASSERT_TRUE(cut.bone);
   EXPECT_EQ(*cut.bone, (BoneByHu{"kopperdahl-linear", "apparent", 0.001, -0.02, true}));
-  const ForceLaw& law = scene->force_law;
+  const SceneForceLaw& law = scene->force_law;
   EXPECT_EQ(law.kind, ForceLawKind::kCutting);
   EXPECT_EQ(law.axis, ToolAxis::kCoupled);
   EXPECT_EQ(law.coupling_N_per_m, 8000);
@@ -183,7 +183,7 @@ TEST(Scene, TheCuttingLawHasItsDefaults) {
       << "a calibration that is not given is said to be assumed";
   EXPECT_EQ(cut.tearing_N_per_m, 0);
   EXPECT_EQ(cut.friction_kPa, 0);
-  EXPECT_EQ(cut.bed_N_per_mm3, 0);
+  EXPECT_EQ(cut.foundation_N_per_mm3, 0);
   EXPECT_EQ(cut.lateral_strength_MPa, 0);
   for (const char* one : {"g_per_cm3_per_HU", "g_per_cm3_at_0_HU"}) {
     json given = scene;
@@ -299,7 +299,7 @@ TEST(Scene, ShippedScenesLoad) {
 }
 
 struct Refusal {
-  const char* pointer;  ///< where the value is put; empty: removed from `key`
+  const char* pointer;  ///< JSON pointer at which the value is set
   json value;
   const char* named;  ///< must be in the message
 };

@@ -63,7 +63,7 @@ TEST(Crossing, IsTheRootOfTheMonotoneCubic) {
     const double t = crossing(line);
     ASSERT_GE(t, 0);
     ASSERT_LE(t, 1);
-    // Where the slope vanishes at the root, positions may differ although values do not.
+    // If the slope vanishes at the root, positions may differ although values do not.
     if (std::abs(t - by_bisection(line)) > 1e-4) {
       EXPECT_LT(std::min(std::abs(line.value[3]), std::abs(line.value[4])), 1e-9) << k;
     }

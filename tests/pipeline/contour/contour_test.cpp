@@ -83,7 +83,7 @@ TEST(PixelContour, DropsMaterialWithoutAreaAndSplitsAtSharedPixels) {
                                  kUnit, ContourKind::kPixel);
   EXPECT_EQ(touching.rings.size(), 2U);
   EXPECT_TRUE(check_pslg(touching));
-  // Of a ring one pixel wide only the corners remain, cut off by the hole's chain.
+  // Only the corners of a ring one pixel wide remain, cut off by the hole's chain.
   const Pslg frame = contours(field_of(4, 4, "#####..##..#####"), kUnit, ContourKind::kPixel);
   EXPECT_TRUE(check_pslg(frame));
   EXPECT_DOUBLE_EQ(area_px(frame), 4 * 0.5);

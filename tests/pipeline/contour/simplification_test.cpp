@@ -10,6 +10,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/open/open_stack.h"
 #include "tests/support/synthetic_fields.h"
 
 namespace trocar::pipeline {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The store's files: digests, keys, whole files, claims, garbage.
+// The store's files: digests, keys, atomic files, leases, garbage.
 #include "pipeline/farm/store.h"
 
 #include <fcntl.h>
@@ -14,11 +14,11 @@
 #include <string>
 
 #include "pipeline/farm/action_key.h"
-#include "pipeline/farm/claim.h"
+#include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/garbage.h"
-#include "pipeline/farm/owner.h"
+#include "pipeline/farm/lease.h"
+#include "pipeline/farm/process_identity.h"
 #include "pipeline/farm/sha256.h"
-#include "pipeline/farm/whole_file.h"
 #include "tests/support/file_size_limit.h"
 #include "tests/support/temporary_folder.h"
 
@@ -117,19 +117,19 @@ TEST(Key, DependsOnBytesAndTheirOrderAndNotOnNames) {
             key_of(action_of("program", {{"t", 1}}, {}, {})));
 }
 
-TEST(Owner, KnowsALivingADeadAndAForeignProcess) {
-  const Owner me = this_process();
+TEST(ProcessIdentity, KnowsALivingADeadAndAForeignProcess) {
+  const ProcessIdentity me = this_process();
   EXPECT_EQ(life_of(me), Life::kAlive);
-  EXPECT_EQ(*owner_of(me.text() + ".17"), me);
-  Owner other = me;
+  EXPECT_EQ(*identity_in(me.text() + ".17"), me);
+  ProcessIdentity other = me;
   other.start += 1;  // the number was used again
   EXPECT_EQ(life_of(other), Life::kDead);
   other = me;
   other.host = std::string("node.with.dots");
-  EXPECT_EQ(owner_of(other.text() + ".17")->host, "node.with.dots");
+  EXPECT_EQ(identity_in(other.text() + ".17")->host, "node.with.dots");
   EXPECT_EQ(life_of(other), Life::kUnknown);
   for (const char* wrong : {"", ".", "a.b.c", "a.b.x.1.2", "....", "a.b.1.2"})
-    EXPECT_FALSE(owner_of(wrong)) << wrong;
+    EXPECT_FALSE(identity_in(wrong)) << wrong;
   const pid_t child = ::fork();
   if (child == 0) ::_exit(this_process().pid == ::getpid() ? 0 : 1);
   siginfo_t ended{};
@@ -141,26 +141,26 @@ TEST(Owner, KnowsALivingADeadAndAForeignProcess) {
   ::waitpid(child, nullptr, 0);
 }
 
-TEST(WholeFile, LeavesTheTargetOrTheNewBytesAndNothingElse) {
+TEST(AtomicFile, LeavesTheTargetOrTheNewBytesAndNothingElse) {
   const test::TemporaryFolder folder;
   fs::create_directory(folder / "tmp");
   const fs::path target = folder / "file";
-  ASSERT_TRUE(write_whole({target, folder / "tmp", 0600}, "old"));
+  ASSERT_TRUE(write_atomically({target, folder / "tmp", 0600}, "old"));
   EXPECT_EQ(mode_of(target), 0600u);
-  const auto unproven =
-      write_whole({target, folder / "tmp", 0666, true, [](auto) { return refused("no"); }}, "new");
+  const auto unproven = write_atomically(
+      {target, folder / "tmp", 0666, true, [](auto) { return refused("no"); }}, "new");
   EXPECT_FALSE(unproven);
   EXPECT_EQ(text_in(target), "old");
   {
     const test::FileSizeLimit limit(1000);
-    const auto full = write_whole({target, folder / "tmp"}, std::string(5000, 'x'));
+    const auto full = write_atomically({target, folder / "tmp"}, std::string(5000, 'x'));
     ASSERT_FALSE(full);
     EXPECT_EQ(full.error().code, ExitCode::kUnwritable);
     EXPECT_EQ(full.error().message, target.string() + ": cannot be written: File too large");
   }
   EXPECT_EQ(text_in(target), "old");
   EXPECT_EQ(files_in(folder / "tmp"), 0u);
-  ASSERT_TRUE(write_whole({target, folder / "tmp"}, "new"));
+  ASSERT_TRUE(write_atomically({target, folder / "tmp"}, "new"));
   EXPECT_EQ(text_in(target), "new");
 }
 
@@ -178,7 +178,7 @@ TEST(Store, FindsWhatIsWholeAndOnlyThat) {
   EXPECT_EQ(store.find(key), outputs);
   std::ofstream(store.action_file(key)) << "{}";
   EXPECT_FALSE(store.find(key));
-  // An action in the place of another key.
+  // An action under the key of another one.
   const auto [other, other_outputs] = put(store, "two");
   fs::copy_file(store.action_file(other), store.action_file(key),
                 fs::copy_options::overwrite_existing);
@@ -212,64 +212,66 @@ TEST(Store, EntriesComeBackAndDamagedOnesDoNot) {
 TEST(Store, RemovesWhatDeadProcessesLeftAndNothingElse) {
   const test::TemporaryFolder folder;
   const Store store = opened(folder);
-  Owner dead = this_process();
+  ProcessIdentity dead = this_process();
   dead.start += 1;
-  Owner foreign = this_process();
+  ProcessIdentity foreign = this_process();
   foreign.host = std::string("elsewhere");
-  const auto plant = [&](const fs::path& file, const Owner& owner, std::chrono::seconds age) {
-    std::ofstream(file) << owner.text() << ".0\nscan\n";
+  const auto plant = [&](const fs::path& file, const ProcessIdentity& process,
+                         std::chrono::seconds age) {
+    std::ofstream(file) << process.text() << ".0\nscan\n";
     make_old(file, age);
     return file;
   };
-  const fs::path tmp = store.tmp(), claims = folder / "store/claims";
+  const fs::path tmp = store.tmp(), leases = folder / "store" / "claims";
   plant(tmp / (dead.text() + ".1"), dead, 0s);
   plant(tmp / (foreign.text() + ".1"), foreign, kStrayAge + 5s);
-  plant(claims / "1", dead, 0s);
-  plant(claims / "2", foreign, kLease + 5s);
+  plant(leases / "1", dead, 0s);
+  plant(leases / "2", foreign, kLeaseDuration + 5s);
   plant(tmp / "of nobody", foreign, kStrayAge + 5s);
   const fs::path kept[] = {
       plant(tmp / (this_process().text() + ".1"), this_process(), kStrayAge + 5s),
       plant(tmp / (foreign.text() + ".2"), foreign, kStrayAge - 60s),
-      plant(claims / "3", this_process(), kLease + 5s), plant(claims / "4", foreign, kLease - 20s)};
+      plant(leases / "3", this_process(), kLeaseDuration + 5s),
+      plant(leases / "4", foreign, kLeaseDuration - 20s)};
   EXPECT_EQ(store.remove_strays(), 5u);
   for (const fs::path& file : kept)
     EXPECT_TRUE(fs::exists(file)) << file;
 }
 
-TEST(Claim, OneProcessAtATime) {
+TEST(Lease, OneProcessAtATime) {
   const test::TemporaryFolder folder;
   const Store store = opened(folder);
   const std::string key(64, 'a');
   {
-    const auto mine = Claim::take(store, key, "scan");
+    const auto mine = Lease::take(store, key, "scan");
     ASSERT_TRUE(mine && *mine != nullptr);
-    EXPECT_TRUE(is_claimed(store, key));
-    const auto second = Claim::take(store, key, "scan");
+    EXPECT_TRUE(is_leased(store, key));
+    const auto second = Lease::take(store, key, "scan");
     ASSERT_TRUE(second);
     EXPECT_EQ(*second, nullptr);
-    EXPECT_EQ(mode_of(store.claim_file(key)), 0600u);
+    EXPECT_EQ(mode_of(store.lease_file(key)), 0600u);
   }
-  EXPECT_FALSE(is_claimed(store, key));
+  EXPECT_FALSE(is_leased(store, key));
   EXPECT_EQ(files_in(store.tmp()), 0u);
 }
 
-TEST(Claim, OfADeadProcessOrAnExpiredOneIsTakenOver) {
+TEST(Lease, OfADeadProcessOrAnExpiredOneIsTakenOver) {
   const test::TemporaryFolder folder;
   const Store store = opened(folder);
   const std::string key(64, 'a');
-  Owner dead = this_process(), foreign = this_process();
+  ProcessIdentity dead = this_process(), foreign = this_process();
   dead.start += 1;
   foreign.host = std::string("elsewhere");
-  for (const auto& [owner, age, is_void] :
-       {std::tuple{dead, 0s, true}, std::tuple{foreign, kLease + 5s, true},
-        std::tuple{foreign, kLease - 20s, false}}) {
-    std::ofstream(store.claim_file(key)) << owner.text() << ".0\nscan\n";
-    make_old(store.claim_file(key), age);
-    EXPECT_EQ(is_claimed(store, key), !is_void);
-    const auto taken = Claim::take(store, key, "scan");
+  for (const auto& [process, age, is_void] :
+       {std::tuple{dead, 0s, true}, std::tuple{foreign, kLeaseDuration + 5s, true},
+        std::tuple{foreign, kLeaseDuration - 20s, false}}) {
+    std::ofstream(store.lease_file(key)) << process.text() << ".0\nscan\n";
+    make_old(store.lease_file(key), age);
+    EXPECT_EQ(is_leased(store, key), !is_void);
+    const auto taken = Lease::take(store, key, "scan");
     ASSERT_TRUE(taken);
-    EXPECT_EQ(*taken != nullptr, is_void) << owner.host << age.count();
-    fs::remove(store.claim_file(key));
+    EXPECT_EQ(*taken != nullptr, is_void) << process.host << age.count();
+    fs::remove(store.lease_file(key));
   }
 }
 
@@ -278,21 +280,21 @@ TEST(Garbage, KeepsWhatTheIndexLeadsToWhatIsYoungAndWhatIsClaimed) {
   const Store store = opened(folder);
   const auto [live, live_outputs] = put(store, "live");
   const auto [young, young_outputs] = put(store, "young");
-  const auto [claimed, claimed_outputs] = put(store, "claimed");
+  const auto [leased, leased_outputs] = put(store, "leased");
   const auto [old, old_outputs] = put(store, "old");
   ASSERT_TRUE(store.put_entry(done_entry("a", live, live_outputs)));
   for (const auto& [key, outputs] :
-       {std::pair{live, live_outputs}, std::pair{claimed, claimed_outputs},
+       {std::pair{live, live_outputs}, std::pair{leased, leased_outputs},
         std::pair{old, old_outputs}})
     for (const fs::path& file : {store.action_file(key), store.content_file(outputs.asset.sha256),
                                  store.content_file(outputs.report.sha256)})
       make_old(file, 7200s);
-  const auto held = Claim::take(store, claimed, "scan");
+  const auto held = Lease::take(store, leased, "scan");
   const auto done = collect_garbage(store, 1h);
   ASSERT_TRUE(done);
   EXPECT_EQ(done->removed, 3u);
   EXPECT_EQ(done->kept, 9u);
-  EXPECT_TRUE(store.find(live) && store.find(young) && store.find(claimed));
+  EXPECT_TRUE(store.find(live) && store.find(young) && store.find(leased));
   EXPECT_FALSE(store.find(old));
   EXPECT_FALSE(fs::exists(store.content_file(old_outputs.asset.sha256)));
   // Who finds an old action renews it, and it stays.

@@ -106,7 +106,7 @@ TEST(GzipReader, UnpacksMembersOneAfterTheOther) {
     text += part;
   }
   EXPECT_EQ(by_reader(written(folder / "a.gz", bytes), 3000), text);
-  // What follows and is no member is left out.
+  // Bytes behind the last member that are not a member are left out.
   EXPECT_EQ(by_reader(written(folder / "b.gz", bytes + std::string(600, '\0')), 3000), text);
   EXPECT_EQ(by_reader(written(folder / "c.gz", bytes + "\x1f"), 3000), text);
 }
@@ -118,7 +118,7 @@ TEST(GzipReader, SaysOfDamagedFilesWhatZlibSays) {
   for (std::size_t i = 2; i < whole.size(); ++i) {
     const fs::path cut = written(folder / "cut.gz", whole.substr(0, i));
     const auto expected = by_zlib(cut), found = by_reader(cut, 700);
-    // Of a file that ends early both give a beginning; how much of it may differ.
+    // Both unpack the beginning of a file that ends early. Its length may differ.
     if (found) {
       EXPECT_EQ(text.compare(0, found->size(), *found), 0) << i;
     }

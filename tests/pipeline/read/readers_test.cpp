@@ -12,8 +12,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "formats/base/file_io.h"
-#include "pipeline/read/image_file.h"
-#include "pipeline/read/scan_folder.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/open/scan_folder.h"
+#include "pipeline/read/image/image_file.h"
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/sample_folder.h"
 
@@ -508,7 +509,7 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
 }
 
 TEST_F(Readers, DicomVolumesAreSlicedAsTheEqualNifti) {
-  for (const SliceAxis axis : {SliceAxis::kTransverse, SliceAxis::kCoronal, SliceAxis::kSagittal}) {
+  for (const SliceAxis axis : {SliceAxis::kAxial, SliceAxis::kCoronal, SliceAxis::kSagittal}) {
     OpenOptions options;
     options.axis = axis;
     const auto dicom = open_stack({folder_ / "scan" / "dicom"}, options);

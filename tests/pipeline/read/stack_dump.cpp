@@ -9,6 +9,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
 
 int main(int argc, char** argv) {

@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""voxel_volume_test.py BIN WORK: a NIfTI whose sform disagrees with pixdim by more than 1 %, or shears, is warned of with the
+"""A NIfTI whose sform disagrees with pixdim by more than 1 %, or shears, is warned of with the
 voxel's and the material's volume by both. nibabel writes the files; the header is patched afterwards."""
 import json
 import math
-import pathlib
-import shutil
 import struct
 import subprocess
-import sys
 
 import nibabel
 import numpy as np
@@ -15,13 +12,6 @@ import numpy as np
 N, BLOCK = (40, 32, 12), (slice(8, 30), slice(6, 26), slice(2, 9))
 BONE, AIR = 500, -200  # half-way is above the skin: no warning of a face
 VOXELS = 22 * 20 * 7
-failures = []
-
-
-def check(ok, what):
-    if not ok:
-        failures.append(what)
-        print("FAILED", what)
 
 
 def volume(file, columns, pixdim, codes=(1, 0), kind=nibabel.Nifti1Image):
@@ -46,11 +36,9 @@ def codes(report):
     return [w["code"] for w in report["warnings"]]
 
 
-class Trial:
+class DryRun:
     def __init__(self, programs, work):
         self.mesh, self.work = programs / "trocar-mesh", work
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
 
     def run(self, file, *words):
         report = self.work / "out.json"
@@ -61,34 +49,33 @@ class Trial:
 
     def agrees(self, name, columns, pixdim, **keys):
         code, said, report = self.run(volume(self.work / f"{name}.nii", columns, pixdim, **keys))
-        check(code == 0 and codes(report) == ["empty_slice"], f"{name}: exit {code}, {said!r}")
+        assert code == 0 and codes(report) == ["empty_slice"], f"{name}: exit {code}, {said!r}"
 
     def differs(self, name, columns, pixdim, *texts, words=(), **keys):
         """Warned, with both volumes; the sform's are those of the meshes. Returns what the warning says of the volumes."""
         code, said, report = self.run(volume(self.work / f"{name}.nii", columns, pixdim, **keys), *words)
-        found = [w for w in report["warnings"] if w["code"] == "voxel_volume"] if report else []
-        if code != 0 or codes(report) != ["voxel_volume", "empty_slice"]:
-            return check(False, f"{name}: exit {code}, {said!r}")
+        found = [w for w in report["warnings"] if w["code"] == "voxel_volume"]
+        assert code == 0 and codes(report) == ["voxel_volume", "empty_slice"], f"{name}: exit {code}, {said!r}"
         w = found[0]
-        check(w["where"].endswith(f"{name}.nii") and all(text in w["sentence"] for text in ("the sform is used", *texts)), f"{name}: {w}")
-        check("warning (voxel_volume)" in said and len(said.splitlines()) == 2, f"{name}: {said!r}")
+        assert w["where"].endswith(f"{name}.nii") and all(text in w["sentence"] for text in ("the sform is used", *texts)), f"{name}: {w}"
+        assert "warning (voxel_volume)" in said and len(said.splitlines()) == 2, f"{name}: {said!r}"
         by_sform = abs(np.linalg.det(np.array(columns, float)))
         by_pixdim = math.prod(p if p else np.linalg.norm(c) for p, c in zip(pixdim, columns))
-        check(np.allclose([w["voxel_mm3"]["sform"], w["voxel_mm3"]["pixdim"]], [by_sform, by_pixdim], rtol=1e-5), f"{name}: {w['voxel_mm3']}, not {by_sform}, {by_pixdim}")
+        assert np.allclose([w["voxel_mm3"]["sform"], w["voxel_mm3"]["pixdim"]], [by_sform, by_pixdim], rtol=1e-5), f"{name}: {w['voxel_mm3']}, not {by_sform}, {by_pixdim}"
         material = w["material_mm3"]
-        check(abs(material["sform"] / (VOXELS * by_sform) - 1) < 0.02, f"{name}: material {material['sform']}, not {VOXELS * by_sform}")
-        check(abs(material["pixdim"] / material["sform"] / (by_pixdim / by_sform) - 1) < 1e-5, f"{name}: {material}")
+        assert abs(material["sform"] / (VOXELS * by_sform) - 1) < 0.02, f"{name}: material {material['sform']}, not {VOXELS * by_sform}"
+        assert abs(material["pixdim"] / material["sform"] / (by_pixdim / by_sform) - 1) < 1e-5, f"{name}: {material}"
         for number in (*w["voxel_mm3"].values(), *material.values()):
-            check(f"{number:.4g} " in w["sentence"] + " ", f"{name}: {number:.4g} is not in {w['sentence']!r}")
+            assert f"{number:.4g} " in w["sentence"] + " ", f"{name}: {number:.4g} is not in {w['sentence']!r}"
         # What the meshes have: the sum of areas times the distance between the planes.
         slices = report["slices"]
         step = slices[1]["z_mm"] - slices[0]["z_mm"]
-        check(abs(sum(s["area_mm2"] for s in slices) * step / material["sform"] - 1) < 1e-5, f"{name}: {material} and the slices' areas")
+        assert abs(sum(s["area_mm2"] for s in slices) * step / material["sform"] - 1) < 1e-5, f"{name}: {material} and the slices' areas"
         return w
 
 
-def main():
-    t = Trial(*map(pathlib.Path, sys.argv[1:]))
+def test_voxel_volume(programs, work):
+    t = DryRun(programs, work)
     x, y, z = (-0.75, 0, 0), (0, -0.75, 0), (0, 0, 2)
     size = (0.75, 0.75, 2)
     # Nothing to say: equal, exactly 1 %, rotated, no sform (pixdim is used), no pixdim, no pixdim along one axis.
@@ -112,19 +99,11 @@ def main():
     # A shear: a tilted gantry that a converter did not correct. Here a voxel's volume is 23 % less than pixdim says.
     tilt = math.acos(0.77)
     w = t.differs("tilt", (x, y, (0, 2 * math.sin(tilt), 2 * math.cos(tilt))), size, "shears by 39.65 degrees")
-    check(w and abs(w["material_mm3"]["sform"] / w["material_mm3"]["pixdim"] - 0.77) < 1e-3, f"-23 %: {w}")
+    assert w and abs(w["material_mm3"]["sform"] / w["material_mm3"]["pixdim"] - 0.77) < 1e-3, f"-23 %: {w}"
     t.differs("tilt_of_1_degree", (x, y, (0, 2 * math.sin(math.radians(1)), 2 * math.cos(math.radians(1)))), size, "shears by 1 degrees")
     t.differs("tilt_without_pixdim", (x, y, (0, 1, 2)), (0, 0, 0), "shears by 26.57 degrees")
     t.differs("tilt_and_spacing", (x, y, (0, 2 * math.tan(0.3), 2)), size, "shears", "0.75 x 0.75 x 2.094 mm")
     # Sheared within the slices: nothing is resampled, so this cannot be meshed; the reason and a way out are given.
     sheared = volume(t.work / "in_plane.nii", (x, (0.3, -0.75, 0), z), size)
     code, said, report = t.run(sheared)
-    check(code == 3 and report is None and "in_plane.nii: " in said and "shears by 21.8 degrees" in said and "--axis" in said, f"in plane: {code} {said!r}")
-    print(len(failures), "failed")
-    if not failures:
-        shutil.rmtree(t.work, ignore_errors=True)
-    return 1 if failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    assert code == 3 and report is None and "in_plane.nii: " in said and "shears by 21.8 degrees" in said and "--axis" in said, f"in plane: {code} {said!r}"

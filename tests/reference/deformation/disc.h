@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rigid disc pressed into an unbounded membrane on a bed, in closed form: an exact solution to
-// compare the spring network with.
+// A rigid disc pressed into an unbounded membrane on a Winkler foundation, in closed form: an exact
+// solution to compare the spring network with.
 //
-// Outside the disc T (w'' + w'/r) = f w, so w(r) = w0 K0(r / lambda) / K0(a / lambda) with
-// lambda = sqrt(T / f) and K0, K1 the modified Bessel functions. The bed under the disc and the
-// slope along its edge give F / w0 = pi a^2 f + 2 pi a sqrt(T f) K1(a / lambda) / K0(a / lambda).
+// Outside the disc T (w'' + w'/r) = f w, so w(r) = w0 K0(r / lambda) / K0(a / lambda) with lambda =
+// sqrt(T / f) and K0, K1 the modified Bessel functions. The foundation under the disc and the slope
+// along its edge give F / w0 = pi a^2 f + 2 pi a sqrt(T f) K1(a / lambda) / K0(a / lambda).
 #pragma once
 
 #include <Eigen/Core>
@@ -25,7 +25,7 @@ double disc_shape(const Membrane& membrane, double radius_m, double r_m);
 Membrane membrane_for_disc(double stiffness_N_per_m, double reach_m, double radius_m);
 
 /// The radius of the disc that is as stiff as the tool `outline_m` (as for
-/// unbounded_stiffness_per_bed_m2). For a regular hexagon of circumradius a it goes from 0.920 a
+/// unbounded_stiffness_per_foundation_m2). For a regular hexagon of circumradius a it goes from 0.920 a
 /// (its logarithmic capacity) for lambda >> a to 0.909 a (equal area) for lambda << a, and is
 /// within 0.1 % of the former for lambda >= 1.5 a (deformation_exact_test.cpp).
 Result<double> equivalent_radius_m(std::span<const Eigen::Vector2d> outline_m, double reach_m);

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "runtime/deformation/part.h"
-#include "runtime/mesh/triangle_grid.h"
+#include "runtime/sheet_mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 

@@ -8,9 +8,9 @@
 
 namespace trocar::runtime {
 
-/// By all threads, inside scopes, since the start.
+/// Number of locks of all threads inside scopes since the start.
 std::uint64_t locks_in_scopes() noexcept;
-/// For the hooks: one lock by the calling thread; counted inside a scope only.
+/// Called by the hooks: counts one lock by the calling thread if it is inside a scope.
 void note_lock() noexcept;
 
 }  // namespace trocar::runtime

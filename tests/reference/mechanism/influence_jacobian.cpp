@@ -13,7 +13,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 // A chain counts as stretched or folded below this sine of its angle.
-constexpr double kSmallestSine = 1e-6;
+constexpr double kMinSine = 1e-6;
 
 KinematicsStatus singular(int leg, int joint) noexcept {
   return {KinematicsFailure::kSingular, static_cast<std::int8_t>(leg + 1),
@@ -62,13 +62,13 @@ JacobianResult influence_jacobian(const DeviceDescription& device, const Pose& T
     double determinant = 0;
     bool invertible = false;
     G_c_upper.computeInverseAndDetWithCheck(G_upper_c, determinant, invertible,
-                                            kSmallestSine * g.l1_m * g.l2_m * g.l2_m);
+                                            kMinSine * g.l1_m * g.l2_m * g.l2_m);
     if (!invertible) {
       result.status = singular(m, 1);
       return result;
     }
     G_D_lower.computeInverseAndDetWithCheck(G_lower_D, determinant, invertible,
-                                            kSmallestSine * g.l3_m * g.l4_m * g.l4_m);
+                                            kMinSine * g.l3_m * g.l4_m * g.l4_m);
     if (!invertible) {
       result.status = singular(m, 4);
       return result;

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Jacobian by the paper's influence coefficients, Eq. 4-16: the upper chain's 3 x 3 coefficient
 // matrix inverted, then the lower chain's, then row selection. Independent of the compact form in
-// runtime/mechanism/jacobian.h, which it is compared with.
+// runtime/mechanism/jacobian.h, with which it is compared.
 #pragma once
 
 #include "runtime/mechanism/jacobian.h"
 
 namespace trocar::runtime {
 
-/// As jacobian(). kSingular names the leg and motor joint of the matrix that cannot be inverted.
+/// The same as jacobian(). kSingular names the leg and motor joint of the matrix that cannot be
+/// inverted.
 JacobianResult influence_jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                                   const JointAngles& joints) noexcept;
 

@@ -22,7 +22,7 @@ struct LegRing {
 
   struct Result {
     KinematicsStatus status;
-    Matrix G = Matrix::Zero();  ///< as Jacobian: leg-major th1, th4
+    Matrix G = Matrix::Zero();  ///< rows as in Jacobian: leg-major th1, th4
     Eigen::Matrix<double, kRows, 1> motor_rad = Eigen::Matrix<double, kRows, 1>::Zero();
   };
 

@@ -7,7 +7,7 @@
 namespace trocar::runtime {
 
 TwistResult twist_from_motor_rates(const Jacobian& G, const MotorVector& motor_rad_per_s) noexcept {
-  constexpr double kSmallestRank = 1e-9;  // of R's diagonal, relative: rank deficient below
+  constexpr double kMinRank = 1e-9;  // of R's diagonal, relative: rank deficient below
   TwistResult result;
   Jacobian scaled = G;
   scaled.rightCols<3>() /= kCharacteristicLength_m;
@@ -17,7 +17,7 @@ TwistResult twist_from_motor_rates(const Jacobian& G, const MotorVector& motor_r
   }
   const Eigen::HouseholderQR<Jacobian> qr(scaled);
   const auto diagonal = qr.matrixQR().diagonal().cwiseAbs();
-  if (!(diagonal.minCoeff() > kSmallestRank * diagonal.maxCoeff())) {
+  if (!(diagonal.minCoeff() > kMinRank * diagonal.maxCoeff())) {
     result.status.failure = KinematicsFailure::kSingular;
     return result;
   }

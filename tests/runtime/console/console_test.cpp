@@ -135,10 +135,11 @@ TEST(ConsoleFiles, TimesOfARecordingMayBeAnything) {
 
 TEST(ConsolePage, PolicyHasTheHashOfTheImportMap) {
   // sha256 of {"imports":{}} by: printf '{"imports":{}}' | openssl dgst -sha256 -binary | base64
-  EXPECT_EQ(import_map_hashes(R"(<script type="importmap">{"imports":{}}</script>)"),
+  constexpr const char* kTag = R"(<script type="importmap">)";
+  EXPECT_EQ(script_hashes(R"(<script type="importmap">{"imports":{}}</script>)", kTag),
             " 'sha256-URrTy+Il/Nz0lHojVUx275hWqAWhkSF0VsHbUM4/6Hw='");
-  EXPECT_EQ(import_map_hashes("<script>alert(1)</script>"), "");
-  EXPECT_EQ(import_map_hashes(R"(<script type="importmap">{)"), "");
+  EXPECT_EQ(script_hashes("<script>alert(1)</script>", kTag), "");
+  EXPECT_EQ(script_hashes(R"(<script type="importmap">{)", kTag), "");
   const test::TemporaryFolder folder;
   EXPECT_FALSE(PageFiles::read(folder.path()));
   write(folder.path() / "index.html", "<p>page</p>");

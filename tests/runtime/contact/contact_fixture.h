@@ -12,7 +12,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/contact/overlap.h"
 #include "runtime/contact/puncture.h"
-#include "runtime/cut/cut.h"
+#include "runtime/hole_cutting/cut.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -78,7 +78,7 @@ class ContactTest : public testing::Test {
     }
   }
   double overlap_at(const LatticeOutline& outline, std::span<const LatticeOutline> holes = {}) {
-    return overlap(*sheets_[0], model_.tool, outline, holes).fraction;
+    return overlap(*sheets_[0], model_.tool, outline, holes).coverage;
   }
   /// Cuts the hole and puts the new mesh in use.
   void publish(const CutRequest& request) {
@@ -97,7 +97,7 @@ class ContactTest : public testing::Test {
   Scene scene_;
   ContactModel model_;
   ContactState state_;
-  SheetResponse response_;
+  PrefetchedStiffness response_;
   std::vector<std::unique_ptr<const Sheet>> owned_;
   std::vector<const Sheet*> sheets_;
 };

@@ -20,7 +20,7 @@ TEST_F(ContactTest, Contract1BesideTheMaterialThereIsNoForceUntilTheTipWasAbove)
   tick(at(0.024, 0, 0.125));
   for (const double x_m : {0.024, 0.01, 0.0}) {  // then under the sheet
     const ContactOutput output = tick(at(x_m, 0, 0.115));
-    EXPECT_EQ(output.phase, ContactPhase::kBeside);
+    EXPECT_EQ(output.phase, ContactPhase::kMissed);
     EXPECT_EQ(output.force_N, 0);
     EXPECT_EQ(output.penetration_m, 0);
   }
@@ -29,7 +29,7 @@ TEST_F(ContactTest, Contract1BesideTheMaterialThereIsNoForceUntilTheTipWasAbove)
 }
 
 TEST_F(ContactTest, Contract1NoForceIfTheSessionStartsBelowTheSheet) {
-  EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kBeside);
+  EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kMissed);
   EXPECT_EQ(tick(at(0, 0, 0.118)).force_N, 0);
 }
 
@@ -77,7 +77,7 @@ TEST_F(ContactTest, Contract3PunctureInTheTickThatExceedsTheThresholdNotAtIt) {
   const ContactOutput beyond = tick(at(0, 0, 0.125 - at_threshold_m - 1e-9));
   EXPECT_TRUE(beyond.punctured_now);
   EXPECT_EQ(beyond.force_N, 0);
-  EXPECT_GT(beyond.judged_force_N, 32);
+  EXPECT_GT(beyond.trial_force_N, 32);
   EXPECT_EQ(beyond.phase, ContactPhase::kPunctured);
   EXPECT_EQ(beyond.cut.sheet, 0);
   EXPECT_EQ(beyond.cut.cut, 1U);
@@ -103,10 +103,10 @@ TEST_F(ContactTest, Contract3AShareOfTheToolBreaksAtItsShareOfTheThreshold) {
     const ContactOutput beyond = tick(at(x_m, 0, kTop_m - 7.01e-3));
     EXPECT_TRUE(beyond.punctured_now) << x_m;
     EXPECT_EQ(beyond.force_N, 0);
-    EXPECT_NEAR(beyond.judged_force_N, share * 5000 * 7.01e-3, 1e-9);
+    EXPECT_NEAR(beyond.trial_force_N, share * 5000 * 7.01e-3, 1e-9);
   }
-  // By `network` too, where the force is not the share's of the undamaged sheet.
-  model_.law.kind = ForceLawKind::kNetwork;
+  // The same holds with `network`, where the force is not proportional to the coverage.
+  model_.uses_prefetched_stiffness = true;
   response_ = {0, 3000, {}};
   place({kTop_m});
   tick(at(0.02, 0, 0.125));  // half over the edge: up to 17.5 N
@@ -128,7 +128,7 @@ TEST_F(ContactTest, Contract3AShareThatIsTooSmallForAContactSlipsOffInsteadOfBre
   EXPECT_LT(shallow.force_N, 0.05 * 32.5);
   // Deeper than 7 mm it would break: no hole for so little. The sheet below is beside as well.
   const ContactOutput deep = tick(at(0.02245, 0, 0.1129));
-  EXPECT_EQ(deep.phase, ContactPhase::kBeside);
+  EXPECT_EQ(deep.phase, ContactPhase::kMissed);
   EXPECT_FALSE(deep.punctured_now);
   EXPECT_EQ(deep.active_sheet, 1) << "nothing shields the sheet below";
   EXPECT_EQ(deep.wrench_device, Wrench::Zero());
@@ -173,11 +173,11 @@ TEST_F(ContactTest, Contract5AHoleIsOpenBeforeAndAfterItsMeshIsThere) {
   for (const bool published : {false, true}) {
     if (published) publish(puncture.cut);
     EXPECT_EQ(tick(at(0, 0, 0.121)).phase, ContactPhase::kFree);
-    EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kBeside) << published;
+    EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kMissed) << published;
     EXPECT_EQ(tick(at(0, 0, 0.111)).force_N, 0);
     // A few micrometres beside it the tool is still in its hole.
     tick(at(4e-6, -3e-6, 0.121));
-    EXPECT_EQ(tick(at(4e-6, -3e-6, 0.115)).phase, ContactPhase::kBeside) << published;
+    EXPECT_EQ(tick(at(4e-6, -3e-6, 0.115)).phase, ContactPhase::kMissed) << published;
     // Half a tool further about half of the outline is over material.
     tick(at(0.003, 0, 0.121));
     const double force_N = tick(at(0.003, 0, 0.119)).force_N;
@@ -211,7 +211,7 @@ TEST_F(ContactTest, Contract5PendingHolesArePublishedInOrderAndTooManyAreABacklo
   EXPECT_EQ(state_.tracks[0].pending[0], requests[2].outline);
   for (int i = 0; i < kMaxPendingHoles; ++i) {
     tick(at(-0.015 + 0.007 * i, 0, 0.125));
-    EXPECT_EQ(tick(at(-0.015 + 0.007 * i, 0, 0.115)).phase, ContactPhase::kBeside) << i;
+    EXPECT_EQ(tick(at(-0.015 + 0.007 * i, 0, 0.115)).phase, ContactPhase::kMissed) << i;
   }
   EXPECT_TRUE(puncture(0.015).punctured_now) << "the published holes have left the list";
   EXPECT_EQ(requests.back().cut, 5U);
@@ -233,15 +233,15 @@ TEST_F(ContactTest, Contract2TheForceActsInTheCentroidOfTheOverlap) {
 }
 
 TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
-  model_.law.kind = ForceLawKind::kNetwork;
-  EXPECT_EQ(tick(at(0, 0, 0.16)).ahead.sheet, -1) << "too far above";
+  model_.uses_prefetched_stiffness = true;
+  EXPECT_EQ(tick(at(0, 0, 0.16)).prefetch.sheet, -1) << "too far above";
   const ContactOutput near = tick(at(0.001, 0, 0.125));
-  ASSERT_EQ(near.ahead.sheet, 0);
-  EXPECT_EQ(near.ahead.outline,
+  ASSERT_EQ(near.prefetch.sheet, 0);
+  EXPECT_EQ(near.prefetch.outline,
             outline_on_lattice(model_.tool, at(0.001, 0, 0.125), sheets_[0]->transform, kTop_m));
   // Without a response: Hooke's law.
   EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 5, 1e-9);
-  // With a response: the force approaches it without a step or overshoot, and reaches it.
+  // The force approaches a prefetched stiffness without a step or overshoot, and reaches it.
   response_ = {0, 3000, {1e-3, 0}};
   double last_N = 5;
   for (int i = 0; i < 60; ++i) {
@@ -254,7 +254,7 @@ TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
   const ContactOutput reached = tick(at(0, 0, kTop_m - 1e-3));
   EXPECT_NEAR(reached.force_N, 3, 1e-4);
   EXPECT_NEAR(reached.wrench_device[4], -3e-3, 1e-6) << "about y: x = 1 mm times 3 N";
-  // With a response before the contact: from the first tick on.
+  // A stiffness prefetched before the contact acts from the first tick on.
   tick(at(0, 0, 0.125));
   EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 3, 1e-12);
   // A response of another sheet is not used.
@@ -264,7 +264,7 @@ TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
   // After a puncture the next sheet's response is requested.
   place({0.12, 0.11});
   tick(at(0, 0, 0.125));
-  EXPECT_EQ(tick(at(0, 0, 0.1125)).ahead.sheet, 1);
+  EXPECT_EQ(tick(at(0, 0, 0.1125)).prefetch.sheet, 1);
 }
 
 TEST_F(ContactTest, Contract6MovingAlongATiltedAxisKeepsTheOutline) {
@@ -365,7 +365,7 @@ class HoleTest : public ContactTest {
   Wrench again(double x_m, double y_m = 0) {
     EXPECT_EQ(tick(at(x_m, y_m, 0.121)).wrench_device, Wrench::Zero());
     const ContactOutput entered = tick(at(x_m, y_m, 0.1195));
-    EXPECT_EQ(entered.phase, ContactPhase::kBeside);
+    EXPECT_EQ(entered.phase, ContactPhase::kMissed);
     EXPECT_EQ(entered.wrench_device, Wrench::Zero()) << "no step on entering";
     return tick(at(x_m, y_m, 0.1185)).wrench_device;
   }
@@ -443,7 +443,7 @@ TEST_F(HoleTest, Contract7AHoleOverTheEdgeHoldsTheShaftByItsShare) {
 TEST_F(HoleTest, Contract7ASliverBesideAHoleMakesAWholeHole) {
   publish(puncture(0).cut);
   const ContactOutput sliver = puncture(5e-4);
-  EXPECT_NEAR(sliver.judged_force_N, 5000 * 8e-3 / 9, 1e-2) << "a ninth of the tool";
+  EXPECT_NEAR(sliver.trial_force_N, 5000 * 8e-3 / 9, 1e-2) << "a ninth of the tool";
   EXPECT_NEAR(tick(at(5e-4, 0, 0.111)).wrench_device[2], 3, 1e-9);
 }
 
@@ -473,7 +473,7 @@ TEST_F(ContactTest, TheToolRotatesWithThePlate) {
   tick(at(-0.03, 0, 0.125));
   EXPECT_EQ(tick(at(-0.03, 0, 0.119)).phase, ContactPhase::kContact);
   tick(at(-0.03, 0, 0.125));
-  EXPECT_EQ(tick(at(-0.03, 0, 0.119, std::numbers::pi)).phase, ContactPhase::kBeside);
+  EXPECT_EQ(tick(at(-0.03, 0, 0.119, std::numbers::pi)).phase, ContactPhase::kMissed);
 }
 
 }  // namespace

@@ -217,7 +217,7 @@ TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
   const LatticeOutline outline =
       outline_on_lattice(model_.tool, at(0.021, 0, 0.1), sheets_[0]->transform, kTop_m);
   const Overlap part = overlap(*sheets_[0], model_.tool, outline, {});
-  EXPECT_NEAR(part.fraction, 3.0 / 8, 1e-9);
+  EXPECT_NEAR(part.coverage, 3.0 / 8, 1e-9);
   const Eigen::Vector2d centre_m = sheets_[0]->transform.to_scene(part.centroid_steps);
   EXPECT_LT((centre_m - Eigen::Vector2d(0.0185, 0)).norm(), 1e-9);
   // Wholly over material, and wholly beside it: the middle of the tool.

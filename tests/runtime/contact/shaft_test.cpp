@@ -12,8 +12,8 @@ namespace {
 
 constexpr double kTick_s = 1e-3;
 
-ShaftPlace down_to(double inserted_m, double x_m = 0, double y_m = 0) {
-  ShaftPlace place;
+ShaftSection down_to(double inserted_m, double x_m = 0, double y_m = 0) {
+  ShaftSection place;
   place.at_m = {x_m, y_m, 0.12};
   place.inserted_m = inserted_m;
   return place;
@@ -50,7 +50,7 @@ TEST(Shaft, ViscousFrictionIsTheSpeedTimesTheCoefficientAlongATiltedAxis) {
   ShaftTissue tissue;
   tissue.viscous_friction_N_s_per_m = 10;
   ShaftState state;
-  ShaftPlace place = down_to(0.01);
+  ShaftSection place = down_to(0.01);
   place.axis = Eigen::Vector3d(0.6, 0, 0.8);
   enter_hole(place, state);
   place.inserted_m += 1e-4;  // 0.1 m/s
@@ -103,11 +103,11 @@ TEST(Shaft, EnteringAHoleAgainTakesAndGivesNoEnergy) {
   enter_hole(down_to(0.01), state);
   EXPECT_GT(shaft_force(tissue, down_to(0.02, 0.004), kTick_s, state).norm(), 10);
   state.in_hole = false;  // drawn out
-  const ShaftPlace back = down_to(1e-4, 2e-4, -1e-4);
+  const ShaftSection back = down_to(1e-4, 2e-4, -1e-4);
   EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
   enter_hole(back, state);
   EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
-  // From there on friction and rim act as after a puncture at this place.
+  // Friction and rim then act as after a puncture at this position.
   const Eigen::Vector3d force_N = shaft_force(tissue, down_to(1e-2, 2e-4, 0), kTick_s, state);
   EXPECT_LT((force_N - Eigen::Vector3d(0, -0.3, 2 + 10 * 9.9)).norm(), 1e-9);
 }

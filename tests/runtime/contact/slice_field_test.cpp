@@ -20,7 +20,7 @@ using Eigen::Vector2d;
 
 constexpr double kStep_mm = 1.0 / 256;
 
-/// HU at a point of the slice plane, in mm, by the triangle around it; none: no material.
+/// HU at a point of the slice plane, in mm, by the triangle around it; none: outside of material.
 std::optional<double> by_triangles(const SliceMesh& mesh, const std::vector<float>& hu, double x_mm,
                                    double y_mm) {
   const long double x = x_mm / kStep_mm, y = y_mm / kStep_mm;
@@ -110,8 +110,8 @@ TEST(SliceField, PixelsAreLargerOnlyWhereThereWouldBeTooMany) {
   EXPECT_EQ(field_of(100).bytes(), 401U * 401U * sizeof(float));
   EXPECT_EQ(field_of(25).bytes(), 101U * 101U * sizeof(float));
   const SliceField wide = field_of(400);
-  EXPECT_GT(wide.bytes(), 0.9 * SliceField::kMostPixels * sizeof(float));
-  EXPECT_LT(wide.bytes(), 1.01 * SliceField::kMostPixels * sizeof(float));
+  EXPECT_GT(wide.bytes(), 0.9 * SliceField::kMaxPixels * sizeof(float));
+  EXPECT_LT(wide.bytes(), 1.01 * SliceField::kMaxPixels * sizeof(float));
   EXPECT_EQ(at(wide, plain(), 399, 399).share, 1);
   EXPECT_EQ(at(wide, plain(), 401, 200).share, 0);
 }

@@ -30,7 +30,7 @@ TEST(ToolOutline, IsSimpleWhereTheClearanceAllowsIt) {
     const Tool tool = make_tool(shape);
     PlanarTransform transform;
     transform.lattice.bits = static_cast<int>(random() % 9);
-    if (smallest_clearance_m(tool) < kLeastClearance * transform.lattice.step_m()) {
+    if (smallest_clearance_m(tool) < kMinClearance * transform.lattice.step_m()) {
       ++narrow;
       continue;
     }

@@ -52,7 +52,7 @@ class DeviceTime : public testing_support::LoopFixture {
   Range descend_by_counts(const std::function<double()>& value) {
     model_.device.encoder_counts_per_revolution = 20'000;
     const double count_rad = 2 * std::numbers::pi / 20'000;
-    double z_m = (state_.T_device_plate * model_.contact.tool.tip_plate_m).z();
+    double z_m = (state_.T_device_plate * model_.tool.tip_plate_m).z();
     Range range;
     for (int i = 0; i < 60; ++i) {
       go_to(z_m -= 0.05e-3);
@@ -97,7 +97,7 @@ TEST_F(DeviceTime, ShaftFrictionIsTakenOverTheTimeBetweenStates) {
 }
 
 TEST_F(DeviceTime, ACouplingTakesItToo) {
-  model_.coupling.on = true;
+  law_.coupling_options().on = true;
   double z_m = 0.1165;
   for (int i = 0; i < 60; ++i) {  // to its equilibrium
     go_to(z_m -= 0.05e-3);
@@ -133,7 +133,7 @@ TEST_F(DeviceTime, CoarseEncodersGiveASteadyFrictionOfTheShaft) {
 
 // The proxy moves by two thirds of what the tool moves, a spring of 10 kN/m before one of 5 kN/m.
 TEST_F(DeviceTime, CoarseEncodersGiveASteadyForceThroughACoupling) {
-  model_.coupling.on = true;
+  law_.coupling_options().on = true;
   const Range damping_N = descend_by_counts(
       [&] { return result_.contact.damping_N_s_per_m * result_.contact.rate_m_per_s; });
   EXPECT_GT(damping_N.low, 0.8 * 2 * 2 / 3);
@@ -198,7 +198,7 @@ TEST_F(DeviceTime, AClockThatLeapsIsAFault) {
   EXPECT_EQ(state_.safety.fault, Fault::kNoData);
 }
 
-// As after a link was restored to a drive that was started again.
+// This happens after a link was restored to a restarted drive.
 TEST_F(DeviceTime, TheClockMayStartAgainWhileNoForcesAreRendered) {
   device_.on_read = DeviceStatus::kLinkLost;
   tick();
@@ -226,21 +226,23 @@ TEST_F(DeviceTime, HeatCountsTheTimeThatPassed) {
   model_.device.motor_peak_time_s = 10;
   const MotorModel motor = make_motor_model(model_.device);
   const LoopState before = state_;
+  const SheetLaw law_before = law_;
   for (int i = 0; i < 60; ++i)
     tick();
-  const double on_time = i2t_share_used(motor, state_.limits.load);
+  const double on_time = i2t_fraction_used(motor, state_.limits.load);
   state_ = before;
+  law_ = law_before;
   device_.next.t_s = before.device.t_s;
   for (int i = 0; i < 30; ++i) {
     tick_after(1e-3);
     tick_after(4e-3);
   }
-  EXPECT_NEAR(i2t_share_used(motor, state_.limits.load) / on_time, 2.5, 0.1);
+  EXPECT_NEAR(i2t_fraction_used(motor, state_.limits.load) / on_time, 2.5, 0.1);
 }
 
 TEST_F(DeviceTime, ARecordingHoldsTheTimesAndReplays) {
   std::vector<RecordingRow> rows;
-  state_ = LoopState{};
+  restart();
   go_to(0.125);
   double z_m = 0.125;
   for (int i = 0; i < 400; ++i) {
@@ -252,11 +254,12 @@ TEST_F(DeviceTime, ARecordingHoldsTheTimesAndReplays) {
   ASSERT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
   ReplayDevice replay(rows);
   LoopState again;
+  SheetLaw law = test::hooke_law(model_);
   TickResult result;
   for (const RecordingRow& row : rows) {
     TickInputs inputs;
     inputs.sheets = current_;
-    haptic_tick(model_, inputs, replay, again, result);
+    haptic_tick(model_, inputs, replay, law, again, result);
     ASSERT_EQ(result.row.tau_Nm, row.tau_Nm) << row.t_s;
     ASSERT_EQ(result.row.state_t_s, row.state_t_s);
   }

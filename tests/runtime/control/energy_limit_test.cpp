@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The limit on the energy given to the hand: against its definition, and in the loop.
+// The limit on the energy released to the hand: against its definition, and in the loop.
 #include "runtime/control/energy_limit.h"
 
 #include <gtest/gtest.h>
@@ -38,7 +38,7 @@ TEST(EnergyLimit, IsItsDefinition) {
   for (const double rate_Hz : {100.0, 333.0, 1000.0, 7999.0, 8000.0}) {
     EnergyAccount account;
     SafetyLimits limits;
-    limits.energy_given_max_J = 0.02;
+    limits.energy_limit_J = 0.02;
     const auto window = static_cast<std::size_t>(std::floor(0.1 * rate_Hz + 1e-9));
     std::vector<double> work_J, stored_J;
     std::vector<bool> punctured;
@@ -64,7 +64,7 @@ TEST(EnergyLimit, IsItsDefinition) {
       }
       const Fault fault = account.check(limits, rate_Hz, {pose, true, stored_J[i], punctured[i]});
       ASSERT_NEAR(account.excess_J(), expected_J, 1e-12) << rate_Hz << ", " << i;
-      ASSERT_EQ(fault, account.excess_J() <= 0.02 ? Fault::kNone : Fault::kEnergy);
+      ASSERT_EQ(fault, account.excess_J() <= 0.02 ? Fault::kNone : Fault::kEnergyLimit);
       ++(fault == Fault::kNone ? kept : raised);
       for (int k = 0; k < 6; ++k)
         held[k] = (k < 3 ? 20 : 2) * (unit(random) - 0.4);
@@ -82,7 +82,7 @@ TEST(EnergyLimit, AnEnvironmentThatGivesBackAtMostWhatItStoredNeverRaisesIt) {
   for (int run = 0; run < 200; ++run) {
     Moved moved;
     moved.rate_Hz = std::exp(std::log(100.0) + unit(random) * std::log(80.0));
-    moved.limits.energy_given_max_J = 1e-9;  // rounding
+    moved.limits.energy_limit_J = 1e-9;  // rounding
     const double share = run % 3 == 0 ? 1 : unit(random);
     const double k = 1e5 * unit(random);
     double depth_m = 0;
@@ -108,7 +108,7 @@ TEST(EnergyLimit, ASheetBelowMayTakeOverEnergyOfThePuncturedOne) {
     ASSERT_EQ(moved.move(0, 0, 0, true), Fault::kNone);
     ASSERT_EQ(moved.move(0, 0, below_J), Fault::kNone);
     EXPECT_EQ(moved.move(10, below_J / 10, 0),
-              below_J < 0.12 + 0.05 ? Fault::kNone : Fault::kEnergy);
+              below_J < 0.12 + 0.05 ? Fault::kNone : Fault::kEnergyLimit);
     EXPECT_NEAR(moved.account.excess_J(), std::max(0.0, below_J - 0.12), 1e-12);
   }
 }
@@ -117,7 +117,7 @@ TEST(EnergyLimit, ASheetBelowMayTakeOverEnergyOfThePuncturedOne) {
 TEST(EnergyLimit, WithoutNewPosesTheWorkIsCountedWithTheNextOne) {
   EnergyAccount account;
   SafetyLimits limits;
-  limits.energy_given_max_J = 1;
+  limits.energy_limit_J = 1;
   Pose pose;
   ASSERT_EQ(account.check(limits, 1000, {pose}), Fault::kNone);
   double work_J = 0;
@@ -157,15 +157,15 @@ TEST(EnergyLimit, HoldsForAnyTenthOfASecond) {
 TEST(EnergyLimit, ALimitOfNanOrANegativeLimitAlwaysTrips) {
   for (const double bad : {static_cast<double>(NAN), -0.1, -static_cast<double>(INFINITY)}) {
     Moved moved;
-    moved.limits.energy_given_max_J = bad;
-    EXPECT_EQ(moved.move(0, 0, 0), Fault::kEnergy) << bad;
-    EXPECT_EQ(moved.move(0, 0, 1), Fault::kEnergy) << bad;
+    moved.limits.energy_limit_J = bad;
+    EXPECT_EQ(moved.move(0, 0, 0), Fault::kEnergyLimit) << bad;
+    EXPECT_EQ(moved.move(0, 0, 1), Fault::kEnergyLimit) << bad;
   }
   Moved moved;
-  moved.limits.energy_given_max_J = 0;
+  moved.limits.energy_limit_J = 0;
   EXPECT_EQ(moved.move(0, 0, 0), Fault::kNone);
-  EXPECT_EQ(moved.move(1, 1e-6, 0), Fault::kEnergy);
-  moved.limits.energy_given_max_J = INFINITY;
+  EXPECT_EQ(moved.move(1, 1e-6, 0), Fault::kEnergyLimit);
+  moved.limits.energy_limit_J = INFINITY;
   EXPECT_EQ(moved.move(1, 1e6, 0), Fault::kNone);
 }
 
@@ -183,7 +183,7 @@ test::RigOptions undamped_wall(bool passivity) {
 // sampling, and the limit acts all the same. Torques are zero in the tick that finds it.
 TEST(EnergyInTheLoop, AWallThatDrivesTheHandIsAFaultAlsoWithoutTheController) {
   test::Rig rig(undamped_wall(false));
-  rig.model_.limits.energy_given_max_J = 0.05;
+  rig.model_.limits.energy_limit_J = 0.05;
   double given_J = 0, before_J = 0;
   Pose last;
   Wrench held = Wrench::Zero();
@@ -193,7 +193,7 @@ TEST(EnergyInTheLoop, AWallThatDrivesTheHandIsAFaultAlsoWithoutTheController) {
     last = rig.state_.T_device_plate;
     held = Wrench(result.row.wrench_delivered.data());
     if (result.new_fault != Fault::kNone) {
-      EXPECT_EQ(result.new_fault, Fault::kEnergy);
+      EXPECT_EQ(result.new_fault, Fault::kEnergyLimit);
       EXPECT_TRUE(result.at_rest);
       EXPECT_EQ(rig.state_.tau_motor_Nm.norm(), 0);
       EXPECT_GT(given_J, before_J);
@@ -206,7 +206,7 @@ TEST(EnergyInTheLoop, AWallThatDrivesTheHandIsAFaultAlsoWithoutTheController) {
 
 TEST(EnergyInTheLoop, WithTheControllerTheSameWallIsRendered) {
   test::Rig rig(undamped_wall(true));
-  rig.model_.limits.energy_given_max_J = 0.05;
+  rig.model_.limits.energy_limit_J = 0.05;
   rig.run_until(2);
   EXPECT_EQ(rig.state_.safety.fault, Fault::kNone) << to_string(rig.state_.safety.fault);
   EXPECT_NEAR(rig.result_.contact.force_N, 35, 1);

@@ -163,7 +163,7 @@ TEST(Limits, ThermalLimitIsExceededAfterThePeakTime) {
       tau[i] = i % 2 == 0 ? device.motor_continuous_torque_Nm : -device.motor_continuous_torque_Nm;
       for (int k = 0; k < 20 * rate_Hz; ++k)
         ASSERT_EQ(check_heat(motor, tau, 1 / rate_Hz, state), Fault::kNone);
-      EXPECT_NEAR(i2t_share_used(motor, state.load), 0, 1e-9)
+      EXPECT_NEAR(i2t_fraction_used(motor, state.load), 0, 1e-9)
           << "the continuous torque, for any time";
       state = {};
       tau[i] *= 2;  // the peak torque, which limit_torques would not allow for so long
@@ -280,7 +280,7 @@ TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
   }
 }
 
-/// What a motor's torque grows in magnitude, or goes beyond zero to the other sign.
+/// Growth of a motor's torque in magnitude, or its part beyond zero after a change of sign.
 double rise_of(double from_Nm, double to_Nm) {
   return from_Nm * to_Nm > 0 ? std::max(0.0, std::abs(to_Nm) - std::abs(from_Nm)) : std::abs(to_Nm);
 }

@@ -11,6 +11,7 @@
 
 #include "runtime/control/haptic_loop.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/sheet_law_fixture.h"
 
 namespace trocar::runtime::testing_support {
 
@@ -49,7 +50,8 @@ class LoopFixture : public testing::Test {
     sheets_ = std::move(*place_slices(scene, test::square_asset(1), "a"));
     current_ = {sheets_[0].get()};
     model_.device = default_device_description();
-    model_.contact.tool = make_tool(scene.tool);
+    model_.tool = make_tool(scene.tool);
+    law_ = test::hooke_law(model_);
     model_.rate_Hz = 1000;
     model_.limits.torque_rise_max_Nm_per_s = 1e6;
     allow_jumps(true);
@@ -70,9 +72,15 @@ class LoopFixture : public testing::Test {
   void allow_jumps(bool may) {
     model_.limits.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
     model_.limits.speed_max_m_per_s = may ? 1e3 : 2;
-    model_.limits.energy_given_max_J = may ? 1e3 : 0.05;
+    model_.limits.energy_limit_J = may ? 1e3 : 0.05;
     state_.limits.has_pose = false;
   }
+  /// Starts again before the first tick.
+  void restart() {
+    state_ = LoopState{};
+    law_ = test::hooke_law(model_);
+  }
+  void use_tool(const Tool& tool) { model_.tool = law_.model().tool = tool; }
   void go_to(double z_m, double x_m = 0) {
     Pose pose;
     pose.p_m = {x_m, 0, z_m};
@@ -88,7 +96,7 @@ class LoopFixture : public testing::Test {
     inputs.missed_in_row = missed_in_row_;
     inputs.outside = outside_;
     inputs.recover = recover_;
-    haptic_tick(model_, inputs, device_, state_, result_);
+    haptic_tick(model_, inputs, device_, law_, state_, result_);
   }
   /// The next tick must have this fault; it latches, and torques ramp down to zero.
   void expect_fault(Fault fault, double gap_s = 1e-3) {
@@ -125,6 +133,7 @@ class LoopFixture : public testing::Test {
   std::vector<std::unique_ptr<const Sheet>> sheets_;
   std::vector<const Sheet*> current_;
   LoopModel model_;
+  SheetLaw law_{ContactModel{}};
   LoopState state_;
   TickResult result_;
   ScriptedDevice device_;

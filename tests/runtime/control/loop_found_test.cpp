@@ -29,7 +29,7 @@ TEST_F(LoopFound, NothingInAGoodTick) {
   tick();
   EXPECT_EQ(result_.found.fault, Fault::kNone);
   EXPECT_EQ(quantity_name(result_.found), "");
-  EXPECT_NEAR(result_.lift_m, 0.004, 1e-9) << "the tool stands in the sheet";
+  EXPECT_NEAR(result_.retract_distance_m, 0.004, 1e-9) << "the tool stands in the sheet";
 }
 
 TEST_F(LoopFound, TimeWithoutData) {
@@ -129,7 +129,7 @@ TEST_F(LoopFound, TheMotorBeyondItsTorque) {
 TEST_F(LoopFound, TheTiltOfTheTool) {
   SceneTool shape;
   shape.tilt_deg = 45;
-  model_.contact.tool = make_tool(shape);
+  use_tool(make_tool(shape));
   Pose pose;
   pose.p_m = {0, 0, 0.116};
   pose.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
@@ -142,9 +142,9 @@ TEST_F(LoopFound, TheTiltOfTheTool) {
 
 TEST_F(LoopFound, TheEnergyGivenToTheHand) {
   tick();
-  model_.limits.energy_given_max_J = 1e-5;
+  model_.limits.energy_limit_J = 1e-5;
   go_to(0.1165);  // 20 N over 0.5 mm; the jump into the sheet took nothing from the hand
-  expect_found("energy_given_J", 0.01, 1e-5);
+  expect_found("energy_released_J", 0.01, 1e-5);
 }
 
 TEST_F(LoopFound, TheMotorThatTheDriveReports) {
@@ -172,7 +172,7 @@ TEST_F(LoopFound, WhatPreventsARecovery) {
   tick();
   EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
   EXPECT_EQ(result_.found.fault, Fault::kNone);
-  EXPECT_NEAR(result_.lift_m, 0.004, 1e-9);
+  EXPECT_NEAR(result_.retract_distance_m, 0.004, 1e-9);
   device_.on_read = DeviceStatus::kEmergencyStop;
   tick();
   EXPECT_EQ(result_.found.fault, Fault::kEmergencyStop);
@@ -182,7 +182,7 @@ TEST_F(LoopFound, WhatPreventsARecovery) {
   go_to(0.125);
   tick();
   EXPECT_EQ(result_.found.fault, Fault::kNone);
-  EXPECT_EQ(result_.lift_m, 0);
+  EXPECT_EQ(result_.retract_distance_m, 0);
 }
 
 }  // namespace

@@ -71,7 +71,7 @@ TEST_F(Loop, TenMillisecondsWithoutDataAreAFault) {
 }
 
 TEST_F(Loop, TorquesAreZeroBeforeTheFirstData) {
-  state_ = LoopState{};
+  restart();
   device_.on_read = DeviceStatus::kNoData;
   for (int i = 0; i < 9; ++i) {
     tick();
@@ -89,7 +89,7 @@ TEST_F(Loop, EncoderNotFinite) {
 }
 
 TEST_F(Loop, EncoderNotFiniteInTheFirstTick) {
-  state_ = LoopState{};
+  restart();
   device_.next.encoder_rad[0] = INFINITY;
   tick();
   EXPECT_EQ(state_.safety.fault, Fault::kEncoderNotFinite);
@@ -329,13 +329,13 @@ TEST_F(Loop, ARequestForRecoveryHasNoEffectInOtherStates) {
 }
 
 TEST_F(Loop, RemeshBacklog) {
-  SheetTrack& track = state_.contact.tracks[0];
+  SheetTrack& track = law_.contact().tracks[0];
   track.pending_count = kMaxPendingHoles;
   track.cuts_requested = kMaxPendingHoles;
   for (LatticeOutline& hole : track.pending) {  // far from the tool
     Pose pose;
     pose.p_m = {0.015, 0.015, 0.1};
-    hole = outline_on_lattice(model_.contact.tool, pose, current_[0]->transform, 0.12);
+    hole = outline_on_lattice(model_.tool, pose, current_[0]->transform, 0.12);
   }
   allow_jumps(true);
   go_to(0.112);
@@ -345,7 +345,7 @@ TEST_F(Loop, RemeshBacklog) {
 TEST_F(Loop, ToolTilt) {
   SceneTool shape;
   shape.tilt_deg = 45;
-  model_.contact.tool = make_tool(shape);
+  use_tool(make_tool(shape));
   tick();
   ASSERT_EQ(state_.safety.fault, Fault::kNone);
   good_ = device_.written;

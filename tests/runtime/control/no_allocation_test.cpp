@@ -21,6 +21,7 @@
 
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/loop_rig.h"
 #include "tests/support/sheet_fixture.h"
@@ -160,14 +161,14 @@ TEST_F(NoAllocation, FaultsRecoveriesAndBlackBoxesDoNotAllocate) {
     options.coupling.on = true;
     options.limits.gap_max_s = 0;
     options.limits.workspace_max_m[2] = 0.14;
-    std::vector<Notice> told;
-    options.on_notice = [&](const Notice& notice) { told.push_back(notice); };
+    std::vector<OperatorMessage> received;
+    options.on_message = [&](const OperatorMessage& message) { received.push_back(message); };
     const auto report = run_session(
         scene, default_device_description(), remesher, *device,
         [&](double dt_s) { device->step(dt_s); }, options);
     ASSERT_TRUE(report);
     EXPECT_EQ(report->faults_count, 2U);
-    EXPECT_GE(told.size(), 4U) << "two faults, two recoveries";
+    EXPECT_GE(received.size(), 4U) << "two faults, two recoveries";
     EXPECT_EQ(report->end, SessionEnd::kDone);
     ASSERT_EQ(report->black_boxes.size(), 2U);
     EXPECT_FALSE(report->black_boxes[0].error);
@@ -214,7 +215,7 @@ TEST_F(NoAllocation, ATickMakesNoSystemCall) {
       for (int i = 0; i < 800; ++i)
         rig.tick();  // contact, the controller, a puncture; or a fault and its ramp
       const bool expected = faulty ? rig.state_.safety.fault == Fault::kWorkspace
-                                   : rig.state_.contact.tracks[0].state == SheetState::kPunctured;
+                                   : rig.law_.contact().tracks[0].state == SheetState::kPunctured;
       if (!expected) ::_exit(3);
     });
     EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;

@@ -113,8 +113,8 @@ TEST(Passivity, DampingTakesItsVelocityFromTheEarlierPose) {
     note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
     state.balance_J = -1;
     input.T_device_plate.p_m.z() += step_m;
-    input.earlier.T_device_plate.p_m.z() = input.T_device_plate.p_m.z() - 1e-3;
-    input.earlier.ago_s = 0.01;  // 0.1 m/s up
+    input.previous.T_device_plate.p_m.z() = input.T_device_plate.p_m.z() - 1e-3;
+    input.previous.ago_s = 0.01;  // 0.1 m/s up
     const Wrench wrench = keep_passive({}, 0.35, 1e-3, input, state);
     if (step_m > 0) {
       EXPECT_GT(state.damping_N_s_per_m, 0);
@@ -325,7 +325,7 @@ TEST_P(Walls, AnUndampedLightHandComesToRest) {
 TEST(PassivityInTheLoop, AReleaseGivesLessThanAMillijoule) {
   for (const double rate_Hz : {500.0, 1000.0}) {
     for (const double damping : {0.0, 100.0}) {
-      // By puncture: the motors do no work from there on.
+      // Release by a puncture: the motors do no work afterwards.
       test::RigOptions options;
       options.rate_Hz = rate_Hz;
       options.hand_damping_N_s_per_m = damping;
@@ -342,7 +342,7 @@ TEST(PassivityInTheLoop, AReleaseGivesLessThanAMillijoule) {
       }
       EXPECT_LE(punctured.device_->truth().work.motors_J - at_release_J, 1e-3);
 
-      // By lifting off: in total the motors have done no work on the hand.
+      // Release by lifting off: in total the motors have done no work on the hand.
       options.tissue.threshold_N = 1e6;
       options.pressed_N = 30;
       options.lifted_at_s = 1;
@@ -350,7 +350,7 @@ TEST(PassivityInTheLoop, AReleaseGivesLessThanAMillijoule) {
       lifted.run_until(2);
       EXPECT_EQ(lifted.result_.contact.force_N, 0);
       EXPECT_LE(lifted.device_->truth().work.motors_J, 1e-3);
-      EXPECT_LE(lifted.state_.passivity.given_max_J, 1e-3);
+      EXPECT_LE(lifted.state_.passivity.released_max_J, 1e-3);
     }
   }
 }

@@ -71,7 +71,7 @@ TEST(Safety, AfterEnergyTorquesAreZeroAtOnceAndStayZero) {
   const SafetyTiming timing{0.004, 0, 0};  // `recovering` ends in its first tick
   Safety safety;
   safety.state = S::kRunning;
-  ASSERT_TRUE(raise(safety, Fault::kEnergy, 1));
+  ASSERT_TRUE(raise(safety, Fault::kEnergyLimit, 1));
   EXPECT_EQ(ramp_factor(safety, timing, 8000), 0);
   EXPECT_TRUE(at_rest(safety, timing, 8000));
   ASSERT_TRUE(recover(safety, timing, 8000));

@@ -41,7 +41,7 @@ struct Motion {
     window.add(state, newest);
   }
   double velocity() const {
-    const EarlierPose begin = window.begin(count_rad, kPeriod_s);
+    const PreviousPose begin = window.begin(count_rad, kPeriod_s);
     const Pose& from = begin.ago_s > 0 ? begin.T_device_plate : last;
     const double over_s = begin.ago_s > 0 ? begin.ago_s : newest_t_s - last_t_s;
     return (newest.p_m.z() - from.p_m.z()) / over_s;
@@ -102,7 +102,7 @@ TEST(VelocityWindow, ATurnEndsTheWindow) {
 }
 
 TEST(VelocityWindow, ALateStateHasTheVelocityOfOneOnTime) {
-  // With a constant acceleration: that of half a period before, whatever the intervals.
+  // At constant acceleration the result is the velocity half a period earlier, whatever the intervals.
   Motion motion([](double t_s) { return 40 * t_s * t_s; });
   std::mt19937_64 random(3);
   double t_s = 0;

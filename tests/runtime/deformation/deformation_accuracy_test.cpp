@@ -151,7 +151,7 @@ TEST(Accuracy, CalibrationRefusesInvalidArguments) {
   const auto ungraded = calibrate(5000, 0.01, tool, lattice, {.graded = false});
   ASSERT_TRUE(ungraded);
   EXPECT_EQ(ungraded->excess, 0);
-  EXPECT_EQ(ungraded->membrane.bed_N_per_m3, ungraded->exact_bed_N_per_m3);
+  EXPECT_EQ(ungraded->membrane.foundation_N_per_m3, ungraded->exact_foundation_N_per_m3);
 }
 
 // Real slices, near rims and over holes: compared with a calibrated mesh of a fifth of the size.

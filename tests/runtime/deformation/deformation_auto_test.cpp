@@ -9,10 +9,10 @@
 #include <optional>
 #include <set>
 
-#include "runtime/cut/cut.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/response.h"
+#include "runtime/hole_cutting/cut.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
@@ -26,7 +26,7 @@ namespace {
 struct InSheet {
   SliceMesh mesh;
   std::vector<NodeKind> kind;            ///< without a ring
-  std::vector<std::uint32_t> of_region;  ///< for each vertex of the region: its vertex in the mesh
+  std::vector<std::uint32_t> of_region;  ///< vertex in the mesh of each vertex of the region
 };
 std::optional<InSheet> put_back(const SheetMesh& sheet, const Region& region,
                                 const std::vector<std::uint32_t>& under, const Ring& tool,

@@ -20,7 +20,7 @@ constexpr double kRadius_mm = 3;
 constexpr double kFar_mm = 200;
 
 struct Solved {
-  double error = 0;        ///< of the stiffness, relative to the disc's
+  double error = 0;        ///< error of the stiffness relative to the disc's
   double shape_error = 0;  ///< largest of w, in depths
 };
 
@@ -42,7 +42,8 @@ Solved solve_polar(double lambda_mm, int sides) {
   const double under_tool_m2 =
       0.5 * sides * std::sin(2 * kPi / sides) * std::pow(kRadius_mm * 1e-3, 2);
   Solved out;
-  out.error = (solution->stiffness_N_per_m + membrane.bed_N_per_m3 * under_tool_m2) / 5000 - 1;
+  out.error =
+      (solution->stiffness_N_per_m + membrane.foundation_N_per_m3 * under_tool_m2) / 5000 - 1;
   for (std::size_t i = 0; i < network.size(); ++i) {
     const double r_m = std::hypot(mesh.vertices[i].x, mesh.vertices[i].y) * kFine.step_m();
     const double exact =

@@ -26,7 +26,7 @@ std::vector<Vector2d> regular(int sides, double circumradius, double turn = 0.1)
   return out;
 }
 
-// By shooting inwards: (r w')' = r w / lambda^2 by the Runge-Kutta method in t = ln r, starting at
+// Solution by shooting inwards: (r w')' = r w / lambda^2 by the Runge-Kutta method in t = ln r, starting at
 // 40 lambda with the decaying solution's slope -w / lambda (1 + lambda / 2 r).
 double slope_by_integration(double a, double lambda) {
   const double far = a + 40 * lambda;
@@ -67,10 +67,10 @@ TEST(Disc, SlopeOfTheShapeMatchesTheStiffness) {
   EXPECT_DOUBLE_EQ(disc_shape(membrane, a, a), 1);
   const double slope = (1 - disc_shape(membrane, a, a + h)) / h;
   const double expected = disc_stiffness_N_per_m(membrane, a);
-  EXPECT_NEAR(
-      (kPi * a * a * membrane.bed_N_per_m3 + 2 * kPi * a * membrane.tension_N_per_m * slope) /
-          expected,
-      1, 1e-4);
+  EXPECT_NEAR((kPi * a * a * membrane.foundation_N_per_m3 +
+               2 * kPi * a * membrane.tension_N_per_m * slope) /
+                  expected,
+              1, 1e-4);
 }
 
 TEST(Disc, MembraneForDiscHasTheStiffness) {
@@ -78,7 +78,7 @@ TEST(Disc, MembraneForDiscHasTheStiffness) {
     const double lambda = 0.01;
     const Membrane membrane = membrane_for_disc(5000, lambda, a_over_lambda * lambda);
     EXPECT_NEAR(disc_stiffness_N_per_m(membrane, a_over_lambda * lambda), 5000, 1e-6);
-    EXPECT_NEAR(reach_m(membrane), lambda, 1e-12);
+    EXPECT_NEAR(decay_length_m(membrane), lambda, 1e-12);
   }
   // No step where the ratio of Bessel functions is replaced by its asymptote.
   const Membrane unit{1, 1};
@@ -87,7 +87,8 @@ TEST(Disc, MembraneForDiscHasTheStiffness) {
 }
 
 double stiffness(const std::vector<Vector2d>& outline, double lambda, int panels = 16) {
-  const auto found = unbounded_stiffness_per_bed_m2(outline, lambda, {.panels_per_side = panels});
+  const auto found =
+      unbounded_stiffness_per_foundation_m2(outline, lambda, {.panels_per_side = panels});
   EXPECT_TRUE(found) << found.error().message;
   return found ? *found : 0;
 }
@@ -151,22 +152,22 @@ TEST(Unbounded, MembraneForToolHasTheStiffness) {
   const auto hexagon = regular(6, 0.003);
   const auto membrane = membrane_for_tool(5000, 0.008, hexagon);
   ASSERT_TRUE(membrane);
-  EXPECT_NEAR(reach_m(*membrane), 0.008, 1e-12);
-  EXPECT_NEAR(stiffness(hexagon, 0.008) * membrane->bed_N_per_m3, 5000, 1e-9);
+  EXPECT_NEAR(decay_length_m(*membrane), 0.008, 1e-12);
+  EXPECT_NEAR(stiffness(hexagon, 0.008) * membrane->foundation_N_per_m3, 5000, 1e-9);
 }
 
 TEST(Unbounded, RefusesInvalidOutlines) {
   auto hexagon = regular(6, 0.003);
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2(hexagon, 0));
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2(hexagon, std::nan("")));
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2(hexagon, 0.01, {.panels_per_side = 1}));
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2(std::span(hexagon).first(2), 0.01));
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2({}, 0.01));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, 0));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, std::nan("")));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, 0.01, {.panels_per_side = 1}));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(std::span(hexagon).first(2), 0.01));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2({}, 0.01));
   hexagon[3] = hexagon[2];
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2(hexagon, 0.01));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, 0.01));
   auto clockwise = regular(6, 0.003);
   std::reverse(clockwise.begin(), clockwise.end());
-  EXPECT_FALSE(unbounded_stiffness_per_bed_m2(clockwise, 0.01));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(clockwise, 0.01));
 }
 
 }  // namespace

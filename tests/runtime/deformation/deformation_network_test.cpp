@@ -84,7 +84,7 @@ TEST(Network, IsTheMembraneOfLinearElements) {
       bed += f;
     const double area_m2 =
         static_cast<double>(doubled_area(mesh)) / 2 * std::pow(kLattice.step_m(), 2);
-    EXPECT_NEAR(bed / (kMembrane.bed_N_per_m3 * area_m2), 1, 1e-13);
+    EXPECT_NEAR(bed / (kMembrane.foundation_N_per_m3 * area_m2), 1, 1e-13);
     for (std::size_t i = 0; i < network.size(); ++i) {
       EXPECT_TRUE(std::is_sorted(network.neighbour.begin() + network.first[i],
                                  network.neighbour.begin() + network.first[i + 1]));

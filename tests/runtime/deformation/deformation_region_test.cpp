@@ -205,7 +205,7 @@ TEST(Region, IsEmptyBesideAllMaterial) {
   EXPECT_EQ(response->response.stiffness_N_per_m, 0);
 }
 
-// A tool larger than the sheet: only the bed acts on it, at the sheet's centroid.
+// A tool larger than the sheet: only the Winkler foundation acts on it, at the sheet's centroid.
 TEST(Region, OnlyTheBedActsOnAToolThatCoversTheSheet) {
   const SliceMesh small = test::square_mesh({-200, -100}, 50, 4);
   const SheetMesh sheet = sheet_of(small);
@@ -215,8 +215,8 @@ TEST(Region, OnlyTheBedActsOnAToolThatCoversTheSheet) {
       prepare_region(sheet, find_seeds(sheet, tool), tool, kLattice, kMembrane, {}, workspace);
   ASSERT_TRUE(region) << region.error().message;
   const RegionResponse& r = region->response;
-  EXPECT_NEAR(r.stiffness_N_per_m / (kMembrane.bed_N_per_m3 * 200 * 200 * kStep_m * kStep_m), 1,
-              1e-12);
+  EXPECT_NEAR(r.stiffness_N_per_m / (kMembrane.foundation_N_per_m3 * 200 * 200 * kStep_m * kStep_m),
+              1, 1e-12);
   EXPECT_NEAR(r.centre_steps.x(), -100, 1e-9);
   EXPECT_NEAR(r.centre_steps.y(), 0, 1e-9);
   EXPECT_EQ(r.free_nodes, 0U);
@@ -254,7 +254,7 @@ TEST(Region, ExtraAndRepeatedSeedsDoNotMatter) {
   EXPECT_EQ(found->kind, expected->kind);
 }
 
-// Where the border passes through a vertex twice, the part has the vertex twice.
+// If the border passes through a vertex twice, the part has the vertex twice.
 TEST(Part, IsAValidMeshWhereItsBorderPinches) {
   std::mt19937_64 random(1);
   const SheetMesh sheet = sheet_of(test::square_mesh({0, 0}, 512, 20));

@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "formats/geometry/mesh_validity.h"
-#include "pipeline/mesh/triangulation.h"
-#include "runtime/cut/cut.h"
+#include "pipeline/triangulation/triangulation.h"
 #include "runtime/deformation/sparse_factor.h"
+#include "runtime/hole_cutting/cut.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"

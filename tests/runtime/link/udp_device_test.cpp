@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loop's side of the link over real sockets of this machine: accepted and refused packets,
 // detection of a lost link, new sessions, and no allocation.
+// Long because all tests of this file share its fixtures.
 #include "runtime/link/udp_device.h"
 
 #include <gtest/gtest.h>
@@ -125,7 +126,7 @@ UdpDeviceOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
   options.key = peer.key;
   options.clock = clock;
   options.connect_timeout_s = 5;
-  options.no_state_s = 5;  // more than this machine stands still
+  options.no_state_s = 5;  // longer than this machine ever stalls
   return options;
 }
 
@@ -135,8 +136,8 @@ std::unique_ptr<UdpDevice> connected(const UdpDeviceOptions& options) {
   return device ? std::move(*device) : nullptr;
 }
 
-/// As a recovering loop: calls restore() in each tick until read() gives kOk, for at most five
-/// seconds. Gives the last status.
+/// Behaves like a recovering loop: calls restore() in each tick until read() returns kOk, for at
+/// most five seconds. Returns the last status.
 DeviceStatus restored(UdpDevice& device, DeviceState& state) {
   DeviceStatus status = DeviceStatus::kLinkLost;
   for (int ms = 0; ms < 5000; ++ms) {

@@ -273,7 +273,7 @@ TEST(Jacobian, WorkspaceIsWellConditioned) {
   EXPECT_GT(workspace.inverse_condition, 0.15);
   EXPECT_LT(workspace.torque_35N_Nm, 4.5);
 
-  // Where the experiments move the tool: near the axis, with a larger range of height.
+  // The region of the experiments is near the axis, with a larger range of height.
   const Figures axis = survey({.z_min_m = 0.085,
                                .z_max_m = 0.21,
                                .lateral_m = 0.005,

@@ -148,7 +148,7 @@ TEST(Kinematics, GaussNewtonFromTheLastPoseReturnsThePose) {
   EXPECT_LT(worst_rad, 1e-10);
 }
 
-// From increasingly distant starts, a pose with status kOk is the right one. Wrong solutions occur,
+// A pose with status kOk is correct even from increasingly distant starts. Wrong solutions occur,
 // and each is reported as kOtherBranch.
 TEST(Kinematics, GaussNewtonReportsWrongSolutions) {
   const DeviceDescription device = default_device_description();

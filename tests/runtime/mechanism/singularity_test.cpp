@@ -49,7 +49,7 @@ TEST(Singularity, SmallestSingularValueIsThatOfTheWeakestDirection) {
     const double largest = svd.singularValues()[0], smallest = svd.singularValues()[5];
     EXPECT_NEAR(s.smallest_singular_value_per_m, smallest, 1e-12 * largest);
     EXPECT_NEAR(s.inverse_condition, smallest / largest, 1e-12);
-    // By duality: torques of norm 1 N*m hold this many N in the weakest direction.
+    // Duality: torques of norm 1 N*m resist this many N in the weakest direction.
     Wrench weakest = svd.matrixV().col(5);
     weakest.tail<3>() *= kCharacteristicLength_m;
     const AllocationResult result = allocate_torques(at.G, weakest, 1e9);

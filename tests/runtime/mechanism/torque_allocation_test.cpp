@@ -338,7 +338,7 @@ TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
   EXPECT_GT(fastest_fixed, 5) << "too slow to test the bound";
 }
 
-// As the wrench grows the scale never rises, and beyond the limits the torques stay constant.
+// While the wrench grows, the scale never rises, and beyond the limits the torques stay constant.
 TEST(TorqueAllocation, TorquesStayConstantBeyondTheLimits) {
   const DeviceDescription device = default_device_description();
   Random random(27);

@@ -20,8 +20,8 @@
 #include <vector>
 
 #include "runtime/realtime/histogram.h"
-#include "runtime/realtime/overwriting_ring.h"
 #include "runtime/realtime/realtime_thread.h"
+#include "runtime/realtime/ring_buffer.h"
 #include "runtime/realtime/spsc_queue.h"
 #include "runtime/realtime/triple_buffer.h"
 
@@ -106,8 +106,8 @@ struct Numbered {
   bool operator==(const Numbered&) const = default;
 };
 
-TEST(OverwritingRing, CopyGivesTheRequestedValuesOrFails) {
-  OverwritingRing<Numbered> ring(8);
+TEST(RingBuffer, CopyGivesTheRequestedValuesOrFails) {
+  RingBuffer<Numbered> ring(8);
   for (std::uint64_t i = 0; i < 13; ++i)
     ring.push(Numbered::of(i));
   EXPECT_EQ(ring.pushed(), 13U);
@@ -123,9 +123,9 @@ TEST(OverwritingRing, CopyGivesTheRequestedValuesOrFails) {
     EXPECT_EQ(out[static_cast<std::size_t>(i - 5)], Numbered::of(i));
 }
 
-TEST(OverwritingRing, CopyIsNeverAMixtureWhileTheWriterOverwrites) {
+TEST(RingBuffer, CopyIsNeverAMixtureWhileTheWriterOverwrites) {
   constexpr std::uint64_t kPushes = 400'000;
-  OverwritingRing<Numbered> ring(16);
+  RingBuffer<Numbered> ring(16);
   std::atomic<std::uint64_t> seen{0};
   std::jthread writer([&] {
     for (std::uint64_t i = 0; i < kPushes; ++i) {

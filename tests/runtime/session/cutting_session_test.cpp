@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force law `cutting` in whole sessions in virtual time: the paper's shell of no thickness at
-// every rate, the force scale, replays, faults under load, the energy ledger.
+// every rate, the force scale, replays, faults under load, the energy account.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,16 +11,22 @@
 #include <map>
 
 #include "formats/session/recording.h"
+#include "runtime/force_law/cutting_force_law.h"
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
+
+const CuttingReport& cutting_of(const SessionReport& report) {
+  return dynamic_cast<const CuttingForceLaw&>(*report.law).report();
+}
 
 using test::body_scene;
 using test::cutting_scene;
@@ -50,7 +56,7 @@ SessionOptions options_at(double rate_Hz, const Scene& scene) {
   options.limits.encoder_rate_max_rad_per_s = 1e6;
   options.limits.torque_rise_time_max_s = 1e6;
   options.limits.torque_rise_max_Nm_per_s = 1e9;
-  options.limits.energy_given_max_J = 1e9;
+  options.limits.energy_limit_J = 1e9;
   return options;
 }
 
@@ -191,7 +197,7 @@ TEST(CuttingSession, ThePapersSliceBreaksAtThirtyFiveNewtonsAtEveryRateAndSpeed)
       const double v = speed_at(run_.rows, peak, rate_Hz), T_s = 1 / rate_Hz;
       EXPECT_LE(peak_N, 35) << where << ": never more";
       EXPECT_GE(peak_N, 35 - 5000 * v * T_s) << where << ": " << v << " m/s";
-      EXPECT_NEAR(run_.report.cutting->tip_max_N, 35, 5000 * v * T_s) << where;
+      EXPECT_NEAR(cutting_of(run_.report).tip_max_N, 35, 5000 * v * T_s) << where;
       // Broken in the next tick, and then there is nothing.
       EXPECT_NEAR(run_.report.punctures[0].penetration_m, 7e-3, 1.001 * v * T_s) << where;
       for (std::size_t k = peak + 1; k < run_.rows.size(); ++k)
@@ -218,7 +224,7 @@ TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
     EXPECT_GT(most_N, 19) << "of the tissue";
     EXPECT_LE(most_N, 20);
     EXPECT_NEAR(felt_N, scale * most_N, 0.01 * scale * most_N) << "at the plate";
-    EXPECT_EQ(run_.report.cutting->force_scale, scale);
+    EXPECT_EQ(cutting_of(run_.report).force_scale, scale);
     EXPECT_NEAR(run_.report.max_force_N, felt_N, 1e-9);
     ASSERT_EQ(run_.report.punctures.size(), 1U);
     EXPECT_NEAR(run_.report.punctures[0].force_N, felt_N, 0.01 * felt_N) << "of the puncture too";
@@ -255,7 +261,7 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
     EXPECT_EQ(replayed.replay_first_difference, -1) << one.name;
     EXPECT_EQ(replayed.ticks, once.rows.size());
     EXPECT_EQ(replayed.punctures.size(), once.report.punctures.size());
-    EXPECT_EQ(replayed.cutting->ledger.absorbed_J, once.report.cutting->ledger.absorbed_J);
+    EXPECT_EQ(cutting_of(replayed).energy.absorbed_J, cutting_of(once.report).energy.absorbed_J);
     // A replay of anything else is found out.
     std::vector<RecordingRow> forged = once.rows;
     const std::size_t at = forged.size() / 3;
@@ -352,12 +358,13 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
         Remesher remesher(*sheets);
         const auto workers = make_workers(probe, description, remesher, options_at(rate_Hz, probe));
         ASSERT_TRUE(workers);
-        if (workers->body->coupling.damping_share > 1.1) break;
+        if (dynamic_cast<const CuttingForceLaw&>(*workers->law).coupling().damping_share > 1.1)
+          break;
       }
       run_ = run(scene, assets[i], options_at(rate_Hz, scene), description);
-      ASSERT_TRUE(run_.report.cutting);
-      ASSERT_GE(run_.report.cutting->coupling.damping_share, 1);
-      ASSERT_FALSE(run_.report.cutting->coupling.predicts);
+      ASSERT_TRUE(run_.report.law->is_passive());
+      ASSERT_GE(cutting_of(run_.report).coupling.damping_share, 1);
+      ASSERT_FALSE(cutting_of(run_.report).coupling.predicts_pose);
       double taken_J = 0, least_J = 0;
       for (std::size_t k = 1; k < run_.rows.size(); ++k) {
         const RecordingRow &before = run_.rows[k - 1], &now = run_.rows[k];
@@ -383,7 +390,7 @@ TEST(CuttingSession, TheLoopAllocatesNothing) {
   }
 }
 
-// What is for `cutting` only changes nothing of the other laws.
+// Settings for `cutting` do not change the other laws.
 TEST(CuttingSession, OtherLawsAreAsTheyWere) {
   for (const ForceLawKind kind : {ForceLawKind::kHooke, ForceLawKind::kNetwork}) {
     Scene plain = descending(test::descent_scene({0.12, 0.117}, 0.122, 0.1, 0.05), 0.05, 0.012);
@@ -397,8 +404,8 @@ TEST(CuttingSession, OtherLawsAreAsTheyWere) {
     const SessionOptions options = options_at(1000, plain);
     const Finished a = run(plain, square_asset(2), options, description_with(0.005)),
                    b = run(with, square_asset(2), options, description_with(0.005));
-    EXPECT_FALSE(a.report.cutting);
-    EXPECT_FALSE(b.report.cutting);
+    EXPECT_FALSE(a.report.law->is_passive());
+    EXPECT_FALSE(b.report.law->is_passive());
     EXPECT_FALSE(a.report.punctures.empty());
     ASSERT_EQ(a.rows.size(), b.rows.size());
     for (std::size_t k = 0; k < a.rows.size(); ++k) {

@@ -17,6 +17,8 @@
 
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
+#include "runtime/session/tick_rate.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -27,7 +29,7 @@ namespace fs = std::filesystem;
 
 constexpr double kRest_s = 0.005;
 
-/// What goes wrong.
+/// Kinds of injected faults.
 struct Injection {
   DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
   std::function<void(DeviceState& state, const DeviceState& at_begin)> corrupt;
@@ -144,9 +146,9 @@ std::vector<Case> cases() {
        }),
        0, false},
       // The sampled sheet gives back more than it took, by up to 2 mJ a press.
-      {"energy", Fault::kEnergy,
+      {"energy_limit", Fault::kEnergyLimit,
        [](Random& random, Options& options) {
-         options.limits.energy_given_max_J = 2e-5 * (1 + unit(random));
+         options.limits.energy_limit_J = 2e-5 * (1 + unit(random));
          options.passivity.on = false;
          return Injection{};
        },

@@ -17,11 +17,12 @@
 #include <random>
 #include <thread>
 
-#include "formats/session/live_memory.h"
 #include "formats/session/recording.h"
+#include "formats/session/telemetry.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
 #include "tests/reference/hooks/lock_counter.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/sheet_fixture.h"
@@ -33,11 +34,11 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-/// What another process sees, by names.
+/// Values that another process reads, by name.
 class Console {
  public:
   explicit Console(const std::filesystem::path& link) {
-    auto reader = LiveReader::open(link);
+    auto reader = TelemetryReader::open(link);
     if (!reader) throw std::runtime_error(reader.error().message);
     reader_ = std::move(*reader);
     about = nlohmann::json::parse(reader_->about());
@@ -48,34 +49,34 @@ class Console {
     }
     EXPECT_EQ(at, reader_->columns());
   }
-  void give(LiveCommand command) { reader_->command(command); }
+  void give(TelemetryCommand command) { reader_->command(command); }
   double value(const std::string& name, std::size_t i = 0) {
     reader_->snapshot(values_);
     return values_.at(place_.at(name) + i);
   }
   /// Takes what came since the last call.
   void take_events() {
-    LiveEvent event;
+    TelemetryEvent event;
     std::uint64_t lost = 0;
     for (;;) {
-      const LiveReader::Next next = reader_->next_event(event, lost);
-      if (next == LiveReader::Next::kNone) return;
-      ASSERT_EQ(next, LiveReader::Next::kEvent);
+      const TelemetryReader::Next next = reader_->next_event(event, lost);
+      if (next == TelemetryReader::Next::kNone) return;
+      ASSERT_EQ(next, TelemetryReader::Next::kEvent);
       events.push_back(event);
     }
   }
-  bool has(LiveEventKind kind) {
+  bool has(TelemetryEventKind kind) {
     take_events();
     return std::any_of(events.begin(), events.end(),
-                       [&](const LiveEvent& event) { return event.kind == kind; });
+                       [&](const TelemetryEvent& event) { return event.kind == kind; });
   }
-  LiveReader& reader() { return *reader_; }
+  TelemetryReader& reader() { return *reader_; }
 
   nlohmann::json about;
-  std::vector<LiveEvent> events;
+  std::vector<TelemetryEvent> events;
 
  private:
-  std::unique_ptr<LiveReader> reader_;
+  std::unique_ptr<TelemetryReader> reader_;
   std::map<std::string, std::size_t> place_;
   std::vector<double> values_;
 };
@@ -107,12 +108,12 @@ struct Finished {
   SessionReport report;
   std::vector<RecordingRow> rows;
   std::string recording;
-  std::vector<LiveEvent> events;
+  std::vector<TelemetryEvent> events;
 };
 
-/// What a test does after each tick, on the haptic thread; `tick` from 1 on.
+/// Called after each tick on the haptic thread; `tick` counts from 1.
 using AfterTick = std::function<void(std::uint64_t tick, Console& console)>;
-/// What it does meanwhile on another thread.
+/// Called meanwhile on another thread.
 using Meanwhile = std::function<void(Console& console)>;
 
 struct Manner {
@@ -139,13 +140,14 @@ Finished run(const Scene& scene, const Manner& how) {
   options.record = folder / "r.csv";
   options.replay = how.replay;
   options.black_box = folder.path();
-  if (how.is_live) options.live_memory = LiveOptions{folder / "live", "scene.json", "x", "y", {}};
+  if (how.is_live)
+    options.telemetry = TelemetryOptions{folder / "live", "scene.json", "x", "y", {}};
   auto workers = make_workers(scene, default_device_description(), remesher, options);
   EXPECT_TRUE(workers) << workers.error().message;
   std::unique_ptr<Console> console, other;
   if (how.is_live) {
-    console = std::make_unique<Console>(options.live_memory->file);
-    other = std::make_unique<Console>(options.live_memory->file);
+    console = std::make_unique<Console>(options.telemetry->file);
+    other = std::make_unique<Console>(options.telemetry->file);
   }
   std::thread thread([&] {
     if (how.meanwhile) how.meanwhile(*other);
@@ -170,7 +172,7 @@ Finished run(const Scene& scene, const Manner& how) {
   if (console) {
     console->take_events();
     finished.events = console->events;
-    EXPECT_FALSE(std::filesystem::exists(options.live_memory->file)) << "the link is removed";
+    EXPECT_FALSE(std::filesystem::exists(options.telemetry->file)) << "the link is removed";
   }
   auto rows = read_recording(*options.record);
   EXPECT_TRUE(rows);
@@ -180,9 +182,10 @@ Finished run(const Scene& scene, const Manner& how) {
   return finished;
 }
 
-std::size_t count(const std::vector<LiveEvent>& events, LiveEventKind kind) {
-  return static_cast<std::size_t>(std::count_if(
-      events.begin(), events.end(), [&](const LiveEvent& event) { return event.kind == kind; }));
+std::size_t count(const std::vector<TelemetryEvent>& events, TelemetryEventKind kind) {
+  return static_cast<std::size_t>(
+      std::count_if(events.begin(), events.end(),
+                    [&](const TelemetryEvent& event) { return event.kind == kind; }));
 }
 
 bool is_zero(const RecordingRow& row) {
@@ -215,18 +218,18 @@ Scene press_scene() {
 }
 
 /// Gives the command after the tick.
-AfterTick at(std::map<std::uint64_t, LiveCommand> commands) {
+AfterTick at(std::map<std::uint64_t, TelemetryCommand> commands) {
   return [commands = std::move(commands)](std::uint64_t tick, Console& console) {
     if (const auto found = commands.find(tick); found != commands.end())
       console.give(found->second);
   };
 }
 
-/// Waits until the session is paused, looks whether its time stands still, and resumes it.
+/// Waits until the session is paused, checks that its time does not advance, and resumes it.
 Meanwhile resume_after(milliseconds time) {
   return [time](Console& console) {
     const auto patience = steady_clock::now() + std::chrono::seconds(60);
-    while (!console.has(LiveEventKind::kPaused) && steady_clock::now() < patience)
+    while (!console.has(TelemetryEventKind::kPaused) && steady_clock::now() < patience)
       std::this_thread::sleep_for(milliseconds(1));
     std::this_thread::sleep_for(milliseconds(20));  // for a snapshot with it
     const double ticks = console.value("ticks"), taken_at_s = console.value("taken_at_s");
@@ -236,7 +239,7 @@ Meanwhile resume_after(milliseconds time) {
     std::this_thread::sleep_for(time);
     EXPECT_EQ(console.value("ticks"), ticks);
     EXPECT_GT(console.value("taken_at_s"), taken_at_s);
-    console.give(LiveCommand::kResume);
+    console.give(TelemetryCommand::kResume);
   };
 }
 
@@ -251,7 +254,7 @@ TEST_P(Paused, HoldsTime) {
   const Scene scene = press_scene();
   Manner how;
   std::tie(how.clock, how.recovery) = GetParam();
-  how.after_tick = at({{100, LiveCommand::kPause}});
+  how.after_tick = at({{100, TelemetryCommand::kPause}});
   how.meanwhile = resume_after(milliseconds(150));
   const Finished paused = run(scene, how);
   EXPECT_EQ(paused.report.end, SessionEnd::kDone);
@@ -261,12 +264,12 @@ TEST_P(Paused, HoldsTime) {
   EXPECT_EQ(paused.report.faults[0].fault, Fault::kPaused);
   EXPECT_GT(paused.report.faults[0].recovered_t_s, 0);
   EXPECT_TRUE(paused.report.black_boxes.empty()) << "a pause is no failure";
-  EXPECT_EQ(count(paused.events, LiveEventKind::kPaused), 1U);
-  EXPECT_EQ(count(paused.events, LiveEventKind::kResumed), 1U);
-  EXPECT_EQ(count(paused.events, LiveEventKind::kRecovered), 1U);
+  EXPECT_EQ(count(paused.events, TelemetryEventKind::kPaused), 1U);
+  EXPECT_EQ(count(paused.events, TelemetryEventKind::kResumed), 1U);
+  EXPECT_EQ(count(paused.events, TelemetryEventKind::kRecovered), 1U);
   ASSERT_FALSE(paused.events.empty());
-  EXPECT_EQ(paused.events.back().kind, LiveEventKind::kEnded);
-  EXPECT_EQ(paused.events.back().end, LiveEnd::kDone);
+  EXPECT_EQ(paused.events.back().kind, TelemetryEventKind::kEnded);
+  EXPECT_EQ(paused.events.back().end, TelemetryEnd::kDone);
   // The ramp's rows, and none while paused.
   const auto with_pause =
       std::count_if(paused.rows.begin(), paused.rows.end(),
@@ -280,10 +283,10 @@ TEST_P(Paused, HoldsTime) {
   expect_whole(scene, paused);
 }
 
-TEST(LiveSession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
+TEST(TelemetrySession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
   const Scene scene = press_scene();
   Manner how;
-  how.after_tick = at({{500, LiveCommand::kPause}});
+  how.after_tick = at({{500, TelemetryCommand::kPause}});
   how.meanwhile = resume_after(milliseconds(30));
   const Finished paused = run(scene, how);
   EXPECT_EQ(paused.report.end, SessionEnd::kDone);
@@ -294,7 +297,7 @@ TEST(LiveSession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
   expect_whole(scene, paused);
 }
 
-TEST(LiveSession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) {
+TEST(TelemetrySession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) {
   const test::TemporaryFolder folder;
   const Scene scene = press_scene();
   Remesher remesher(*place_slices(scene, test::square_asset(3), "a"));
@@ -304,14 +307,14 @@ TEST(LiveSession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) 
   SessionOptions options;
   options.duration_s = 0.5;
   options.limits.gap_max_s = 0;
-  options.live_memory = LiveOptions{folder / "live", "", "", "", {}};
+  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
   auto workers = make_workers(scene, default_device_description(), remesher, options);
   ASSERT_TRUE(workers);
-  Console console(options.live_memory->file);
-  Console other(options.live_memory->file);
+  Console console(options.telemetry->file);
+  Console other(options.telemetry->file);
   std::uint64_t ticks = 0, reads = 0, writes = 0, loaded = 0;
   std::thread thread([&] {
-    while (!other.has(LiveEventKind::kPaused))
+    while (!other.has(TelemetryEventKind::kPaused))
       std::this_thread::sleep_for(milliseconds(1));
     reads = device.reads, writes = device.writes, loaded = device.loaded_writes;
     while (device.writes < writes + 50)
@@ -319,11 +322,11 @@ TEST(LiveSession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) 
     EXPECT_GE(device.reads, reads + 49);
     EXPECT_EQ(device.loaded_writes, loaded);
     EXPECT_EQ(other.value("ticks"), static_cast<double>(ticks));
-    other.give(LiveCommand::kResume);
+    other.give(TelemetryCommand::kResume);
   });
   const auto advance = [&](double dt_s) {
     device.advance(dt_s);
-    if (++ticks == 450) console.give(LiveCommand::kPause);
+    if (++ticks == 450) console.give(TelemetryCommand::kPause);
   };
   const SessionReport report = run_session(scene, default_device_description(), remesher, device,
                                            advance, options, std::move(*workers));
@@ -332,13 +335,13 @@ TEST(LiveSession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) 
   EXPECT_GE(device.writes, 500U + 50U);
 }
 
-TEST(LiveSession, ZeroTurnsForcesOffUntilRecoveryIsAskedFor) {
+TEST(TelemetrySession, ZeroTurnsForcesOffUntilRecoveryIsAskedFor) {
   const Scene scene = press_scene();
   for (const RecoveryPolicy recovery :
        {RecoveryPolicy::kNever, RecoveryPolicy::kOnRequest, RecoveryPolicy::kAuto}) {
     Manner how;
     how.recovery = recovery;
-    how.after_tick = at({{500, LiveCommand::kZero}, {900, LiveCommand::kRecover}});
+    how.after_tick = at({{500, TelemetryCommand::kZero}, {900, TelemetryCommand::kRecover}});
     const Finished off = run(scene, how);
     EXPECT_EQ(off.report.end, SessionEnd::kDone);
     EXPECT_EQ(off.report.ticks, 1600U) << "time goes on";
@@ -352,26 +355,26 @@ TEST(LiveSession, ZeroTurnsForcesOffUntilRecoveryIsAskedFor) {
       ASSERT_EQ(off.rows[k].safety, SafetyState::kFault);
     }
     EXPECT_EQ(off.rows[900].recovery_asked, 1);
-    EXPECT_EQ(count(off.events, LiveEventKind::kPaused), 0U);
+    EXPECT_EQ(count(off.events, TelemetryEventKind::kPaused), 0U);
     expect_whole(scene, off);
   }
 }
 
-TEST(LiveSession, ASessionThatEndsWithForcesOffIsDone) {
+TEST(TelemetrySession, ASessionThatEndsWithForcesOffIsDone) {
   Manner how;
-  how.after_tick = at({{500, LiveCommand::kZero}});
+  how.after_tick = at({{500, TelemetryCommand::kZero}});
   const Finished off = run(press_scene(), how);
   EXPECT_EQ(off.report.end, SessionEnd::kDone);
   EXPECT_EQ(off.report.fault, Fault::kForcesOff);
 }
 
-TEST(LiveSession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
+TEST(TelemetrySession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
   const Scene scene = press_scene();
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
     for (const std::uint64_t tick : {401U, 450U, 523U}) {
       Manner how;
       how.clock = clock;
-      how.after_tick = at({{tick, LiveCommand::kEmergencyStop}});
+      how.after_tick = at({{tick, TelemetryCommand::kEmergencyStop}});
       const Finished stopped = run(scene, how);
       EXPECT_EQ(stopped.report.end, SessionEnd::kFault);
       EXPECT_EQ(stopped.report.fault, Fault::kEmergencyStop);
@@ -388,14 +391,14 @@ TEST(LiveSession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
   }
 }
 
-TEST(LiveSession, AnEmergencyStopAtAnyMomentUnderLoad) {
+TEST(TelemetrySession, AnEmergencyStopAtAnyMomentUnderLoad) {
   const Scene scene = press_scene();
   std::mt19937_64 random(20261122);
   for (int i = 0; i < 20; ++i) {
     const std::uint64_t tick = 400 + random() % 240;
     Manner how;
     how.recovery = RecoveryPolicy::kAuto;
-    how.after_tick = at({{tick, LiveCommand::kEmergencyStop}});
+    how.after_tick = at({{tick, TelemetryCommand::kEmergencyStop}});
     const Finished stopped = run(scene, how);
     ASSERT_FALSE(is_zero(stopped.rows[tick - 1]));
     EXPECT_TRUE(std::all_of(stopped.rows.begin() + static_cast<std::ptrdiff_t>(tick) + 3,
@@ -412,7 +415,7 @@ TEST(LiveSession, AnEmergencyStopAtAnyMomentUnderLoad) {
   }
 }
 
-TEST(LiveSession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
+TEST(TelemetrySession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
   const Scene scene = press_scene();
   std::atomic<bool> signal{false};
   for (const RecoveryPolicy recovery : {RecoveryPolicy::kOnRequest, RecoveryPolicy::kAuto}) {
@@ -422,14 +425,14 @@ TEST(LiveSession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
       how.recovery = recovery;
       how.recover = &signal;
       how.after_tick = [&, by_signal](std::uint64_t tick, Console& console) {
-        if (tick == 500) console.give(LiveCommand::kZero);
-        if (tick == 850) console.give(LiveCommand::kRecover);
-        if (tick == 950) console.give(LiveCommand::kEmergencyStop);  // in `recovering`
+        if (tick == 500) console.give(TelemetryCommand::kZero);
+        if (tick == 850) console.give(TelemetryCommand::kRecover);
+        if (tick == 950) console.give(TelemetryCommand::kEmergencyStop);  // in `recovering`
         if (tick != 1250) return;
         if (by_signal) {
           signal = true;
         } else {
-          console.give(LiveCommand::kRecover);
+          console.give(TelemetryCommand::kRecover);
         }
       };
       const Finished stopped = run(scene, how);
@@ -446,28 +449,28 @@ TEST(LiveSession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
   }
 }
 
-TEST(LiveSession, StopEndsItWithTorquesAtZero) {
+TEST(TelemetrySession, StopEndsItWithTorquesAtZero) {
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
     Manner how;
     how.clock = clock;
-    how.after_tick = at({{500, LiveCommand::kStop}});
+    how.after_tick = at({{500, TelemetryCommand::kStop}});
     const Finished stopped = run(press_scene(), how);
     EXPECT_EQ(stopped.report.end, SessionEnd::kInterrupted);
     EXPECT_EQ(stopped.report.ticks, 500U);
-    EXPECT_EQ(stopped.events.back().kind, LiveEventKind::kEnded);
-    EXPECT_EQ(stopped.events.back().end, LiveEnd::kInterrupted);
+    EXPECT_EQ(stopped.events.back().kind, TelemetryEventKind::kEnded);
+    EXPECT_EQ(stopped.events.back().end, TelemetryEnd::kInterrupted);
   }
 }
 
-TEST(LiveSession, StopEndsAPause) {
+TEST(TelemetrySession, StopEndsAPause) {
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
     Manner how;
     how.clock = clock;
-    how.after_tick = at({{100, LiveCommand::kPause}});
+    how.after_tick = at({{100, TelemetryCommand::kPause}});
     how.meanwhile = [](Console& console) {
-      while (!console.has(LiveEventKind::kPaused))
+      while (!console.has(TelemetryEventKind::kPaused))
         std::this_thread::sleep_for(milliseconds(1));
-      console.give(LiveCommand::kStop);
+      console.give(TelemetryCommand::kStop);
     };
     const Finished stopped = run(press_scene(), how);
     EXPECT_EQ(stopped.report.end, SessionEnd::kInterrupted);
@@ -476,27 +479,28 @@ TEST(LiveSession, StopEndsAPause) {
   }
 }
 
-TEST(LiveSession, AReplayIsPausedWithoutAnyFault) {
+TEST(TelemetrySession, AReplayIsPausedWithoutAnyFault) {
   const Scene scene = press_scene();
   Manner plain;
   plain.is_live = false;
   const Finished first = run(scene, plain);
   Manner how;
   how.replay = first.rows;
-  how.after_tick = at(
-      {{100, LiveCommand::kPause}, {700, LiveCommand::kZero}, {800, LiveCommand::kEmergencyStop}});
+  how.after_tick = at({{100, TelemetryCommand::kPause},
+                       {700, TelemetryCommand::kZero},
+                       {800, TelemetryCommand::kEmergencyStop}});
   how.meanwhile = [](Console& console) {
-    while (!console.has(LiveEventKind::kPaused))
+    while (!console.has(TelemetryEventKind::kPaused))
       std::this_thread::sleep_for(milliseconds(1));
-    console.give(LiveCommand::kResume);
+    console.give(TelemetryCommand::kResume);
   };
   const Finished again = run(scene, how);
   EXPECT_EQ(again.report.replay_first_difference, -1);
   EXPECT_EQ(again.recording, first.recording);
-  EXPECT_EQ(count(again.events, LiveEventKind::kResumed), 1U);
+  EXPECT_EQ(count(again.events, TelemetryEventKind::kResumed), 1U);
 }
 
-TEST(LiveSession, ShowsWhatTheSessionReportsAndChangesNothing) {
+TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
   Scene scene = test::descent_scene({0.12, 0.11, 0.1}, 0.13, 0.085, 0.05);
   scene.tissue.threshold_N = 10;
   for (const ForceLawKind law : {ForceLawKind::kHooke, ForceLawKind::kNetwork}) {
@@ -528,8 +532,8 @@ TEST(LiveSession, ShowsWhatTheSessionReportsAndChangesNothing) {
     EXPECT_EQ(sheet_cuts, 1U);
     EXPECT_EQ(shapes > 0, law == ForceLawKind::kNetwork);
     std::size_t k = 0;
-    for (const LiveEvent& event : with.events) {
-      if (event.kind != LiveEventKind::kPuncture) continue;
+    for (const TelemetryEvent& event : with.events) {
+      if (event.kind != TelemetryEventKind::kPuncture) continue;
       const PunctureEvent& wanted = with.report.punctures[k++];
       EXPECT_EQ(event.sheet, wanted.sheet);
       EXPECT_EQ(event.slice, wanted.slice);
@@ -538,14 +542,14 @@ TEST(LiveSession, ShowsWhatTheSessionReportsAndChangesNothing) {
       EXPECT_EQ(event.tool_z_m, wanted.tool_z_m);
       EXPECT_EQ(event.penetration_m, wanted.penetration_m);
       EXPECT_EQ(event.force_N, wanted.force_N);
-      EXPECT_EQ(event.judged_force_N, wanted.judged_force_N);
+      EXPECT_EQ(event.trial_force_N, wanted.trial_force_N);
     }
     EXPECT_EQ(k, 3U);
-    EXPECT_EQ(count(with.events, LiveEventKind::kCutShown), 3U);
+    EXPECT_EQ(count(with.events, TelemetryEventKind::kCutShown), 3U);
   }
 }
 
-TEST(LiveSession, HuOfVerticesThatACutMadeAreInterpolated) {
+TEST(TelemetrySession, HuOfVerticesThatACutMadeAreInterpolated) {
   const test::TemporaryFolder folder;
   Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.05);
   scene.tissue.threshold_N = 10;
@@ -562,16 +566,16 @@ TEST(LiveSession, HuOfVerticesThatACutMadeAreInterpolated) {
   options.clock = Clock::kVirtual;
   options.duration_s = scene.duration_s;
   options.limits.gap_max_s = 0;
-  options.live_memory = LiveOptions{folder / "live", "", "", "", {}};
+  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
   auto workers = make_workers(scene, default_device_description(), remesher, options);
   ASSERT_TRUE(workers);
-  Console console(options.live_memory->file);
-  LiveSheet first;
+  Console console(options.telemetry->file);
+  TelemetrySheet first;
   ASSERT_TRUE(console.reader().sheet(0, first));
   run_session(
       scene, default_device_description(), remesher, *device,
       [&](double dt_s) { device->step(dt_s); }, options, std::move(*workers));
-  LiveSheet sheet;
+  TelemetrySheet sheet;
   ASSERT_TRUE(console.reader().sheet(0, sheet));
   EXPECT_EQ(sheet.cuts, 1U);
   ASSERT_EQ(sheet.hu.size(), sheet.xy_m.size() / 2);
@@ -583,7 +587,7 @@ TEST(LiveSession, HuOfVerticesThatACutMadeAreInterpolated) {
   }
 }
 
-TEST(LiveSession, TheHapticThreadTakesNoLockAndAllocatesNothing) {
+TEST(TelemetrySession, TheHapticThreadTakesNoLockAndAllocatesNothing) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   Scene scene = test::descent_scene({0.12, 0.11, 0.1}, 0.13, 0.085, 0.05);
   scene.force_law.kind = ForceLawKind::kNetwork;
@@ -593,12 +597,12 @@ TEST(LiveSession, TheHapticThreadTakesNoLockAndAllocatesNothing) {
     how.clock = clock;
     // The commands are given by another process; here by another thread.
     how.meanwhile = [](Console& console) {
-      while (!console.has(LiveEventKind::kPuncture))
+      while (!console.has(TelemetryEventKind::kPuncture))
         std::this_thread::sleep_for(milliseconds(1));
-      console.give(LiveCommand::kPause);
-      while (!console.has(LiveEventKind::kPaused))
+      console.give(TelemetryCommand::kPause);
+      while (!console.has(TelemetryEventKind::kPaused))
         std::this_thread::sleep_for(milliseconds(1));
-      console.give(LiveCommand::kResume);
+      console.give(TelemetryCommand::kResume);
     };
     if (clock == Clock::kVirtual) how.meanwhile = {};
     const Finished finished = run(scene, how);
@@ -607,15 +611,15 @@ TEST(LiveSession, TheHapticThreadTakesNoLockAndAllocatesNothing) {
   }
 }
 
-TEST(LiveHistogram, BinsAreQuartersOfAnOctave) {
-  EXPECT_EQ(LiveHistogram::lower_us(0), 0);
-  EXPECT_EQ(LiveHistogram::bin(-5), 0U);
-  EXPECT_EQ(LiveHistogram::bin(0), 0U);
-  EXPECT_EQ(LiveHistogram::bin(std::int64_t{1} << 40), LiveHistogram::kBins - 1);
-  for (std::size_t i = 1; i < LiveHistogram::kBins; ++i) {
-    const std::int64_t lower_ns = std::llround(LiveHistogram::lower_us(i) * 1e3);
-    EXPECT_EQ(LiveHistogram::bin(lower_ns), i);
-    EXPECT_EQ(LiveHistogram::bin(lower_ns - 1), i - 1);
+TEST(TelemetryHistogram, BinsAreQuartersOfAnOctave) {
+  EXPECT_EQ(TelemetryHistogram::lower_us(0), 0);
+  EXPECT_EQ(TelemetryHistogram::bin(-5), 0U);
+  EXPECT_EQ(TelemetryHistogram::bin(0), 0U);
+  EXPECT_EQ(TelemetryHistogram::bin(std::int64_t{1} << 40), TelemetryHistogram::kBins - 1);
+  for (std::size_t i = 1; i < TelemetryHistogram::kBins; ++i) {
+    const std::int64_t lower_ns = std::llround(TelemetryHistogram::lower_us(i) * 1e3);
+    EXPECT_EQ(TelemetryHistogram::bin(lower_ns), i);
+    EXPECT_EQ(TelemetryHistogram::bin(lower_ns - 1), i - 1);
   }
 }
 

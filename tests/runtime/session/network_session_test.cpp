@@ -10,10 +10,12 @@
 #include <mutex>
 
 #include "formats/session/recording.h"
+#include "runtime/force_law/sheet_law.h"
 #include "runtime/realtime/allocation_counter.h"
-#include "runtime/session/display.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
+#include "runtime/telemetry/frame_display.h"
 #include "tests/reference/hooks/lock_counter.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/sheet_fixture.h"
@@ -30,16 +32,16 @@ TEST(NetworkSession, EqualTissuesAreCalibratedOnce) {
   std::vector<Tissue> tissues(7);
   tissues[2].stiffness_N_per_m = tissues[5].stiffness_N_per_m = 3000;
   tissues[3].threshold_N = tissues[6].damping_N_s_per_m = 1;  // a membrane does not depend on them
-  const auto responder = Responder::make(scene, tissues, Lattice{});
-  ASSERT_TRUE(responder) << responder.error().message;
-  EXPECT_EQ((*responder)->report().calibrations, 2U);
+  const auto prefetch = NetworkPrefetch::make(scene, tissues, Lattice{});
+  ASSERT_TRUE(prefetch) << prefetch.error().message;
+  EXPECT_EQ((*prefetch)->report().calibrations, 2U);
 }
 
 /// A press to 4 mm and back at each place of a 40 mm sheet at 0.12 m, x to the right.
 Scene presses(const std::vector<double>& x_m, double depth_m) {
   Scene scene = test::descent_scene({0.12}, 0.125, 0.125, 1);
   scene.force_law.kind = ForceLawKind::kNetwork;
-  scene.force_law.reach_m = 0.004;
+  scene.force_law.decay_length_m = 0.004;
   scene.hand.stiffness_N_per_m = 20000;
   scene.hand.damping_N_s_per_m = 200;
   scene.hand.trajectory = {{0, {x_m[0], 0, 0.124}, {}}};
@@ -123,11 +125,12 @@ TEST(NetworkSession, TheForceIsSmoothWhileTheToolIsDraggedInContact) {
   scene.hand.trajectory.push_back({t_s + 1.5, {0.015, 0, 0.116}, {}});
   scene.duration_s = t_s + 1.5;
   const Finished session = run(scene, virtual_time(), folder / "r");
-  ASSERT_TRUE(session.report.responder);
-  EXPECT_GT(session.report.responder->answers, 100U);
-  EXPECT_EQ(session.report.responder->failures, 0U);
-  EXPECT_LE(session.report.responder->force_bound_max, scene.force_law.error_bound);
-  EXPECT_LE(session.report.responder->displacement_bound_max, scene.force_law.error_bound);
+  const auto* law = dynamic_cast<const NetworkLaw*>(session.report.law.get());
+  ASSERT_NE(law, nullptr);
+  EXPECT_GT(law->prefetch_report().answers, 100U);
+  EXPECT_EQ(law->prefetch_report().failures, 0U);
+  EXPECT_LE(law->prefetch_report().force_bound_max, scene.force_law.error_bound);
+  EXPECT_LE(law->prefetch_report().displacement_bound_max, scene.force_law.error_bound);
   double largest_N = 0;
   for (std::size_t k = 450; k < session.rows.size(); ++k) {
     ASSERT_EQ(session.rows[k].phase, ContactPhase::kContact);
@@ -228,7 +231,7 @@ TEST_P(HundredPunctures, NeedNoAllocationAndNoLock) {
   }
   Scene scene = test::descent_scene({0.12}, 0.125, 0.125, 1);
   scene.force_law.kind = ForceLawKind::kNetwork;
-  scene.force_law.reach_m = 0.004;
+  scene.force_law.decay_length_m = 0.004;
   scene.tool.radius_m = 0.0015;
   scene.tissue.threshold_N = 5;
   scene.hand.stiffness_N_per_m = 20000;

@@ -11,9 +11,11 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "formats/session/recording.h"
+#include "runtime/reporting/summary.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/summary.h"
+#include "runtime/session/simulated_hand.h"
+#include "runtime/session/tick_rate.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // How sessions begin and end, their number of ticks, and the rate of a recording.
 #include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
+#include "runtime/session/tick_rate.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The drive's side of the link, datagram by datagram, with the test's clock: sessions, refused
 // packets, when torques are zero, and the injected faults.
+// Long because all tests of this file share its fixtures.
 #include "runtime/simulation/drive.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +20,7 @@
 namespace trocar::runtime {
 namespace {
 
-/// As in the record, in shortest round-trip form.
+/// The same text as in the record, in shortest round-trip form.
 std::string text_of(const TrueTip& tip) {
   std::string text;
   for (const double x : {tip.at_m.x(), tip.at_m.y(), tip.at_m.z(), tip.velocity_m_per_s.x(),
@@ -57,7 +58,7 @@ class Host {
     hello.host_nonce = random_nonce();
     hello.period_s = period_s;
     hello.fresh = fresh;
-    hello_.resize(kLargestPacketBytes);
+    hello_.resize(kMaxPacketBytes);
     hello_.resize(encode(hello, key_, hello_));
     if (send(hello_, now_ns) != LinkRefusal::kNone) return false;
     WelcomePacket welcome;
@@ -74,7 +75,7 @@ class Host {
     packet.mode = mode;
     packet.state_seen = last_state_;
     packet.tau_motor_Nm.fill(tau_Nm);
-    sent_.resize(kLargestPacketBytes);
+    sent_.resize(kMaxPacketBytes);
     sent_.resize(encode(packet, session_key_, sent_));
     return send(sent_, now_ns);
   }

@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/asset/deidentification.h"
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <set>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/base/strict_json.h"
+
+namespace trocar {
+namespace {
+
+using nlohmann::json;
+
+bool is_any_of(const std::string& text, std::initializer_list<std::string_view> choices) {
+  return std::find(choices.begin(), choices.end(), text) != choices.end();
+}
+
+bool matches(const std::string& text, const char* pattern) {
+  return std::regex_match(text, std::regex(pattern));
+}
+
+// The kind of value allowed at a path of the JSON.
+enum class Kind { kNumber, kFlag, kObject, kList, kText, kNumberOrText };
+struct Allowed {
+  Kind kind = Kind::kNumber;
+  bool (*text)(const std::string&) = nullptr;
+};
+
+// The allowed values, by path; [] stands for any element of a list.
+const std::map<std::string, Allowed>& allowed_values() {
+  static const auto all = [] {
+    std::map<std::string, Allowed> out;
+    // Each word of `names` is a path below `base`; a dot is `base` itself.
+    const auto add = [&out](Kind kind, const std::string& base, const char* names) {
+      std::istringstream words(names);
+      for (std::string word; words >> word;)
+        out[word == "." ? base : base + "/" + word] = {kind, nullptr};
+    };
+    const auto add_text = [&out](const char* path, bool (*text)(const std::string&),
+                                 Kind kind = Kind::kText) {
+      out[path] = {kind, text};
+    };
+    const std::string primitive = "/meshes/[]/primitives/[]",
+                      draco = primitive + "/extensions/KHR_draco_mesh_compression",
+                      trocar = "/extras/trocar", parameters = trocar + "/parameters",
+                      node = "/nodes/[]", node_trocar = node + "/extras/trocar";
+    add(Kind::kObject, "",
+        ". asset materials/[] scenes/[] buffers/[] bufferViews/[] accessors/[] meshes/[] nodes/[] "
+        "extras extras/trocar extras/trocar/materials/[] extras/trocar/parameters "
+        "nodes/[]/extras nodes/[]/extras/trocar");
+    add(Kind::kObject, "/materials/[]",
+        "pbrMetallicRoughness extensions extensions/KHR_materials_unlit");
+    add(Kind::kObject, primitive, ". attributes extensions");
+    add(Kind::kObject, draco, ". attributes");
+    add(Kind::kList, "",
+        "extensionsRequired extensionsUsed materials scenes scenes/[]/nodes buffers bufferViews "
+        "accessors accessors/[]/min accessors/[]/max meshes meshes/[]/primitives nodes "
+        "materials/[]/pbrMetallicRoughness/baseColorFactor extras/trocar/materials");
+    add(Kind::kList, node, "children matrix translation extras/trocar/mean_hu");
+    add(Kind::kList, parameters,
+        "labels joined_labels joined_labels/[] slices crop spacing_mm seeds_lps_mm "
+        "seeds_lps_mm/[] mask_labels");
+    add(Kind::kNumber, "", "scene scenes/[]/nodes/[] buffers/[]/byteLength");
+    add(Kind::kNumber, "/materials/[]/pbrMetallicRoughness", "baseColorFactor/[] metallicFactor");
+    add(Kind::kNumber, "/bufferViews/[]", "buffer byteOffset byteLength target");
+    add(Kind::kNumber, "/accessors/[]", "bufferView componentType count min/[] max/[]");
+    add(Kind::kNumber, primitive, "mode material indices");
+    add(Kind::kNumber, draco, "bufferView");
+    for (const std::string& base : {primitive, draco})
+      add(Kind::kNumber, base + "/attributes", "POSITION _HU COLOR_0 NORMAL");
+    add(Kind::kNumber, node, "mesh children/[] matrix/[] translation/[]");
+    add(Kind::kNumber, node_trocar, "index z_mm mean_hu/[] surface lattice_bits distance_mm");
+    add(Kind::kNumber, trocar, "schema lattice_bits slices hu_step materials/[]/label");
+    add(Kind::kNumber, parameters,
+        "tolerance_mm min_angle_deg min_region_mm2 lattice_bits max_area_mm2 max_area_px2 grade_hu "
+        "threshold equalize labels/[] joined_labels/[]/[] slices/[] crop/[] spacing_mm/[] close_mm "
+        "min_volume_mm3 largest surface_triangles seeds_lps_mm/[]/[] mask_labels/[]");
+    add(Kind::kFlag, "", "materials/[]/doubleSided accessors/[]/normalized");
+    add(Kind::kFlag, parameters, "hu values_are_hu");
+    const auto extension = [](const std::string& text) {
+      return is_any_of(text, {"KHR_draco_mesh_compression", "KHR_materials_unlit"});
+    };
+    add_text("/extensionsRequired/[]", extension);
+    add_text("/extensionsUsed/[]", extension);
+    add_text("/accessors/[]/type", [](const std::string& text) {
+      return is_any_of(text, {"VEC3", "SCALAR"});
+    });
+    add_text("/asset/version", [](const std::string& text) { return text == "2.0"; });
+    add_text("/asset/generator", [](const std::string& text) {
+      return matches(text, "trocar-mesh [0-9]{1,3}\\.[0-9]{1,3}\\.[0-9]{1,3}");
+    });
+    const auto plain = [](const std::string& text) { return is_plain_name(text); };
+    add_text("/materials/[]/name", plain);
+    add_text("/extras/trocar/materials/[]/name", plain);
+    add_text("/extras/trocar/use", [](const std::string& text) { return text == kAssetUse; });
+    add_text("/extras/trocar/input_key_digest",
+             [](const std::string& text) { return matches(text, "[0-9a-f]{64}"); });
+    add_text("/extras/trocar/parameters/contour", [](const std::string& text) {
+      return is_any_of(text, {"subpixel", "pixel"});
+    });
+    add_text("/extras/trocar/parameters/simplify", [](const std::string& text) {
+      return is_any_of(text, {"area", "dp"});
+    });
+    add_text("/extras/trocar/parameters/axis", [](const std::string& text) {
+      return is_any_of(text, {"transverse", "coronal", "sagittal"});
+    });
+    add_text(
+        "/extras/trocar/parameters/fill_mm2", [](const std::string& text) { return text == "all"; },
+        Kind::kNumberOrText);
+    add_text("/extras/trocar/parameters/modality", [](const std::string& text) {
+      return matches(text, "[A-Z]{2,8}( LOCALIZER)?");  // DICOM's defined terms
+    });
+    return out;
+  }();
+  return all;
+}
+
+bool is_right(const json& value, const Allowed& allowed) {
+  switch (allowed.kind) {
+    case Kind::kNumber:
+      return value.is_number();
+    case Kind::kFlag:
+      return value.is_boolean();
+    case Kind::kObject:
+      return value.is_object();
+    case Kind::kList:
+      return value.is_array();
+    case Kind::kNumberOrText:
+      if (value.is_number()) return true;
+      [[fallthrough]];
+    case Kind::kText:
+      return value.is_string() && allowed.text(value.get<std::string>());
+  }
+  return false;
+}
+
+std::string shown(const json& value) {
+  std::string text = json_text(value);
+  constexpr std::size_t kMax = 60;
+  if (text.size() > kMax) text = text.substr(0, kMax) + "...";
+  return text;
+}
+
+// Depth is limited by parse_strict_json().
+// NOLINTNEXTLINE(misc-no-recursion)
+Result<void> check_json(const json& value, const std::string& path) {
+  const auto allowed = allowed_values().find(path);
+  if (allowed == allowed_values().end()) return refused("its JSON has " + path);
+  if (!is_right(value, allowed->second))
+    return refused("its JSON has " + path + " " + shown(value));
+  for (const auto& [key, inner] : value.items()) {
+    if (!value.is_structured()) break;
+    if (auto ok = check_json(inner, path + '/' + (value.is_array() ? "[]" : key)); !ok) return ok;
+  }
+  return {};
+}
+
+std::uint64_t unsigned_at(const json& object, const char* key) {
+  const auto found = object.find(key);
+  return found != object.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
+}
+
+// The buffer views that a primitive or accessor uses.
+std::set<std::uint64_t> used_views(const json& document) {
+  std::set<std::uint64_t> out;
+  for (const json& mesh : document.value("meshes", json::array())) {
+    for (const json& primitive : mesh.value("primitives", json::array())) {
+      const json extensions = primitive.value("extensions", json::object());
+      if (const auto draco = extensions.find(kDracoExtension); draco != extensions.end())
+        out.insert(unsigned_at(*draco, "bufferView"));
+    }
+  }
+  for (const json& accessor : document.value("accessors", json::array())) {
+    if (accessor.contains("bufferView")) out.insert(unsigned_at(accessor, "bufferView"));
+  }
+  return out;
+}
+
+Result<void> check_binary(std::span<const std::uint8_t> binary, std::uint64_t index_bytes,
+                          const json& document) {
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> covered{{0, index_bytes}};
+  const std::set<std::uint64_t> used = used_views(document);
+  std::uint64_t number = 0;
+  for (const json& view : document.value("bufferViews", json::array())) {
+    if (!used.contains(number))
+      return refused("buffer view " + std::to_string(number) + " is not used");
+    const std::uint64_t offset = unsigned_at(view, "byteOffset");
+    covered.emplace_back(offset, offset + unsigned_at(view, "byteLength"));
+    ++number;
+  }
+  covered.emplace_back(binary.size(), binary.size());
+  std::sort(covered.begin(), covered.end());
+  std::uint64_t end = 0;
+  for (const auto& [from, to] : covered) {
+    if (from > end) {
+      const auto gap = binary.subspan(
+          static_cast<std::size_t>(end),
+          static_cast<std::size_t>(std::min<std::uint64_t>(from - end, binary.size() - end)));
+      if (gap.size() > 3 || std::any_of(gap.begin(), gap.end(), [](auto b) { return b != 0; }))
+        return refused(std::to_string(gap.size()) + " bytes of its binary data from " +
+                       std::to_string(end) + " on do not belong to any content");
+    }
+    end = std::min<std::uint64_t>(std::max(end, to), binary.size());
+  }
+  return {};
+}
+
+}  // namespace
+
+bool is_plain_name(std::string_view name) {
+  std::size_t digits = 0;
+  for (const char c : name) {
+    const bool is_digit = c >= '0' && c <= '9';
+    digits = is_digit ? digits + 1 : 0;
+    const bool is_letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+    if (digits > 4 ||
+        !(is_digit || is_letter || std::string_view(" _-+,/()").find(c) != std::string_view::npos))
+      return false;
+  }
+  return !name.empty() && name.size() <= 64;
+}
+
+Result<void> check_deidentified_asset(std::span<const std::uint8_t> glb, const std::string& name) {
+  const auto found = [&name](const std::string& what) {
+    return refused(name + ": not de-identified: " + what);
+  };
+  MemorySource source(glb);
+  const auto json_bytes = json_bytes_of(source);
+  if (!json_bytes) return refused(name + ": " + json_bytes.error().message);
+  const auto index = find_index(source);
+  if (!index) return refused(name + ": " + index.error().message);
+  if (!*index) return found("it has no slice index, or chunks beside those of an asset");
+  if ((*index)->is_schema_1())
+    return found("it is of schema 1, which holds a digest of its input; make it again");
+  const std::string_view text(reinterpret_cast<const char*>(glb.data()) + kGlbHeader, *json_bytes);
+  const std::size_t end = text.find_last_not_of(' ') + 1;
+  const auto document = parse_strict_json(text, name);
+  if (!document) return document.error();
+  if (text.size() - end > 3 || json_text(*document).size() != end)
+    return found("its JSON text has more characters than its contents need");
+  if (auto ok = check_json(*document, ""); !ok) return found(ok.error().message);
+  if (auto ok = check_binary(glb.subspan((*index)->binary_at), (*index)->bytes(), *document); !ok)
+    return found(ok.error().message);
+  return {};
+}
+
+}  // namespace trocar

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lines of text from a printf format, and about a value beyond its limit.
+// Tests: tests/runtime/checking/hand_path_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <cstdio>
+#include <string>
+
+namespace trocar {
+
+template <typename... Values>
+std::string text_line(const char* format, Values... values) {
+  const int size = std::snprintf(nullptr, 0, format, values...);
+  std::string text(static_cast<std::size_t>(std::max(size, 0)) + 1, '\0');
+  std::snprintf(text.data(), text.size(), format, values...);
+  text.pop_back();
+  return text;
+}
+
+/// A value with at least `decimals` decimals, and as many as it takes to differ from the limit.
+inline std::string apart_from(double value, double limit, int decimals) {
+  for (; decimals < 9; ++decimals) {
+    if (text_line("%.*f", decimals, value) != text_line("%.*f", decimals, limit)) break;
+  }
+  return text_line("%.*f", decimals, value);
+}
+
+/// Such as "WHAT 2.31 m/s; the limit is 2 m/s" with the unit " m/s".
+inline std::string describe_beyond(const char* what, double value, double limit, const char* unit,
+                                   int decimals) {
+  return text_line("%s %s%s; the limit is %.4g%s", what, apart_from(value, limit, decimals).c_str(),
+                   unit, limit, unit);
+}
+
+}  // namespace trocar

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// Steiner points: lattice points inside the material at which refinement may insert a vertex. They
+// are near the circumcentre of a bad triangle, or closer to its shortest edge, as the off-centres of
+// Uengoer (2004) are.
+// Tests: tests/formats/geometry/triangle_operations_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "formats/geometry/lattice.h"
+
+namespace trocar {
+
+/// A position relative to the midpoint of an edge, in units of its length: along the edge, and away
+/// from it to its left.
+struct EdgeOffset {
+  double along, away;
+};
+
+// Positions are computed and rounded relative to a nearby vertex, so that a mesh does not depend on
+// the position of its outline in the plane. It must not depend on the outline's rotation either.
+// Therefore round_half_up() is used in a plane in canonical orientation (canonical_rotation.h), and
+// round_half_away() in any orientation.
+
+/// The lattice coordinate nearest to from + away; if two are equally near, the upper one. The
+/// result is clamped to the lattice's bounds. (std::floor would be a function call.)
+inline std::int32_t round_half_up(std::int32_t from, double away) noexcept {
+  const double up = std::clamp(away, -2.0 * kMaxCoordinate, 2.0 * kMaxCoordinate) + 0.5;
+  const auto whole = static_cast<std::int32_t>(up);
+  const std::int64_t at = std::int64_t{from} + whole - (whole > up ? 1 : 0);
+  return static_cast<std::int32_t>(std::clamp<std::int64_t>(at, -kMaxCoordinate, kMaxCoordinate));
+}
+
+/// The lattice point nearest to p + (x, y); if two are equally near, the one farther from p. The
+/// result must be within the lattice's bounds.
+inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept {
+  return {p.x + static_cast<std::int32_t>(std::lround(x)),
+          p.y + static_cast<std::int32_t>(std::lround(y))};
+}
+
+/// The lattice point nearest to an offset from the edge pq, rounded half up.
+inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset) noexcept {
+  const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
+  return {round_half_up(p.x, 0.5 * dx + (offset.along * dx - offset.away * dy)),
+          round_half_up(p.y, 0.5 * dy + (offset.along * dy + offset.away * dx))};
+}
+
+/// The triangle's circumcentre, but at most `max_away` (in units of pq) from pq along its bisector;
+/// rounded half up.
+inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
+                                double max_away) noexcept {
+  const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
+  const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
+  // The centre lies on the bisector, this far away: half the cotangent of the angle at r.
+  const double cross = qx * ry - qy * rx, dot = rx * (rx - qx) + ry * (ry - qy);
+  const double away = std::min(0.5 * dot / cross, max_away);
+  return {round_half_up(p.x, 0.5 * qx - away * qy), round_half_up(p.y, 0.5 * qy + away * qx)};
+}
+
+/// The circle of an inscribed angle. It passes through the ends of an edge of length 1, and at each
+/// of its points on the left of the edge the edge subtends the given angle.
+struct AngleCircle {
+  double radius = 0;
+  double centre = 0;  ///< its distance from the edge
+
+  AngleCircle() = default;
+  explicit AngleCircle(double angle_rad)
+      : radius(0.5 / std::sin(angle_rad)), centre(radius * std::cos(angle_rad)) {}
+
+  /// The off-centre: the point of the circle that is farthest from the edge, on its bisector.
+  double off_centre() const noexcept { return centre + radius; }
+  /// The point of the circle at this angle from the off-centre, measured at the circle's centre.
+  EdgeOffset at(double sine, double cosine) const noexcept {
+    return {radius * sine, centre + radius * cosine};
+  }
+};
+
+/// Factor on the distance of a point from an edge of this length (in steps). It moves the point
+/// nearer to the edge, so that the edge subtends a large enough angle even after rounding to the
+/// lattice.
+inline double rounding_allowance(double length) noexcept {
+  constexpr double kSteps = 1.5;
+  return 1 - std::min(0.4, kSteps / length);
+}
+
+}  // namespace trocar

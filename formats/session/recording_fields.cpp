@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/recording_fields.h"
+
+#include <algorithm>
+#include <span>
+#include <utility>
+
+#include "formats/session/fault_words.h"
+
+namespace trocar {
+namespace {
+
+/// Columns of the force law `cutting`.
+constexpr std::array<const char*, 14> kCuttingColumns = {
+    "fx_tissue_N",  "fy_tissue_N", "fz_tissue_N",     "tx_tissue_Nm", "ty_tissue_Nm",
+    "tz_tissue_Nm", "front_z_m",   "front_HU",        "tip_N",        "embedded_m",
+    "cut_J",        "absorbed_J",  "tissue_stored_J", "steps"};
+
+std::vector<std::string> make_columns(bool with_cutting) {
+  std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
+                                      "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
+  for (const char* kind : {"wanted", "delivered"}) {
+    for (const char* axis : {"fx", "fy", "fz"}) {
+      columns.push_back(std::string(axis) + "_" + kind + "_N");
+    }
+    for (const char* axis : {"tx", "ty", "tz"}) {
+      columns.push_back(std::string(axis) + "_" + kind + "_Nm");
+    }
+  }
+  for (int leg = 1; leg <= 4; ++leg) {
+    for (const int joint : {1, 4}) {
+      columns.push_back("tau_" + std::to_string(leg) + "_" + std::to_string(joint) + "_Nm");
+    }
+  }
+  for (int leg = 1; leg <= 4; ++leg) {
+    for (int joint = 1; joint <= 4; ++joint) {
+      columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
+    }
+  }
+  for (const char* name :
+       {"state",           "active_slice",   "penetration_m",  "wrench_scale",
+        "pose_residual_m", "cuts_published", "response_sheet", "response_stiffness_N_per_m",
+        "response_x_m",    "response_y_m",   "fault",          "device_read",
+        "state_t_s",       "device_write",   "outside_fault",  "recovery_asked",
+        "safety",          "authority",      "passivity_J",    "passivity_N_s_per_m",
+        "motor_heat_max"}) {
+    columns.emplace_back(name);
+  }
+  if (with_cutting) columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
+  columns.emplace_back("origin");  // the last: text, in the first row only
+  return columns;
+}
+
+std::string joined(std::span<const std::string> names) {
+  std::string line;
+  for (const std::string& name : names)
+    line.append(line.empty() ? "" : ",").append(name);
+  return line;
+}
+
+}  // namespace
+
+const std::array<const char*, kFaults>& fault_names() {
+  static const auto names = [] {
+    std::array<const char*, kFaults> made{};
+    for (std::size_t i = 0; i < made.size(); ++i)
+      made[i] = words_of(static_cast<Fault>(i)).name;
+    return made;
+  }();
+  return names;
+}
+
+RecordingColumns recording_columns(bool with_cutting) {
+  return {.names = make_columns(with_cutting), .has_cutting = with_cutting};
+}
+
+RecordingColumns columns_in_header(std::string_view header) {
+  if (header == recording_header(true)) return recording_columns(true);
+  // Recordings of older versions lack one or both of these columns.
+  for (const auto& [has_state_time, has_origin] :
+       {std::pair(true, true), std::pair(false, true), std::pair(true, false),
+        std::pair(false, false)}) {
+    RecordingColumns columns = recording_columns(false);
+    if (!has_state_time) std::erase(columns.names, "state_t_s");
+    if (!has_origin) columns.names.pop_back();
+    columns.has_state_time = has_state_time;
+    columns.has_origin = has_origin;
+    if (header == joined(columns.names)) return columns;
+  }
+  return {};
+}
+
+const char* to_string(ContactPhase phase) {
+  return kPhaseNames.at(static_cast<std::size_t>(phase));
+}
+const char* to_string(Fault fault) {
+  return words_of(fault).name;
+}
+const char* to_string(SafetyState state) {
+  return kSafetyNames.at(static_cast<std::size_t>(state));
+}
+const char* to_string(DeviceStatus status) {
+  return kDeviceStatusNames.at(static_cast<std::size_t>(status));
+}
+
+const std::string& recording_header(bool with_cutting) {
+  static const std::array<std::string, 2> headers{joined(make_columns(false)),
+                                                  joined(make_columns(true))};
+  return headers[with_cutting ? 1 : 0];
+}
+
+}  // namespace trocar

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// The columns of a recording and the fields of its rows, in one order for writing and reading.
+// Internal to formats/session.
+// Tests: tests/formats/session/recording_test.cpp
+#pragma once
+#include <array>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "formats/session/recording.h"
+
+namespace trocar {
+
+inline constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
+                                                           "fault"};
+inline constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
+                                                                        "fault", "recovering"};
+inline constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
+    "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
+const std::array<const char*, kFaults>& fault_names();
+
+/// The columns of one file. Files of older versions lack some.
+struct RecordingColumns {
+  std::vector<std::string> names = {};
+  bool has_state_time = true, has_cutting = false, has_origin = true;
+};
+RecordingColumns recording_columns(bool with_cutting);
+/// The columns that this header line names; no names if it is not a recording's header.
+RecordingColumns columns_in_header(std::string_view header);
+
+/// Calls the visitor for each field of a row except the origin, in the order of the columns.
+/// number() and finite() take a number, and finite() a number that must not be infinite or nan;
+/// flag() takes 0 or 1; name() takes an enumerator and the list of its names.
+template <typename Row, typename Visitor>
+void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
+  visitor.finite(row.t_s);
+  visitor.finite(row.p_m);
+  visitor.finite(row.q);
+  visitor.finite(row.tool_m);
+  visitor.finite(row.wrench_wanted);
+  visitor.finite(row.wrench_delivered);
+  visitor.finite(row.tau_Nm);
+  for (auto& angle_rad : row.encoder_rad)
+    visitor.number(angle_rad);
+  visitor.name(row.phase, kPhaseNames);
+  visitor.number(row.active_slice);
+  visitor.finite(row.penetration_m);
+  visitor.finite(row.wrench_scale);
+  visitor.finite(row.pose_residual_m);
+  visitor.number(row.cuts_published);
+  visitor.number(row.response_sheet);
+  visitor.number(row.response_stiffness_N_per_m);
+  for (auto& offset_m : row.response_offset_m)
+    visitor.number(offset_m);
+  visitor.name(row.fault, fault_names());
+  visitor.name(row.device_read, kDeviceStatusNames);
+  if (columns.has_state_time) visitor.finite(row.state_t_s);
+  visitor.name(row.device_write, kDeviceStatusNames);
+  visitor.name(row.outside_fault, fault_names());
+  visitor.flag(row.recovery_asked);
+  visitor.name(row.safety, kSafetyNames);
+  visitor.finite(row.authority);
+  visitor.finite(row.passivity_J);
+  visitor.finite(row.passivity_N_s_per_m);
+  visitor.finite(row.motor_heat_max);
+  if (columns.has_cutting) {
+    auto& cutting = row.cutting;
+    visitor.finite(cutting.wrench_tissue);
+    visitor.finite(cutting.front_z_m);
+    visitor.finite(cutting.front_HU);
+    visitor.finite(cutting.tip_N);
+    visitor.finite(cutting.embedded_m);
+    visitor.finite(cutting.cut_J);
+    visitor.finite(cutting.absorbed_J);
+    visitor.finite(cutting.stored_J);
+    visitor.number(cutting.steps);
+  }
+}
+
+}  // namespace trocar

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tests: tests/formats/session/recording_test.cpp
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <system_error>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "formats/session/recording.h"
+#include "formats/session/recording_fields.h"
+
+namespace trocar {
+namespace {
+
+constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
+
+/// Appends each field of a row (visit_fields()), followed by a comma.
+class RowWriter {
+ public:
+  explicit RowWriter(std::string& out) : out_(out) {}
+
+  template <typename Number>
+  void number(Number x) {
+    std::array<char, 32> text;
+    const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
+    out_.append(text.data(), end).push_back(',');
+  }
+  void finite(double x) { number(x); }
+  template <std::size_t N>
+  void finite(const std::array<double, N>& numbers) {
+    for (const double x : numbers)
+      number(x);
+  }
+  void flag(std::uint8_t x) { number(x); }
+  template <typename Enum, std::size_t N>
+  void name(Enum value, const std::array<const char*, N>& names) {
+    out_.append(names.at(static_cast<std::size_t>(value))).push_back(',');
+  }
+
+ private:
+  std::string& out_;
+};
+
+// Renames the file that an interrupted recording left: the first free name of partial.1, partial.2
+// and so on. Returns false and sets errno on failure (EWOULDBLOCK: another program is writing it).
+bool move_aside(const std::string& partial) {
+  constexpr int kMaxKept = 10000;
+  const int old = ::open(partial.c_str(), O_WRONLY | O_NONBLOCK | O_NOFOLLOW | O_CLOEXEC);
+  if (old < 0) return false;
+  bool moved = false;
+  if (::flock(old, LOCK_EX | LOCK_NB) == 0) {
+    errno = EEXIST;
+    // Unlike rename(), link() overwrites nothing.
+    for (int n = 1; n < kMaxKept && !moved && errno == EEXIST; ++n)
+      moved = ::link(partial.c_str(), (partial + "." + std::to_string(n)).c_str()) == 0;
+    moved = moved && ::unlink(partial.c_str()) == 0;
+  }
+  const int error = errno;
+  ::close(old);
+  errno = error;
+  return moved;
+}
+
+// Creates a file that is locked while it is open. Returns -1 and sets errno like move_aside().
+int open_partial(const std::string& partial) {
+  constexpr int kFlags = O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC;
+  int fd = ::open(partial.c_str(), kFlags, 0666);
+  if (fd < 0 && errno == EEXIST && move_aside(partial)) fd = ::open(partial.c_str(), kFlags, 0666);
+  if (fd >= 0) static_cast<void>(::flock(fd, LOCK_EX | LOCK_NB));
+  return fd;
+}
+
+}  // namespace
+
+RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, int fd,
+                                 bool with_cutting)
+    : file_(std::move(file)), partial_(std::move(partial)), fd_(fd), with_cutting_(with_cutting) {}
+
+RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
+    : file_(std::move(other.file_)),
+      partial_(std::exchange(other.partial_, {})),
+      fd_(std::exchange(other.fd_, -1)),
+      buffer_(std::move(other.buffer_)),
+      with_cutting_(other.with_cutting_),
+      origin_(std::move(other.origin_)),
+      lines_(other.lines_) {}
+
+RecordingWriter::~RecordingWriter() {
+  if (fd_ >= 0 && !partial_.empty()) static_cast<void>(flush());
+  end();
+}
+
+/// Closes the partial file, and removes it if it has no row.
+void RecordingWriter::end() {
+  if (fd_ >= 0) {
+    ::fsync(fd_);
+    ::close(std::exchange(fd_, -1));
+  }
+  if (!partial_.empty() && lines_ < 2) ::unlink(partial_.c_str());
+  partial_.clear();
+}
+
+Error RecordingWriter::failure(int error) {
+  const std::string kept =
+      lines_ < 2 ? "no row was kept"
+                 : "the first " + std::to_string(lines_ - 1) + " rows are in " + partial_;
+  end();
+  return unwritable(file_.string() + ": " + std::generic_category().message(error) + "; " + kept);
+}
+
+Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
+                                              const RecordingOrigin& origin) {
+  if (const Result<void> ok = check_writable(file); !ok) return ok.error();
+  const std::string partial = file.string() + kPartialSuffix;
+  const int fd = open_partial(partial);
+  if (fd < 0 && errno == EWOULDBLOCK)
+    return unwritable(partial + ": another program is recording there");
+  if (fd < 0) return unwritable(partial + ": " + std::generic_category().message(errno));
+  const std::string* law = origin.find("force-law");
+  const bool with_cutting = law != nullptr && *law == "cutting";
+  RecordingWriter writer(file, partial, fd, with_cutting);
+  writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
+  writer.buffer_ = recording_header(with_cutting) + "\n";
+  writer.origin_ = to_text(origin);
+  return writer;
+}
+
+Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
+  const RecordingColumns columns{.has_cutting = with_cutting_};
+  for (const RecordingRow& row : rows) {
+    RowWriter fields(buffer_);
+    visit_fields(row, columns, fields);
+    buffer_ += std::exchange(origin_, {});
+    buffer_ += '\n';
+    if (buffer_.size() < kFlushBytes) continue;
+    if (Result<void> flushed = flush(); !flushed) return flushed;
+  }
+  return {};
+}
+
+Result<void> RecordingWriter::flush() {
+  std::size_t done = 0;
+  int error = 0;
+  while (done < buffer_.size() && error == 0) {
+    const ssize_t put = ::write(fd_, buffer_.data() + done, buffer_.size() - done);
+    if (put >= 0) {
+      done += static_cast<std::size_t>(put);
+    } else if (errno != EINTR) {
+      error = errno;
+    }
+  }
+  const std::string_view written = std::string_view(buffer_).substr(0, done);
+  lines_ += static_cast<std::uint64_t>(std::count(written.begin(), written.end(), '\n'));
+  if (error == 0) {
+    buffer_.clear();
+    return {};
+  }
+  // The incomplete last row is removed.
+  const std::size_t cut = done - (written.rfind('\n') + 1);  // npos + 1 is 0
+  const off_t end = ::lseek(fd_, 0, SEEK_CUR);
+  // If that fails too, a reader refuses the cut row and names its line.
+  [[maybe_unused]] const bool removed =
+      cut == 0 || (end >= 0 && ::ftruncate(fd_, end - static_cast<off_t>(cut)) == 0);
+  return failure(error);
+}
+
+Result<void> RecordingWriter::commit() {
+  if (Result<void> flushed = flush(); !flushed) return flushed;
+  if (::fsync(fd_) != 0) return failure(errno);
+  if (::close(std::exchange(fd_, -1)) != 0) return failure(errno);
+  if (::rename(partial_.c_str(), file_.c_str()) != 0) return failure(errno);
+  partial_.clear();
+  return {};
+}
+
+}  // namespace trocar

@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: Apache-2.0
+// Shared-memory telemetry: the memory through which other processes observe and command a running
+// session (trocar-run --live FILE). telemetry.md specifies its layout to the byte.
+//
+// Contract (tests/formats/session/telemetry_test.cpp):
+//  1. The writer never waits for a reader. It reads nothing back from the memory except the command
+//     counters, and only whether they changed. So no reader can stop or mislead it.
+//  2. A reader gets complete values only, and never an older value after a newer one. It gives up
+//     after a bounded number of attempts, even if the writer was killed in the middle of a write.
+//  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
+//  4. A reader validates everything that it uses, and maps only the commands for writing. The
+//     memory is sealed: neither side can shrink it, which would kill the other one (SIGBUS).
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/fault_words.h"
+
+namespace trocar {
+
+inline constexpr const char* kTelemetrySchema = "trocar.live/1";
+inline constexpr std::uint64_t kTelemetryVersion = 1;
+inline constexpr std::size_t kTelemetryEvents =
+    4096;  ///< capacity; newer events replace the oldest
+inline constexpr std::size_t kMaxTelemetryColumns = 4096, kMaxTelemetrySheets = 64;
+
+enum class TelemetryCommand : std::uint8_t {
+  kStop,
+  kPause,
+  kResume,
+  kZero,
+  kRecover,
+  kEmergencyStop
+};
+inline constexpr std::size_t kTelemetryCommands = 6;
+/// "stop", "pause", "resume", "zero", "recover", "emergency_stop".
+const char* to_string(TelemetryCommand command);
+
+/// In parentheses: the members of TelemetryEvent that the event uses beside its time.
+enum class TelemetryEventKind : std::uint8_t {
+  kPuncture = 1,  ///< a sheet was punctured (sheet, slice, cut, positions and forces)
+  kFault,         ///< a fault was detected (found)
+  kNotRecovered,  ///< recovery failed (found; if its fault is kNone, the tool is still in material,
+                  ///< and retract_distance_m says how far to retract it)
+  kRecovered,     ///< the session recovered (found: the fault that it recovered from)
+  kCutShown,      ///< the published mesh of `sheet` (of `slice`) has `cut` holes
+  kPaused,        ///< time stopped
+  kResumed,       ///< time runs again
+  kEnded,         ///< the session ended (end; found: the fault latched at the end, if any)
+};
+/// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended".
+const char* to_string(TelemetryEventKind kind);
+
+enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };
+/// "done", "interrupted", "fault".
+const char* to_string(TelemetryEnd end);
+
+struct TelemetryEvent {
+  std::uint64_t number = 0;  ///< counts from 1; the writer sets it
+  TelemetryEventKind kind = TelemetryEventKind::kPuncture;
+  TelemetryEnd end = TelemetryEnd::kDone;
+  double t_s = 0;           ///< session time
+  std::int32_t sheet = -1;  ///< index from the top, 0 for the topmost; -1: none
+  std::int32_t slice = -1;  ///< AssetSlice::index
+  std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
+  double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
+  FaultDetail found;
+  double retract_distance_m = 0;
+};
+
+/// The mesh of one sheet in {B}.
+struct TelemetrySheet {
+  std::uint32_t cuts = 0;   ///< number of holes cut during the session
+  bool is_shown = false;    ///< false: the mesh exceeds the sheet's region, and no mesh is stored
+  std::vector<float> xy_m;  ///< x and y for each vertex
+  std::vector<float> hu;    ///< one value for each vertex; empty if the asset has no HU
+  std::vector<std::uint32_t> triangles;  ///< three vertex indices for each triangle
+};
+
+/// The deformed sheet around the tool (force law `network`). If the tool has penetrated by d, a
+/// vertex has the height z_m - d w.
+struct TelemetryShape {
+  std::uint64_t version = 0;  ///< number of this shape
+  std::int32_t sheet = -1;
+  std::uint32_t cuts = 0;
+  double z_m = 0;
+  bool is_shown = false;   ///< same meaning as TelemetrySheet::is_shown
+  std::vector<float> xyw;  ///< x, y (m) and w for each vertex
+  std::vector<std::uint32_t> triangles;
+};
+
+/// Determines the size of the memory.
+struct TelemetrySizes {
+  struct Mesh {
+    std::size_t vertices = 0, triangles = 0;
+    bool has_hu = false;
+  };
+  std::string about;        ///< description of the session, JSON
+  std::size_t columns = 0;  ///< count of numbers in a snapshot
+  /// The sheets' initial meshes. Each region has space for twice as much plus 64 KiB.
+  std::vector<Mesh> sheets;
+  bool has_shape = false;
+};
+
+/// The session's end. Three threads may write at the same time: one the snapshots and events, one
+/// the sheets, one the shape.
+class TelemetryWriter {
+ public:
+  /// Allocates all pages, and locks them in memory if the system allows it. Errors: (unwritable)
+  /// the memory cannot be allocated.
+  static Result<std::unique_ptr<TelemetryWriter>> make(const TelemetrySizes& sizes);
+  /// Removes the link.
+  ~TelemetryWriter();
+  TelemetryWriter(const TelemetryWriter&) = delete;
+  TelemetryWriter& operator=(const TelemetryWriter&) = delete;
+
+  /// Atomically makes `file` a symbolic link to the memory. A link that an ended process left is
+  /// replaced. Errors: (unwritable) `file` exists and is something else, or belongs to a running
+  /// session.
+  Result<void> link(const std::filesystem::path& file);
+
+  /// `values` has one number for each column.
+  void snapshot(std::span<const double> values) noexcept;
+  /// Publishes the event and sets its number.
+  void event(TelemetryEvent& event) noexcept;
+  std::uint64_t last_event() const noexcept { return events_; }
+  /// Skips numbers, so that readers count these events as lost.
+  void lose_events(std::uint64_t count) noexcept;
+  /// Stores no mesh (is_shown false) if it does not fit.
+  void sheet(std::size_t index, const TelemetrySheet& sheet) noexcept;
+  void shape(const TelemetryShape& shape) noexcept;
+
+  /// Counter of a command, modulo 2^64. Only its changes mean something. Wait-free, for the haptic
+  /// thread.
+  std::uint64_t commands(TelemetryCommand command) const noexcept {
+    return commands_[static_cast<std::size_t>(command)].load(std::memory_order_acquire);
+  }
+
+  /// The file descriptor of the memory.
+  int fd() const noexcept { return fd_; }
+
+ private:
+  using Word = std::atomic<std::uint64_t>;
+  struct Region {
+    Word* words = nullptr;
+    std::size_t data_words = 0;  ///< capacity
+    std::uint64_t sequence = 0;  ///< never read back from the memory
+  };
+  struct MeshHead {
+    std::size_t vertices;
+    std::int32_t sheet;
+    std::uint32_t cuts;
+    double z_m;
+  };
+  static void write_mesh(Region& region, const MeshHead& head, std::span<const float> values,
+                         std::span<const float> hu,
+                         std::span<const std::uint32_t> triangles) noexcept;
+  TelemetryWriter() = default;
+
+  int fd_ = -1;
+  void* memory_ = nullptr;
+  std::size_t bytes_ = 0;
+  std::filesystem::path link_, target_;
+  Region snapshot_, shape_;
+  std::vector<Region> sheets_;
+  Word* event_words_ = nullptr;
+  Word* commands_ = nullptr;
+  std::uint64_t events_ = 0;
+};
+
+/// Another process's end, for one thread.
+class TelemetryReader {
+ public:
+  /// `file` is the link. Errors: (refused) there is no link, its process has ended, the memory is
+  /// not a session's or has another version, or a size or offset in it is impossible.
+  static Result<std::unique_ptr<TelemetryReader>> open(const std::filesystem::path& file);
+  ~TelemetryReader();
+  TelemetryReader(const TelemetryReader&) = delete;
+  TelemetryReader& operator=(const TelemetryReader&) = delete;
+
+  /// The description of the session: JSON, not validated here (telemetry.md).
+  std::string_view about() const noexcept { return about_; }
+  std::size_t columns() const noexcept { return columns_; }
+  std::size_t sheets() const noexcept { return sheets_.size(); }
+
+  /// Returns false and leaves `values` unchanged if there is no snapshot since the last call, or it
+  /// was being written during every attempt.
+  bool snapshot(std::vector<double>& values);
+
+  enum class Next : std::uint8_t {
+    kNone,
+    kEvent,
+    kLost,  ///< events before event.number were lost; next_event() continues with event.number
+  };
+  /// Begins with the oldest event that is kept. With kLost, sets `lost` to the number of lost
+  /// events.
+  Next next_event(TelemetryEvent& event, std::uint64_t& lost);
+  /// Makes next_event() continue after this event.
+  void go_to_event(std::uint64_t last) noexcept { next_event_ = last + 1; }
+  std::uint64_t last_event() const noexcept;
+
+  /// Changes whenever the sheet is written; 0: not yet written.
+  std::uint64_t sheet_version(std::size_t index) const noexcept;
+  /// Returns false, with unspecified contents of `sheet`, if there is no such sheet or it was being
+  /// written during every attempt.
+  bool sheet(std::size_t index, TelemetrySheet& sheet);
+  /// Changes whenever the shape is written; 0: not yet written.
+  std::uint64_t shape_version() const noexcept;
+  /// Returns false if there is no shape yet, or for the reasons of sheet().
+  bool shape(TelemetryShape& shape);
+
+  /// False if the process has ended, normally or not.
+  bool writer_is_alive() const noexcept;
+  void command(TelemetryCommand command) noexcept;
+
+ private:
+  using Word = std::atomic<std::uint64_t>;
+  struct Region {
+    const Word* words = nullptr;
+    std::size_t data_words = 0;
+  };
+  TelemetryReader() = default;
+  Result<void> map(const std::string& name);
+  struct MeshCopy {
+    std::array<std::uint64_t, 8> head;
+    std::vector<std::uint32_t> values;
+  };
+  static bool read_mesh(const Region& region, std::size_t per_vertex, bool may_have_hu,
+                        MeshCopy& mesh);
+
+  int fd_ = -1;
+  const void* memory_ = nullptr;
+  std::size_t bytes_ = 0;
+  void* command_page_ = nullptr;
+  std::string about_;
+  std::size_t columns_ = 0;
+  Region snapshot_, shape_;
+  std::vector<Region> sheets_;
+  const Word* event_words_ = nullptr;
+  Word* commands_ = nullptr;
+  std::uint64_t last_snapshot_ = 0;
+  std::uint64_t next_event_ = 1;
+};
+
+}  // namespace trocar

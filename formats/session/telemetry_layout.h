@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// The layout of shared-memory telemetry (telemetry.md), as its writer and reader use it. Internal
+// to formats/session.
+// Tests: tests/formats/session/telemetry_test.cpp
+#pragma once
+#include <fcntl.h>
+
+#include <array>
+#include <atomic>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace trocar::telemetry_layout {
+
+using Word = std::atomic<std::uint64_t>;
+static_assert(sizeof(Word) == 8 && Word::is_always_lock_free);
+static_assert(std::endian::native == std::endian::little);
+
+/// Word numbers in the header.
+enum Header : std::size_t {
+  kMagic,
+  kVersion,
+  kBytes,
+  kAboutOffset,
+  kAboutBytes,
+  kSnapshotOffset,
+  kColumns,
+  kShapeOffset,
+  kShapeWords,
+  kDirectoryOffset,
+  kSheets,
+  kEventsOffset,
+  kEventSlots,
+  kCommandsOffset,
+  kHeaderWords = 16
+};
+inline constexpr std::uint64_t kMagicWord =
+    std::bit_cast<std::uint64_t>(std::array<char, 8>{'T', 'R', 'C', 'R', 'L', 'I', 'V', 'E'});
+
+/// Word numbers in the head of a mesh, whose vertices and triangles follow it.
+enum Mesh : std::size_t {
+  kSequence,
+  kMeshVersion,
+  kFlags,
+  kVertices,
+  kTriangles,
+  kMeshSheet,
+  kMeshCuts,
+  kHeight,
+  kMeshHead
+};
+inline constexpr std::uint64_t kIsShown = 1, kHasHu = 2;  ///< bits of kFlags
+/// Words of an event, and of the head of all events.
+inline constexpr std::size_t kEventWords = 16, kEventsHead = 8;
+
+inline constexpr std::size_t kPage = 4096;
+inline constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 34;
+inline constexpr std::uint64_t kMaxAbout = std::uint64_t{1} << 24;
+inline constexpr int kSeals = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL;
+
+inline std::uint64_t word_of(double x) {
+  return std::bit_cast<std::uint64_t>(x);
+}
+inline double number_in(std::uint64_t word) {
+  return std::bit_cast<double>(word);
+}
+/// The value is sign-extended.
+inline std::uint64_t word_of(std::int32_t x) {
+  return static_cast<std::uint64_t>(std::int64_t{x});
+}
+inline std::int32_t int_in(std::uint64_t word) {
+  return static_cast<std::int32_t>(static_cast<std::uint32_t>(word));
+}
+
+/// A lock on all bytes of a file.
+inline struct flock whole_file() {
+  struct flock lock {};
+  lock.l_type = F_WRLCK;
+  lock.l_whence = SEEK_SET;
+  return lock;
+}
+
+std::string error_text(int error);
+/// The text of a symbolic link; empty if `file` is none.
+std::string read_link(const std::filesystem::path& file);
+/// Has the link's text the form that TelemetryWriter::link() writes, "/proc/PID/fd/N"?
+bool is_session_link(const std::string& target);
+
+}  // namespace trocar::telemetry_layout

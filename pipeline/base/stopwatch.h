@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Tests: tests/e2e/stages_test.py
+#pragma once
+
+#include <chrono>
+
+namespace trocar::pipeline {
+
+class Stopwatch {
+ public:
+  using TimePoint = std::chrono::steady_clock::time_point;
+
+  explicit Stopwatch(TimePoint start = std::chrono::steady_clock::now()) : start_(start) {}
+
+  /// The time since the last lap, or since the start.
+  double lap_ms() {
+    const TimePoint now = std::chrono::steady_clock::now();
+    const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
+    start_ = now;
+    return ms;
+  }
+
+ private:
+  TimePoint start_;
+};
+
+}  // namespace trocar::pipeline

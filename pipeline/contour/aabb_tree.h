@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// An AABB tree over edges: the edge nearest to a point. Each box encloses consecutive edges.
+// Tests: tests/pipeline/contour/outline_distance_test.cpp
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "pipeline/contour/segment_distance.h"
+
+namespace trocar::pipeline {
+
+using Edge = std::array<Point, 2>;
+
+class AabbTree {
+ public:
+  /// Needs at least one edge. Searches are quick if consecutive edges are near each other. O(n).
+  explicit AabbTree(std::vector<Edge> edges);
+
+  std::size_t size() const { return edges_.size(); }
+  const Edge& edge(std::size_t i) const { return edges_[i]; }
+
+  /// Squared distance from p to edge i.
+  double to_edge(Point p, std::size_t i) const {
+    return segment_distance2(edges_[i][0], edges_[i][1], p);
+  }
+
+  struct Nearest {
+    double d2 = 0;  ///< squared distance
+    std::size_t edge = 0;
+  };
+  /// The edge nearest to p. The search starts at edge `guess`: if that is near the nearest edge,
+  /// few other boxes are inspected. O(log n) typically.
+  Nearest nearest(Point p, std::size_t guess) const;
+
+ private:
+  static constexpr std::size_t kFan = 8;
+  struct Box {
+    Point low, high;
+  };
+  static void widen(Box& box, const Box& by);
+  void inspect_edges(Point p, std::size_t group, Nearest& best) const;
+  void inspect_box(Point p, std::size_t level, std::size_t i, Nearest& best) const;
+
+  std::vector<Edge> edges_;
+  // Each box encloses kFan consecutive edges, or boxes of the level below. The last level has one.
+  std::vector<std::vector<Box>> levels_;
+};
+
+}  // namespace trocar::pipeline

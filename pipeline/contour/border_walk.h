@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Walks along the chains of LabelBorders around each material.
+// Tests: tests/pipeline/contour/label_borders_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "pipeline/contour/label_borders.h"
+
+namespace trocar::pipeline {
+
+/// Number 2 c is chain c followed from its start, number 2 c + 1 is chain c followed from its end.
+using DirectedChain = std::uint32_t;
+
+/// The chains along one closed boundary of a material, which is on their left.
+struct ChainLoop {
+  MaterialNumber material = kNoMaterial;
+  std::vector<DirectedChain> chains;
+
+  /// The loop as a ring of points. The chains are looked up in `borders`, which is the one walked
+  /// or another one with the same chains. The ring passes a node twice where the material touches
+  /// itself.
+  Ring ring(const LabelBorders& borders) const {
+    Ring out;
+    for (const DirectedChain d : chains) {
+      const BorderChain& c = borders.chains[d / 2];
+      const std::ptrdiff_t last = c.is_closed ? 0 : 1;  // the next chain starts with the last point
+      if (d % 2 == 0)
+        out.insert(out.end(), c.points.begin(), c.points.end() - last);
+      else
+        out.insert(out.end(), c.points.rbegin(), c.points.rend() - last);
+    }
+    return out;
+  }
+};
+
+class BorderWalk {
+ public:
+  /// `borders` must outlive this object.
+  explicit BorderWalk(const LabelBorders& borders)
+      : borders_(borders), heads_(2 * borders.chains.size()) {
+    for (std::uint32_t n = 0; n < borders.nodes.size(); ++n) {
+      for (int k = 0; k < borders.nodes[n].count; ++k) {
+        const BorderNode::End end = borders.nodes[n].ends[static_cast<std::size_t>(k)];
+        // A chain that starts here arrives here when it is reversed.
+        heads_[2 * end.chain + (end.is_start ? 1 : 0)] = {n, k};
+      }
+    }
+  }
+
+  /// Calls visit(loop) for each loop around a material m for which is_wanted(m) holds. A chain
+  /// between materials for which is_same(left, right) holds is skipped: the two count as one.
+  template <typename Wanted, typename Same, typename Visit>
+  void for_loops(const Wanted& is_wanted, const Same& is_same, const Visit& visit) const {
+    std::vector<char> is_done(heads_.size(), 0);
+    ChainLoop loop;
+    for (DirectedChain first = 0; first < heads_.size(); ++first) {
+      loop.material = left(first);
+      if (is_done[first] != 0 || !is_wanted(left(first)) || is_same(left(first), right(first)))
+        continue;
+      loop.chains.clear();
+      DirectedChain at = first;
+      do {
+        is_done[at] = 1;
+        loop.chains.push_back(at);
+        at = next(at, is_same);
+      } while (at != first);
+      visit(loop);
+    }
+  }
+
+ private:
+  struct Head {
+    std::uint32_t node = 0;
+    int end = 0;
+  };
+
+  const BorderChain& chain(DirectedChain d) const { return borders_.chains[d / 2]; }
+  MaterialNumber left(DirectedChain d) const { return d % 2 == 0 ? chain(d).left : chain(d).right; }
+  MaterialNumber right(DirectedChain d) const { return left(d ^ 1U); }
+
+  // The next chain clockwise around the node that has the material on its left but not on its
+  // right.
+  template <typename Same>
+  DirectedChain next(DirectedChain d, const Same& is_same) const {
+    if (chain(d).is_closed) return d;
+    const Head head = heads_[d];
+    const BorderNode& node = borders_.nodes[head.node];
+    for (int k = head.end;;) {
+      k = (k + node.count - 1) % node.count;
+      const BorderNode::End end = node.ends[static_cast<std::size_t>(k)];
+      const DirectedChain out = 2 * end.chain + (end.is_start ? 0 : 1);
+      if (!is_same(left(out), right(out))) return out;
+    }
+  }
+
+  const LabelBorders& borders_;
+  std::vector<Head> heads_;  // by directed chain: the node and end at which it arrives
+};
+
+}  // namespace trocar::pipeline

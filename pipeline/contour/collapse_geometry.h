@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The geometry of one step of segment collapse: the point that replaces a path of the outline so
+// that the area stays, its rounding to the lattice, and its position on the contour.
+// Tests: tests/pipeline/contour/area_collapse_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+
+#include "formats/geometry/edge_predicates.h"
+#include "formats/geometry/lattice.h"
+#include "formats/geometry/lattice_box.h"
+#include "pipeline/contour/segment_distance.h"
+
+namespace trocar::pipeline::collapse {
+
+inline constexpr double kNever = std::numeric_limits<double>::infinity(), kUnknown = -1;
+
+// Largest number of edges that one step replaces by two.
+inline constexpr std::size_t kMaxRun = 8;
+
+// The edge bc between a and d, as node numbers and as points.
+struct Span {
+  std::uint32_t ia, ib, ic, id;
+  LatticePoint a, b, c, d;
+  std::int64_t abc = orient2d(a, b, c), acd = orient2d(a, c, d), bcd = orient2d(b, c, d);
+
+  // Twice the area between the path a, b, c, d and the line from d to a.
+  std::int64_t doubled() const { return abc + acd; }
+};
+
+// A point that keeps the area if it replaces an edge, and the area that then changes sides; kNever
+// if there is no such point.
+struct Ideal {
+  Point at;
+  double displacement = kNever;
+};
+
+// The ideal point on the ray from `end` (a or d) through `near` (b or c). `far` is the other one of
+// b and c, `other` the other one of a and d; `cross` is twice the signed area of the triangle a,
+// near, d.
+inline Ideal ideal_on_ray(LatticePoint end, LatticePoint near, LatticePoint far, LatticePoint other,
+                          double area, std::int64_t cross) {
+  if (cross == 0) return {};
+  const double t = area / static_cast<double>(cross);
+  if (!(t > 0)) return {};
+  const Point from = point(end), n = point(near);
+  const Point e{from.x + t * (n.x - from.x), from.y + t * (n.y - from.y)};
+  // The new edge from e to `other` crosses near-far at near + u (far - near). The areas on both
+  // sides of that point are equal.
+  const Point f = point(far), o = point(other);
+  const double at_near = (o.x - e.x) * (n.y - e.y) - (o.y - e.y) * (n.x - e.x),
+               at_far = (o.x - e.x) * (f.y - e.y) - (o.y - e.y) * (f.x - e.x);
+  const double u = at_near == at_far ? 0 : std::clamp(at_near / (at_near - at_far), 0.0, 1.0);
+  return {e, std::abs(u * ((n.x - e.x) * (f.y - n.y) - (n.y - e.y) * (f.x - n.x)))};
+}
+
+// The two ideal points that may replace the edge, the one with the smaller displacement first.
+inline std::array<Ideal, 2> ideals(const Span& s, double area) {
+  if (s.abc == 0 && is_inside_segment(s.a, s.c, s.b)) return {Ideal{point(s.c), 0}, Ideal{}};
+  if (s.bcd == 0 && is_inside_segment(s.b, s.d, s.c)) return {Ideal{point(s.b), 0}, Ideal{}};
+  const Ideal on_ab = ideal_on_ray(s.a, s.b, s.c, s.d, area, s.abc + s.acd - s.bcd),
+              on_dc = ideal_on_ray(s.d, s.c, s.b, s.a, area, s.acd);
+  if (on_dc.displacement < on_ab.displacement) return {on_dc, on_ab};
+  return {on_ab, on_dc};
+}
+
+// A path along a ring whose inner nodes a point e replaces: its points, followed by e.
+struct Path {
+  std::array<std::uint32_t, kMaxRun + 1> nodes;
+  std::array<LatticePoint, kMaxRun + 2> points;
+  std::size_t size;  // number of points without e
+
+  LatticePoint a() const { return points[0]; }
+  LatticePoint d() const { return points[size - 1]; }
+  LatticePoint e() const { return points[size]; }
+};
+
+// The point that replaces the inner nodes of a longer path: on the normal of the line a-d through
+// the vertex farthest from that line, at the distance that keeps the area and makes up for
+// `area_error`, but for at most a lattice step's height of it. `base2` is the squared length of
+// a-d.
+struct RunIdeal {
+  Point at;
+  double area;           // twice the area between the path with this point and the line
+  std::int64_t doubled;  // the same for the present path
+};
+inline RunIdeal ideal_for_run(const Path& path, std::int64_t base2, std::int64_t area_error) {
+  const LatticePoint a = path.a(), d = path.d();
+  const std::size_t edges = path.size - 1;
+  std::int64_t doubled = 0, farthest = 0;
+  LatticePoint apex = path.points[edges / 2];
+  for (std::size_t k = 1; k < edges; ++k) {
+    doubled += orient2d(a, path.points[k], path.points[k + 1]);
+    const std::int64_t off = std::abs(orient2d(a, path.points[k], d));
+    if (off > farthest) farthest = off, apex = path.points[k];
+  }
+  const double base = std::sqrt(static_cast<double>(base2)),
+               area = static_cast<double>(doubled) +
+                      std::clamp(static_cast<double>(area_error), -base, base);
+  const double offset =
+      (static_cast<double>(orient2d(a, apex, d)) - area) / static_cast<double>(base2);
+  return {{apex.x - offset * (d.y - a.y), apex.y + offset * (d.x - a.x)}, area, doubled};
+}
+
+// The winding number of the closed path around p, which lies on none of its edges.
+inline int winding(const Path& path, LatticePoint p) {
+  int out = 0;
+  for (std::size_t i = 0; i <= path.size; ++i) {
+    const LatticePoint from = path.points[i], to = path.points[i < path.size ? i + 1 : 0];
+    if ((from.y <= p.y) == (to.y <= p.y)) continue;
+    const std::int64_t side = orient2d(from, to, p);
+    if (from.y <= p.y && side > 0) ++out;
+    if (from.y > p.y && side < 0) --out;
+  }
+  return out;
+}
+
+// The same as segments_cross(), but quick if cd lies to one side of ab, as it nearly always does.
+inline bool crosses(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  const std::int64_t to_c = orient2d(a, b, c), to_d = orient2d(a, b, d);
+  if ((to_c > 0 && to_d > 0) || (to_c < 0 && to_d < 0)) return false;
+  return segments_cross(a, b, c, d);
+}
+
+// Does the edge pq of the outline, which is not one of the path's edges, cross the two new edges,
+// or does p lie in the area that they sweep? `box` is around the path and e. If `is_end`, q is p:
+// the end of an open contour.
+inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, LatticePoint q,
+                  bool is_end) {
+  const LatticePoint a = path.a(), d = path.d(), e = path.e();
+  const bool at_end = p == a || p == d;
+  if (at_end && is_end) return false;
+  // An edge from a to d of a ring that touches this one may be passed without a crossing.
+  if (at_end && (q == a || q == d)) return true;
+  if (!at_end && !apart({p, p}, box)) {
+    for (std::size_t k = 1; k <= path.size; ++k)
+      if (p == path.points[k]) return true;
+    if (winding(path, p) != 0) return true;
+  }
+  return crosses(a, e, p, q) || crosses(e, d, p, q);
+}
+
+// The lattice point nearest to p; nothing if p is far beyond the lattice.
+inline std::optional<LatticePoint> nearest(Point p) {
+  constexpr double kFar = 1 << 30;
+  if (!(std::abs(p.x) < kFar && std::abs(p.y) < kFar)) return std::nullopt;
+  return LatticePoint{static_cast<std::int32_t>(std::lrint(p.x)),
+                      static_cast<std::int32_t>(std::lrint(p.y))};
+}
+
+// The lattice point next to `near` that keeps the area best; of equal ones, the nearest to
+// `ideal`.
+inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
+                                           Point ideal, double area) {
+  const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
+                     middle = orient2d(a, near, d);
+  std::optional<LatticePoint> best;
+  double least_off = 0, least2 = 0;
+  for (std::int32_t dx = -1; dx <= 1; ++dx) {
+    for (std::int32_t dy = -1; dy <= 1; ++dy) {
+      const LatticePoint e{near.x + dx, near.y + dy};
+      if (e == a || e == d) continue;
+      const double off = std::abs(static_cast<double>(middle + dx * per_x + dy * per_y) - area);
+      if (best && off > least_off) continue;
+      const double x = e.x - ideal.x, y = e.y - ideal.y, away2 = x * x + y * y;
+      if (!best || off < least_off || away2 < least2) best = e, least_off = off, least2 = away2;
+    }
+  }
+  return best;
+}
+
+// A position on a contour: on the edge from vertex k to the next, at the fraction t (0 <= t < 1).
+struct ContourPosition {
+  std::uint32_t k = 0;
+  double t = 0;
+};
+
+// A vertex of the outline, linked to its neighbours. Node i begins as vertex i of the contours,
+// which are numbered ring by ring.
+struct Node {
+  LatticePoint p;
+  std::uint32_t previous, next;
+};
+// The rest of a node, apart from Node because it is needed less often.
+struct NodeState {
+  std::uint32_t ring, k;  // k, t: position on the contour, within the tolerance of p
+  double t = 0;
+  double displacement = kUnknown;  // if the edge to the next node collapses
+  double queued = kNever;          // displacement when queued: the least of its queue entries
+  ContourPosition position() const { return {k, t}; }
+  void put(ContourPosition position) { k = position.k, t = position.t; }
+};
+
+// The part of a closed contour from one position on to another. `contour` has n vertices and, after
+// them, a copy of the first one.
+struct ContourPart {
+  const LatticePoint* contour;
+  std::uint32_t n;
+  ContourPosition from, to;
+};
+
+// The number of edges of a closed contour with n vertices from vertex `from` on to vertex k.
+inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n) {
+  return k >= from ? k - from : k + n - from;
+}
+
+// Returns the position nearest to e on the part of a contour that a, e, d is to replace, if the
+// edge a-e and the contour up to that position are within the tolerance of each other, and likewise
+// e-d and the rest of the contour. It suffices that e is near its position and the contour's
+// vertices are near the edge: then the contour's nearest points run along the whole edge, except
+// for its ends, which are near their own positions.
+inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
+                                                      LatticePoint d, LatticePoint e,
+                                                      double tolerance2) {
+  const auto [contour, n, from, to] = part;
+  std::uint32_t inner = to.k >= from.k ? to.k - from.k : to.k + n - from.k;
+  if (inner == 0 && to.t < from.t) inner = n;  // the whole contour
+  const Point at = point(e);
+  // Segments j = 0 .. inner: from a vertex (or `from`) to the next vertex (or `to`).
+  ContourPosition nearest;
+  double least = std::numeric_limits<double>::max();
+  std::uint32_t nearest_segment = 0;
+  for (std::uint32_t j = 0, k = from.k; j <= inner; ++j) {
+    const Point p = point(contour[k]), q = point(contour[k + 1]);
+    const double low = j == 0 ? from.t : 0, high = j == inner ? to.t : 1;
+    const double t = std::clamp(fraction_along(p, q, at), low, high);
+    const double d2 = distance2_between({p.x + t * (q.x - p.x), p.y + t * (q.y - p.y)}, at);
+    if (d2 < least) least = d2, nearest = {k, t}, nearest_segment = j;
+    k = k + 1 < n ? k + 1 : 0;
+  }
+  if (least > tolerance2) return std::nullopt;
+  const auto are_near = [&](Point end, std::uint32_t first, std::uint32_t last) {
+    std::uint32_t k = from.k + first < n ? from.k + first : from.k + first - n;
+    for (std::uint32_t j = first; j <= last; ++j) {
+      if (segment_distance2(end, at, point(contour[k])) > tolerance2) return false;
+      k = k + 1 < n ? k + 1 : 0;
+    }
+    return true;
+  };
+  if (!are_near(point(a), 1, nearest_segment) || !are_near(point(d), nearest_segment + 1, inner))
+    return std::nullopt;
+  if (nearest.t >= 1) nearest = {nearest.k + 1 < n ? nearest.k + 1 : 0, 0};
+  return nearest;
+}
+
+}  // namespace trocar::pipeline::collapse

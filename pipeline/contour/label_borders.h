@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The borders between the materials of a label map, as chains and nodes: materials that touch share
+// the border between them, point by point, so that there is no gap and no overlap.
+#pragma once
+
+#include <array>
+#include <functional>
+
+#include "formats/base/result.h"
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/segment/label_pixels.h"
+
+namespace trocar::pipeline {
+
+/// A border between two materials. It is closed, or runs from a node to a node, which are its first
+/// and last point.
+struct BorderChain {
+  std::vector<LatticePoint> points;
+  MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< never equal; kNoMaterial is outside
+  bool is_closed = false;
+};
+
+/// A point at which three or four chains end.
+struct BorderNode {
+  struct End {
+    std::uint32_t chain = 0;
+    bool is_start = false;  ///< true for the chain's start, false for its end
+  };
+  LatticePoint at;
+  std::array<End, 4> ends{};  ///< chain ends, counter-clockwise; the first `count` are used
+  int count = 0;
+};
+
+struct LabelBorders {
+  std::size_t materials = 0;
+  std::vector<BorderNode> nodes;
+  std::vector<BorderChain> chains;
+};
+
+/// Traces smooth borders (border_smoothing.h) on the lattice. Pixels must be at least
+/// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
+///  - Two neighbouring pixels of different materials have one crossing between them, strictly
+///    between their centres. Outside the image every pixel counts as empty; the crossings at the
+///    image's border are fixed at the pixels' edges.
+///  - In a cell of four pixels with two crossings, a segment joins these. With three or four
+///    crossings, a node in the cell's middle is joined to all of them, unless a diagonal is
+///    connected (connected_diagonal()): then two segments cut off the other two corners. Within a
+///    cell nothing crosses, and cells meet only in crossings.
+/// Every material therefore has the pixels' topology, and no ring passes a point twice.
+/// O(pixels + crossings).
+LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid);
+
+/// The outline of the union of all materials for which is_wanted() holds; see contours(). Its rings
+/// touch where the outline passes a node twice.
+Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted);
+
+/// One outline for each material; the first belongs to material number 1. Shared borders consist of
+/// the same points, in opposite directions.
+std::vector<Pslg> material_outlines(const LabelBorders& borders);
+
+/// Proves that no point of the plane is in two materials, and that every point within the outline
+/// of their union is in one: each outline and that of the union pass check_pslg(), and the areas of
+/// the materials add up to the area of the union. (Chains between two materials cancel in the sum
+/// of winding numbers, so that the sum is the winding number of the union's outline, which is 0 or
+/// 1.) Errors: an internal error that names the condition that does not hold.
+Result<void> check_label_borders(const LabelBorders& borders);
+
+/// Simplifies chain by chain; nodes do not move. Every chain stays within the two-sided tolerance,
+/// and the topology of the borders does not change. SimplificationMethod::kArea also keeps the area
+/// on both sides of each chain, and with it the area of each ring. See simplify() of
+/// simplification.h.
+LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
+                      const SimplificationOptions& options);
+
+/// Largest two-sided Hausdorff distance between chains of the same index, in mm.
+double hausdorff_mm(const LabelBorders& full, const LabelBorders& simple, const Lattice& lattice);
+
+}  // namespace trocar::pipeline

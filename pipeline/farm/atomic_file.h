@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Atomic files: a file of a store appears complete or not at all. It is written to a temporary file
+// in the store's tmp/, synced, read back, checked and renamed, and then its folder is synced. The
+// rename commits, also over NFS. Each step is a failpoint (failpoint.h).
+// Tests: tests/pipeline/farm/store_test.cpp
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <string>
+
+#include "formats/base/result.h"
+
+namespace trocar::farm {
+
+/// A path in `folder` for a temporary file, which no other process uses. Its name begins with this
+/// process's ProcessIdentity::text().
+std::filesystem::path temporary_name(const std::filesystem::path& folder);
+
+struct AtomicFile {
+  std::filesystem::path target;
+  std::filesystem::path tmp;  ///< the folder of temporary files, in the same file system
+  mode_t mode = 0666;         ///< reduced by the process's umask
+  bool is_synced = true;      ///< false if the file can be made again after a loss of power
+  /// A check of the bytes that were read back. They are already known to equal those written.
+  std::function<Result<void>(std::span<const std::uint8_t>)> prove = {};
+};
+
+/// Replaces the target, and creates its folder if only that is missing. Errors (unwritable) name
+/// the target; it is then unchanged and the temporary file is removed.
+Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
+Result<void> write_atomically(const AtomicFile& file, const std::string& text);
+
+/// Replaces a symbolic link in the same way, unless it already leads to the target.
+Result<void> link_atomically(const std::filesystem::path& target, const std::filesystem::path& link,
+                             const std::filesystem::path& tmp);
+
+/// Syncs a folder's entries to the disk. Errors (unwritable) name the folder.
+Result<void> sync_folder(const std::filesystem::path& folder);
+
+/// The error "FILE: cannot be written: REASON" for an errno.
+Error cannot_write(const std::filesystem::path& file, int error);
+
+}  // namespace trocar::farm

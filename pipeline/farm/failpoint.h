@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Failpoints: named steps at which a test program can kill or stop the process. They do nothing in
+// the shipped trocar-mesh.
+// Tests: tests/e2e/batch_test.py
+#pragma once
+
+namespace trocar::farm {
+
+/// Called at each failpoint with its name. Null unless a test program (tests/pipeline/farm/
+/// trocar_mesh_failpoints.cpp) sets it, before there are threads.
+inline void (*failpoint_hook)(const char* name) = nullptr;
+
+inline void failpoint(const char* name) {
+  if (failpoint_hook != nullptr) failpoint_hook(name);
+}
+
+}  // namespace trocar::farm

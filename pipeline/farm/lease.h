@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Leases: a process that computes a key holds the key's lease, so that two batches do not do the
+// same work. Correctness does not depend on leases, because two processes that compute a key write
+// the same bytes.
+// Tests: tests/pipeline/farm/store_test.cpp
+#pragma once
+
+#include <condition_variable>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "formats/base/result.h"
+#include "pipeline/farm/store.h"
+
+namespace trocar::farm {
+
+/// A lease that this process holds until the object is destroyed. A thread renews it.
+class Lease {
+ public:
+  /// Null if another living process holds the lease. A lease that was not renewed for
+  /// kLeaseDuration, or whose process is dead, is taken over. Errors: unwritable.
+  static Result<std::unique_ptr<Lease>> take(const Store& store, const std::string& key,
+                                             const std::string& scan);
+  Lease(const Lease&) = delete;
+  Lease& operator=(const Lease&) = delete;
+  ~Lease();
+
+ private:
+  explicit Lease(std::filesystem::path file);
+  void renew_until_released();
+
+  std::filesystem::path file_;
+  std::mutex mutex_;
+  std::condition_variable released_;
+  bool is_released_ = false;
+  std::thread renewer_;
+};
+
+/// Whether a living process holds the key's lease.
+bool is_leased(const Store& store, const std::string& key);
+
+}  // namespace trocar::farm

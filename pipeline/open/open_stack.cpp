@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/open/open_stack.h"
+
+#include <algorithm>
+#include <system_error>
+
+#include "pipeline/open/scan_folder.h"
+#include "pipeline/read/dicom/dicom_headers.h"
+#include "pipeline/read/dicom/dicom_stack.h"
+#include "pipeline/read/file_names.h"
+#include "pipeline/read/image/image_stack.h"
+#include "pipeline/read/nifti/nifti_stack.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Warns of inputs in the folder that were not taken.
+void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
+  const std::string others = found.left_out();
+  if (others.empty()) return;
+  const char* const taken = found.kind() == ScanFolder::Kind::kDicom ? "DICOM slices are taken"
+                            : found.kind() == ScanFolder::Kind::kVolume
+                                ? "the NIfTI file is taken"
+                                : "its own images are taken";
+  warnings.push_back(
+      {"other_input", found.where,
+       std::string(taken) + "; left out: " + others + ", which can be given by their own names"});
+}
+
+// The error for a folder that holds several volumes or stacks of images.
+Error choose_one(const std::string& where, const char* what, const std::vector<fs::path>& these) {
+  constexpr std::size_t kMax = 8;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(these.size(), kMax); ++i)
+    names += (i == 0 ? "" : ", ") + these[i].string();
+  if (these.size() > kMax) names += " and " + std::to_string(these.size() - kMax) + " more";
+  return usage(where + ": holds " + std::to_string(these.size()) + " " + what +
+               ", give one of them: " + names);
+}
+
+Result<std::unique_ptr<SliceStack>> open_volume_file(const fs::path& file,
+                                                     const OpenOptions& options) {
+  if (auto ok = check_readable(file); !ok) return ok.error();
+  if (!options.series.empty())
+    return usage(file.string() + ": --series chooses among DICOM files; there are none");
+  auto stack = open_nifti(file, options);
+  if (stack) (*stack)->files = {file};
+  return stack;
+}
+
+Result<std::unique_ptr<SliceStack>> open_image_files(const std::vector<fs::path>& files,
+                                                     const std::string& where,
+                                                     const OpenOptions& options) {
+  if (options.axis.value_or(SliceAxis::kAxial) != SliceAxis::kAxial)
+    return usage(where + ": --axis applies to volumes only; images keep their planes");
+  if (!options.series.empty())
+    return usage(where + ": --series chooses among DICOM files; there are none");
+  for (const fs::path& file : files) {
+    if (auto ok = check_readable(file); !ok) return ok.error();
+  }
+  auto stack = open_images(files, options);
+  if (stack) (*stack)->files = files;
+  return stack;
+}
+
+Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
+                                                const OpenOptions& options) {
+  std::vector<Warning> warnings;
+  auto found = search_folder(folder, DicomExtent::kWhole, options, warnings);
+  if (!found) return found.error();
+  warn_of_others(*found, warnings);
+  Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
+  switch (found->kind()) {
+    case ScanFolder::Kind::kVolume:
+      if (found->volumes.size() > 1) return choose_one(found->where, "NIfTI files", found->volumes);
+      stack = open_volume_file(found->volumes[0], options);
+      break;
+    case ScanFolder::Kind::kImages:
+      if (!found->has_own_images() && found->images.size() > 1) {
+        std::vector<fs::path> parents;
+        for (const auto& files : found->images)
+          parents.push_back(files[0].parent_path());
+        return choose_one(found->where, "folders of images", parents);
+      }
+      stack = open_image_files(found->images[0], folder.string(), options);
+      break;
+    case ScanFolder::Kind::kDicom:
+    case ScanFolder::Kind::kNothing:
+      stack = open_dicom(std::move(found->dicom), found->where, options);
+      break;
+  }
+  if (stack) {
+    std::vector<Warning>& all = (*stack)->warnings;
+    all.insert(all.begin(), warnings.begin(), warnings.end());
+  }
+  return stack;
+}
+
+Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
+                                               const OpenOptions& options) {
+  const std::string first = files[0].string();
+  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    return natural_less(a.string(), b.string());
+  });
+  if (files.size() == 1 && is_nifti(files[0])) return open_volume_file(files[0], options);
+  if (std::any_of(files.begin(), files.end(), is_nifti))
+    return usage(first + ": give one NIfTI file, not a list with one in it");
+  if (std::any_of(files.begin(), files.end(), is_image))
+    return open_image_files(files, first, options);
+  for (const fs::path& file : files) {
+    if (auto ok = check_readable(file); !ok) return ok.error();
+  }
+  return open_dicom(files, options);
+}
+
+}  // namespace
+
+bool is_scan_file(const fs::path& file) {
+  return is_image(file) || is_nifti(file) || has_dicom_preamble(file);
+}
+
+Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inputs,
+                                               const OpenOptions& options) {
+  if (inputs.empty()) return usage("no input given");
+  std::error_code error;
+  for (const fs::path& input : inputs) {
+    const fs::file_status status = fs::status(input, error);
+    if (error == std::errc::permission_denied)
+      return refused(input.string() + ": " + error.message());
+    if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
+    if (fs::is_directory(status)) {
+      if (inputs.size() > 1) return usage(input.string() + ": give one folder, or a list of files");
+      return open_folder(input, options);
+    }
+    if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
+  }
+  // A DICOMDIR, which viewers open, stands for its folder.
+  if (inputs.size() == 1 && is_dicomdir(inputs[0]) && has_dicom_preamble(inputs[0])) {
+    const fs::path folder = inputs[0].parent_path();
+    return open_folder(folder.empty() ? fs::path(".") : folder, options);
+  }
+  return open_files(inputs, options);
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/open/scan_folder.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <deque>
+#include <map>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "pipeline/read/file_names.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Files with such names are never slices, so one that cannot be read is not a lost slice.
+bool is_document(const fs::path& file) {
+  return is_left_by_system(file) ||
+         has_ending(file, {".txt", ".pdf", ".json", ".xml", ".htm", ".html", ".csv", ".tsv", ".md",
+                           ".log", ".doc", ".docx", ".glb", ".exe", ".dll", ".inf"});
+}
+
+std::string first_names(const std::vector<fs::path>& files) {
+  std::string out;
+  for (std::size_t i = 0; i < std::min<std::size_t>(files.size(), 2); ++i)
+    out += (i == 0 ? "" : ", ") + files[i].filename().string();
+  return out + (files.size() > 2 ? ", ..." : "");
+}
+
+bool same_folder(const fs::path& a, const fs::path& b) {
+  return (a / "").lexically_normal() == (b / "").lexically_normal();
+}
+
+// Searches breadth first and follows links to folders last, so that a folder is listed by its own
+// path if it has one below the first folder.
+class Search {
+ public:
+  Search(const SearchLimits& limits, std::vector<Warning>& warnings)
+      : limits_(limits), warnings_(warnings) {}
+
+  Result<std::vector<fs::path>> run(const fs::path& folder) {
+    folders_.push_back({folder, 0});
+    while (!folders_.empty() || !links_.empty()) {
+      std::deque<Folder>& queue = folders_.empty() ? links_ : folders_;
+      const Folder next = queue.front();
+      queue.pop_front();
+      if (!is_new(next.path)) continue;
+      if (next.depth > limits_.depth) {
+        warnings_.push_back(
+            {"folder_left_out", next.path.string(),
+             "more than " + std::to_string(limits_.depth) + " folders deep; not searched"});
+        continue;
+      }
+      if (auto ok = list(next); !ok) return ok.error();
+    }
+    std::sort(files_.begin(), files_.end(), [](const fs::path& a, const fs::path& b) {
+      return natural_less(a.string(), b.string());
+    });
+    return std::move(files_);
+  }
+
+ private:
+  struct Folder {
+    fs::path path;
+    int depth;
+  };
+
+  bool is_new(const fs::path& folder) {
+    struct stat status {};
+    return ::stat(folder.c_str(), &status) != 0 ||
+           seen_.emplace(status.st_dev, status.st_ino).second;
+  }
+
+  Result<void> list(const Folder& folder) {
+    std::error_code error;
+    fs::directory_iterator entry(folder.path, error);
+    for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+      std::error_code ignored;  // broken links are skipped
+      if (++entries_ > limits_.entries) {
+        return refused(folder.path.string() + ": more than " + std::to_string(limits_.entries) +
+                       " files and folders up to here; give the folder of one study");
+      }
+      if (entry->path().filename().string().front() == '.') continue;
+      if (entry->is_directory(ignored)) {
+        (entry->is_symlink(ignored) ? links_ : folders_)
+            .push_back({entry->path(), folder.depth + 1});
+      } else if (entry->is_regular_file(ignored)) {
+        files_.push_back(entry->path());
+      }
+    }
+    if (!error) return {};
+    if (folder.depth == 0) return refused(folder.path.string() + ": " + error.message());
+    warnings_.push_back(
+        {"folder_left_out", folder.path.string(), error.message() + "; not searched"});
+    return {};
+  }
+
+  SearchLimits limits_;
+  std::vector<Warning>& warnings_;
+  std::deque<Folder> folders_, links_;
+  std::set<std::pair<dev_t, ino_t>> seen_;
+  std::vector<fs::path> files_;
+  std::size_t entries_ = 0;
+};
+
+}  // namespace
+
+Result<void> check_readable(const fs::path& file) {
+  if (::access(file.c_str(), R_OK) == 0 || errno != EACCES) return {};
+  return refused(file.string() + ": " + std::generic_category().message(EACCES));
+}
+
+Result<std::vector<fs::path>> files_below(const fs::path& folder, std::vector<Warning>& warnings,
+                                          const SearchLimits& limits) {
+  return Search(limits, warnings).run(folder);
+}
+
+ScanFolder::Kind ScanFolder::kind() const {
+  const auto is_slice = [](const DicomFile& file) {
+    return file.kind == DicomFile::Kind::kImages || file.kind == DicomFile::Kind::kSegmentation ||
+           (file.kind == DicomFile::Kind::kUnusable && !file.is_capture);
+  };
+  if (std::any_of(dicom.begin(), dicom.end(), is_slice)) return Kind::kDicom;
+  if (!volumes.empty()) return Kind::kVolume;
+  if (!images.empty()) return Kind::kImages;
+  const bool is_dicom = std::any_of(dicom.begin(), dicom.end(), [](const DicomFile& file) {
+    return file.kind != DicomFile::Kind::kNotImage;
+  });
+  return is_dicom ? Kind::kDicom : Kind::kNothing;
+}
+
+bool ScanFolder::has_own_images() const {
+  return !images.empty() && same_folder(images[0][0].parent_path(), folder);
+}
+
+std::string ScanFolder::left_out() const {
+  const Kind taken = kind();
+  std::string out;
+  const auto add = [&out](const std::vector<fs::path>& files, const char* what) {
+    if (files.empty()) return;
+    out += (out.empty() ? "" : ", ") + std::to_string(files.size()) + " " + what +
+           (files.size() == 1 ? "" : "s") + " (" + first_names(files) + ")";
+  };
+  if (taken == Kind::kDicom) add(volumes, "NIfTI file");
+  std::vector<fs::path> others;
+  for (std::size_t i = taken == Kind::kImages ? 1 : 0; i < images.size(); ++i)
+    others.insert(others.end(), images[i].begin(), images[i].end());
+  if (taken != Kind::kNothing) add(others, "image");
+  return out;
+}
+
+Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
+                                 const OpenOptions& options, std::vector<Warning>& warnings) {
+  const auto files = files_below(folder, warnings);
+  if (!files) return files.error();
+  if (files->empty()) return refused(folder.string() + ": an empty folder");
+  ScanFolder out;
+  out.folder = folder;
+  out.where = (folder / "").string();
+  std::map<fs::path, std::vector<fs::path>> images;
+  for (const fs::path& file : *files) {
+    const bool is_slice = has_dicom_preamble(file);
+    if (!is_slice && is_nifti(file)) {
+      out.volumes.push_back(file);
+    } else if (!is_slice && is_image(file)) {
+      images[file.parent_path()].push_back(file);
+    } else if (is_slice || (may_be_dicom(file) && !is_left_by_system(file))) {
+      out.dicom.push_back(
+          read_dicom_headers(file, options.spacing_mm, options.any_modality, extent));
+    } else {
+      if (auto ok = check_readable(file); !ok && !is_document(file)) return ok.error();
+      DicomFile other;
+      other.file = file;
+      out.dicom.push_back(std::move(other));
+    }
+  }
+  for (auto& [parent, group] : images) {
+    const bool is_own = same_folder(parent, folder);
+    out.images.insert(is_own ? out.images.begin() : out.images.end(), std::move(group));
+  }
+  return out;
+}
+
+}  // namespace trocar::pipeline

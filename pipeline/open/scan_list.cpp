@@ -1,0 +1,388 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/open/scan_list.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <optional>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "pipeline/base/number_ranges.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/open/scan_folder.h"
+#include "pipeline/read/dicom/dicom_segmentation.h"
+#include "pipeline/read/dicom/dicom_series.h"
+#include "pipeline/read/file_names.h"
+#include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/stack_shape.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+json text_or_null(const std::string& text) {
+  return text.empty() ? json() : json(text);
+}
+
+// Within the listed folder.
+std::string path_in(const fs::path& folder, const fs::path& file) {
+  return file.lexically_relative(folder).generic_string();
+}
+
+// The folder of all the files, or the file if there is one.
+fs::path common_path(const std::vector<fs::path>& files) {
+  if (files.size() == 1) return files[0];
+  fs::path common = files[0].parent_path();
+  for (const fs::path& file : files) {
+    while (!common.empty() && path_in(common, file).starts_with(".."))
+      common = common.parent_path();
+  }
+  return common;
+}
+
+// Messages name files by what is given to the program; the list has names within the folder.
+std::string without_prefix(std::string message, const std::string& prefix) {
+  for (std::size_t at = 0; (at = message.find(prefix, at)) != std::string::npos;)
+    message.erase(at, prefix.size());
+  return message;
+}
+
+json scan_of(const char* kind, const std::string& path) {
+  json out = {{"kind", kind}, {"path", path}, {"usable", true}, {"taken", false}};
+  for (const char* name :
+       {"slices", "width_px", "height_px", "spacing_mm", "evenly_spaced", "tilt_deg", "problem"})
+    out[name] = nullptr;
+  return out;
+}
+
+void add_shape(json& scan, const std::array<double, 2>& spacing_mm, const StackShape& shape) {
+  scan["spacing_mm"] = {spacing_mm[0], spacing_mm[1],
+                        shape.gaps_mm.empty() ? json() : json(shape.step_mm)};
+  if (shape.gaps_mm.empty()) return;
+  scan["evenly_spaced"] = !shape.first_uneven();
+  scan["tilt_deg"] = shape.is_tilted() ? shape.tilt_deg : 0;
+}
+
+// A segmentation, which is a label map of its own.
+void add_segmentation(json& scan, const DicomFile& file, const ScanFolder& found) {
+  scan["segments"] = json::array();
+  for (const auto& [label, name] : file.segments.names)
+    scan["segments"].push_back({{"label", label}, {"name", text_or_null(name)}});
+  const auto stack = open_segmentation(file, {});
+  if (!stack) {
+    scan["usable"] = false;
+    scan["problem"] = without_prefix(stack.error().message, found.where);
+    return;
+  }
+  scan["slices"] = (*stack)->size();
+  scan["width_px"] = (*stack)->width();
+  scan["height_px"] = (*stack)->height();
+  const SlicePlane& plane = (*stack)->plane(0);
+  add_shape(scan, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(**stack));
+}
+
+// The series' segmentation; null if it is none, or one that cannot be read.
+const DicomFile* segmentation_of(const DicomSeries& series, const ScanFolder& found) {
+  const auto file = std::find_if(found.dicom.begin(), found.dicom.end(), [&](const DicomFile& f) {
+    return f.kind == DicomFile::Kind::kSegmentation && f.file == series.files[0];
+  });
+  return file == found.dicom.end() ? nullptr : &*file;
+}
+
+json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const ScanFolder& found) {
+  const DicomSeries& series = all[index];
+  const SeriesInfo& info = series.info;
+  json out = scan_of("dicom", path_in(found.folder, common_path(series.files)));
+  out["uid"] = info.uid;
+  out["study_uid"] = text_or_null(info.study_uid);
+  out["study_date"] = text_or_null(info.study_date);
+  out["number"] = info.number ? json(*info.number) : json();
+  out["description"] = text_or_null(info.description);
+  out["kernel"] = text_or_null(info.kernel);
+  out["modality"] = text_or_null(info.modality);
+  out["image_type"] = text_or_null(info.image_type);
+  out["localiser"] = series.is_localiser();
+  out["files"] = series.files.size();
+  out["slices"] = series.is_localiser() ? series.localisers : series.images();
+
+  if (const DicomFile* labels = segmentation_of(series, found)) {
+    add_segmentation(out, *labels, found);
+    return out;
+  }
+  std::vector<Warning> ignored;
+  const auto unusable = [&](const std::string& why) {
+    out["usable"] = false;
+    out["problem"] = without_prefix(why, found.where);
+  };
+  const bool is_other = series.content.kind == ImageContent::Kind::kOther;
+  if (series.is_localiser() || (is_other && !series.content.is_segmentation()))
+    unusable(why_not_ct(series.content));
+  if (series.is_localiser()) return out;
+  auto slices = slices_of(all, {index, {}}, found.where, ignored);
+  if (!slices) {
+    if (out["usable"] == true) unusable(slices.error().message);
+    return out;
+  }
+  const DicomFrame first = (*slices)[0];
+  out["width_px"] = first.columns;
+  out["height_px"] = first.rows;
+  if (auto ok = sort_and_check(*slices, ignored); !ok) {
+    unusable(ok.error().message);
+    return out;
+  }
+  add_shape(out, {first.spacing_u_mm, first.spacing_v_mm}, stack_shape(*slices));
+  return out;
+}
+
+json volume_scan(const fs::path& file, const ScanFolder& found) {
+  json out = scan_of("nifti", path_in(found.folder, file));
+  OpenOptions options;
+  auto stack = open_nifti_header(file, options);
+  const bool has_size = stack || stack.error().code != ExitCode::kUsage;
+  if (!has_size) {
+    options.spacing_mm = {1, 1, 1};
+    stack = open_nifti_header(file, options);
+  }
+  if (!stack) {
+    out["usable"] = false;
+    out["problem"] = without_prefix(stack.error().message, found.where);
+    return out;
+  }
+  out["slices"] = (*stack)->size();
+  out["width_px"] = (*stack)->width();
+  out["height_px"] = (*stack)->height();
+  if (!has_size) return out;
+  const SlicePlane& plane = (*stack)->plane(0);
+  add_shape(out, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(**stack));
+  return out;
+}
+
+// The file alone, as if it were all that its folder has.
+ScanFolder only(const fs::path& file) {
+  ScanFolder out;
+  out.folder = file.parent_path();
+  out.where = out.folder.empty() ? "" : (out.folder / "").string();
+  if (is_nifti(file)) {
+    out.volumes = {file};
+  } else if (is_image(file)) {
+    out.images = {{file}};
+  } else {
+    out.dicom = {read_dicom_headers(file, {}, true, DicomExtent::kHeader)};
+  }
+  return out;
+}
+
+// The shape of what is not CT is listed, too.
+OpenOptions of_any_modality() {
+  OpenOptions out;
+  out.any_modality = true;
+  return out;
+}
+
+Result<ScanFolder> look_into(const fs::path& input, std::vector<Warning>& warnings) {
+  std::error_code error;
+  const fs::file_status status = fs::status(input, error);
+  if (error && error != std::errc::no_such_file_or_directory)
+    return refused(input.string() + ": " + error.message());
+  if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
+  if (fs::is_directory(status))
+    return search_folder(input, DicomExtent::kHeader, of_any_modality(), warnings);
+  if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
+  if (auto ok = check_readable(input); !ok) return ok.error();
+  if (is_dicomdir(input)) {
+    const fs::path folder = input.parent_path().empty() ? "." : input.parent_path();
+    return search_folder(folder, DicomExtent::kHeader, of_any_modality(), warnings);
+  }
+  return only(input);
+}
+
+std::string cell(const json& scan, const char* name) {
+  const auto value = scan.find(name);
+  if (value == scan.end() || value->is_null()) return "-";
+  if (value->is_string()) return without_control(value->get<std::string>());
+  return value->dump();
+}
+
+std::string spacing_cell(const json& scan) {
+  const json& mm = scan["spacing_mm"];
+  if (mm.is_null()) return scan["usable"].get<bool>() ? "give --spacing" : "-";
+  std::string out;
+  for (const json& one : mm)
+    out += (out.empty() ? "" : " x ") + (one.is_null() ? "-" : text_of(one.get<double>(), 4));
+  if (scan["evenly_spaced"] == false) out += " uneven";
+  return out;
+}
+
+std::string tilt_cell(const json& scan) {
+  if (scan["tilt_deg"].is_null()) return "-";
+  char out[32];
+  std::snprintf(out, sizeof out, "%.1f", scan["tilt_deg"].get<double>());
+  return out;
+}
+
+using Row = std::vector<std::string>;
+
+Row row_of(const json& scan, bool with_study) {
+  const std::string kind = scan["kind"].get<std::string>();
+  Row out = {scan["taken"].get<bool>() ? "*" : " ",
+             cell(scan, "number"),
+             kind == "dicom" ? cell(scan, "modality") : kind,
+             cell(scan, "slices"),
+             spacing_cell(scan),
+             tilt_cell(scan),
+             cell(scan, "kernel"),
+             cell(scan, "description"),
+             cell(scan, "path")};
+  if (with_study) out.insert(out.begin() + 1, cell(scan, "study_date"));
+  return out;
+}
+
+// The width of a text in columns of a terminal, counted in letters; combining marks are rare.
+std::size_t letters(const std::string& utf8) {
+  return static_cast<std::size_t>(std::count_if(utf8.begin(), utf8.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
+  }));
+}
+
+std::string aligned(const std::vector<Row>& rows) {
+  std::vector<std::size_t> width(rows[0].size());
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < row.size(); ++i)
+      width[i] = std::max(width[i], letters(row[i]));
+  }
+  std::string out;
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      const std::string blanks(width[i] - letters(row[i]), ' ');
+      const bool is_right =
+          rows[0][i] == "series" || rows[0][i] == "slices" || rows[0][i] == "tilt";
+      const bool is_last = i + 1 == row.size();
+      out += (i == 0 ? "" : i == 1 ? " " : "  ") + (is_right ? blanks + row[i] : row[i]);
+      if (!is_right && !is_last) out += blanks;
+    }
+    out += '\n';
+  }
+  return out;
+}
+
+// "1 L1, 2 L2": the segments of a DICOM segmentation.
+std::string segments_of(const json& scan) {
+  constexpr std::size_t kMax = 12;
+  const json& segments = scan["segments"];
+  std::string out;
+  for (std::size_t i = 0; i < std::min(segments.size(), kMax); ++i) {
+    out += (i == 0 ? "" : ", ") + segments[i]["label"].dump();
+    if (const std::string name = cell(segments[i], "name"); name != "-") out += " " + name;
+  }
+  if (segments.size() > kMax) out += " and " + std::to_string(segments.size() - kMax) + " more";
+  return out;
+}
+
+std::string name_of(const json& scan) {
+  std::string path = cell(scan, "path");
+  if (scan["kind"] != "dicom" || scan["number"].is_null()) return path;
+  return "series " + cell(scan, "number") + " (" + path + ")";
+}
+
+// Without the scan's own name, if it begins with it.
+std::string problem_of(const json& scan) {
+  const std::string text = cell(scan, "problem"), name = cell(scan, "path") + ": ";
+  return text.starts_with(name) ? text.substr(name.size()) : text;
+}
+
+}  // namespace
+
+Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
+  const auto found = look_into(input, warnings);
+  if (!found) return found.error();
+  json scans = json::array(), why;
+  std::vector<Warning> ignored;
+  const auto series = group_series(found->dicom, ignored);
+  const ScanFolder::Kind taken = found->kind();
+  for (std::size_t i = 0; i < series.size(); ++i)
+    scans.push_back(series_scan(series, i, *found));
+  if (taken == ScanFolder::Kind::kDicom) {
+    if (const auto chosen = choose_series(series, {}, found->where)) {
+      scans[chosen->index]["taken"] = true;
+      why = text_or_null(chosen->why);
+    }
+  }
+  for (const fs::path& file : found->volumes) {
+    scans.push_back(volume_scan(file, *found));
+    scans.back()["taken"] = taken == ScanFolder::Kind::kVolume && found->volumes.size() == 1;
+  }
+  for (const auto& files : found->images) {
+    const bool is_folder = files.size() > 1 || files[0] != input;
+    scans.push_back(scan_of("images", is_folder ? path_in(found->folder, files[0].parent_path())
+                                                : path_in(found->folder, files[0])));
+    scans.back()["slices"] = files.size();
+    scans.back()["taken"] = taken == ScanFolder::Kind::kImages && &files == &found->images[0] &&
+                            (found->has_own_images() || found->images.size() == 1);
+  }
+  if (scans.empty()) {
+    return refused(input.string() +
+                   ": contains no DICOM images, NIfTI files (.nii, .nii.gz) or images (.png, .tif, "
+                   ".bmp, .jpg)");
+  }
+  const auto others =
+      std::count_if(found->dicom.begin(), found->dicom.end(),
+                    [](const DicomFile& file) { return file.kind == DicomFile::Kind::kNotImage; });
+  const fs::path name = input.has_filename() ? input : input.parent_path();
+  return json{{"schema", "trocar.list/1"},
+              {"program", "trocar-mesh " TROCAR_VERSION},
+              {"folder", name.filename().string()},
+              {"other_files", others},
+              {"why", std::move(why)},
+              {"scans", std::move(scans)}};
+}
+
+std::string scan_table(const json& list, const std::string& folder) {
+  std::set<std::string> studies;
+  for (const json& scan : list["scans"]) {
+    if (scan["kind"] == "dicom") studies.insert(cell(scan, "study_uid"));
+  }
+  const bool with_study = studies.size() > 1;
+  std::vector<Row> rows = {
+      {" ", "series", "modality", "slices", "spacing mm", "tilt", "kernel", "description", "path"}};
+  if (with_study) rows[0].insert(rows[0].begin() + 1, "study");
+  constexpr std::size_t kMaxOfImages = 12;  // viewers on CDs have folders of them
+  std::size_t images = 0;
+  for (const json& scan : list["scans"]) {
+    if (scan["kind"] != "images" || ++images <= kMaxOfImages)
+      rows.push_back(row_of(scan, with_study));
+  }
+  std::string out = aligned(rows);
+  if (images > kMaxOfImages)
+    out += "and " + std::to_string(images - kMaxOfImages) + " more folders of images\n";
+  for (const json& scan : list["scans"]) {
+    if (scan["usable"].get<bool>()) continue;
+    out += name_of(scan) + " cannot be used: " + problem_of(scan) + "\n";
+  }
+  for (const json& scan : list["scans"]) {
+    if (scan.contains("segments"))
+      out += name_of(scan) + " is a label map, for --labels: " + segments_of(scan) + "\n";
+  }
+  const auto taken = std::find_if(list["scans"].begin(), list["scans"].end(),
+                                  [](const json& scan) { return scan["taken"].get<bool>(); });
+  if (taken == list["scans"].end()) {
+    out += "Nothing is taken of " + folder + " as a whole: give one of these by its path\n";
+  } else if (!list["why"].is_null()) {
+    out += "What is taken of " + folder + " (*): " + list["why"].get<std::string>() +
+           "; --series takes another\n";
+  }
+  return out;
+}
+
+Result<void> check_any_usable(const json& list, const std::string& folder) {
+  const json& scans = list["scans"];
+  if (std::any_of(scans.begin(), scans.end(),
+                  [](const json& scan) { return scan["usable"].get<bool>(); }))
+    return {};
+  return refused(folder + ": nothing usable: " + name_of(scans[0]) + ": " + problem_of(scans[0]));
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,359 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/preview/preview.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <limits>
+#include <new>
+#include <optional>
+#include <utility>
+
+#include "pipeline/base/parallel_for.h"
+#include "pipeline/scan/empty_asset.h"
+#include "pipeline/scan/slice_borders.h"
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr int kMaxProbes = 64;
+constexpr double kBins = 200;
+// Limits the labels counted in a CT that is mistaken for a label map.
+constexpr std::size_t kMaxLabelsCounted = 4096;
+
+const Labels* labels_of(const Segmentation& how) {
+  return std::get_if<Labels>(&how);
+}
+
+// The letters of a direction in patient coordinates (LPS).
+std::string letters_of(const Eigen::Vector3d& direction) {
+  const double kMin = std::sin(15 * M_PI / 180);
+  std::array<int, 3> axis{0, 1, 2};
+  std::stable_sort(axis.begin(), axis.end(),
+                   [&](int a, int b) { return std::abs(direction[a]) > std::abs(direction[b]); });
+  std::string out;
+  for (const int k : axis) {
+    if (!out.empty() && std::abs(direction[k]) < kMin) break;
+    out += direction[k] > 0 ? "LPS"[k] : "RAI"[k];
+  }
+  return out;
+}
+
+// 1, 2 or 5 times a power of ten, not below `value`.
+double nice(double value) {
+  const double power = std::pow(10.0, std::floor(std::log10(value)));
+  for (const double factor : {1.0, 2.0, 5.0}) {
+    if (value <= factor * power * (1 + 1e-9)) return factor * power;
+  }
+  return 10 * power;
+}
+
+double area_of(const Pslg& contours, const Lattice& lattice) {
+  return 0.5 * static_cast<double>(doubled_area(contours)) * lattice.step_mm() * lattice.step_mm();
+}
+
+// The results of one slice, which are computed in parallel with those of the others.
+struct OneSlice {
+  PreviewSlice shown;
+  ValueTally tally;
+  double low = 0, high = 0, cut = 0;
+  std::vector<double> areas;  // at each change
+  std::vector<std::size_t> outlines;
+  std::vector<std::int64_t> counts;
+  std::map<int, std::int64_t> label_voxels;
+};
+
+class Maker {
+ public:
+  Maker(const SliceStack& stack, const StackOptions& options) : stack_(stack), options_(options) {}
+
+  Result<Preview> make(int count) {
+    first_ = options_.slices ? options_.slices->first : 0;
+    last_ = options_.slices ? options_.slices->second : stack_.size() - 1;
+    std::optional<SolidBone> solid;
+    if (options_.solid.any()) {
+      auto made =
+          SolidBone::make(stack_, options_.mesh.segmentation, options_.axis, options_.solid);
+      if (!made) return made.error();
+      solid = std::move(*made);
+      options_.mesh.solid = &*solid;
+    }
+    const auto ends = find_ends();
+    if (!ends) return ends.error();
+    choose(*ends, count);
+    if (auto ok =
+            in_parallel(static_cast<int>(slices_.size()), [this](int i) { return read_slice(i); });
+        !ok)
+      return ok.error();
+    start();
+    if (auto ok =
+            in_parallel(static_cast<int>(slices_.size()), [this](int i) { return count_in(i); });
+        !ok)
+      return ok.error();
+    finish();
+    return std::move(out_);
+  }
+
+ private:
+  using Work = std::function<Result<void>(int)>;
+
+  // Does the work for each index and returns the error of the lowest one.
+  Result<void> in_parallel(int count, const Work& work) {
+    std::vector<Result<void>> done(static_cast<std::size_t>(count));
+    parallel_for(count, [&](int i) {
+      if (options_.stop != nullptr && options_.stop->load()) return;
+      try {
+        done[static_cast<std::size_t>(i)] = work(i);
+      } catch (const std::bad_alloc&) {
+        done[static_cast<std::size_t>(i)] = refused("not enough memory for these slices");
+      }
+    });
+    if (options_.stop != nullptr && options_.stop->load())
+      return unwritable("interrupted; nothing was written");
+    for (const Result<void>& result : done) {
+      if (!result) return result;
+    }
+    return {};
+  }
+
+  Result<Pslg> contours_at(int slice, Image image, const MeshOptions& options) const {
+    const SliceField segmented = slice_field(stack_, slice, options, std::move(image));
+    return contours_of(stack_, slice, options, segmented.field);
+  }
+
+  Result<bool> has_material(int slice) const {
+    if (auto ok = check_lattice(stack_, slice, options_.mesh.lattice); !ok) return ok.error();
+    auto image = read_cropped(stack_, slice, options_.mesh.crop);
+    if (!image) return image.error();
+    const auto contours = contours_at(slice, std::move(*image), options_.mesh);
+    return !contours->rings.empty();
+  }
+
+  // Whether each of these slices has material.
+  Result<std::vector<bool>> probe(const std::vector<int>& slices) {
+    std::vector<char> found(slices.size());
+    auto ok = in_parallel(static_cast<int>(slices.size()), [&](int i) -> Result<void> {
+      const auto has = has_material(slices[static_cast<std::size_t>(i)]);
+      if (!has) return has.error();
+      found[static_cast<std::size_t>(i)] = *has ? 1 : 0;
+      return {};
+    });
+    if (!ok) return ok.error();
+    return std::vector<bool>(found.begin(), found.end());
+  }
+
+  // Bisects between `outside`, a slice without material, and `inside`, a slice with material.
+  // Returns the outermost slice with material.
+  Result<int> border(int outside, int inside) const {
+    while (std::abs(inside - outside) > 1) {
+      const int middle = outside + (inside - outside) / 2;
+      const auto has = has_material(middle);
+      if (!has) return has.error();
+      (*has ? inside : outside) = middle;
+    }
+    return inside;
+  }
+
+  // Finds the first and the last slice with material.
+  Result<std::pair<int, int>> find_ends() {
+    const int all = last_ - first_ + 1;
+    for (const int probes : {std::min(all, kMaxProbes), all}) {
+      std::vector<int> slices;
+      slices.reserve(static_cast<std::size_t>(probes));
+      for (std::int64_t i = 0; i < probes; ++i) {
+        const std::int64_t further = probes == 1 ? 0 : i * (all - 1) / (probes - 1);
+        slices.push_back(first_ + static_cast<int>(further));
+      }
+      const auto found = probe(slices);
+      if (!found) return found.error();
+      const auto from = std::find(found->begin(), found->end(), true) - found->begin();
+      if (from == static_cast<std::ptrdiff_t>(slices.size())) continue;
+      const auto to = found->rend() - std::find(found->rbegin(), found->rend(), true) - 1;
+      const auto at = [&slices](std::ptrdiff_t i) { return slices[static_cast<std::size_t>(i)]; };
+      const auto low = from == 0 ? Result<int>(at(0)) : border(at(from - 1), at(from));
+      if (!low) return low.error();
+      const bool is_last = to + 1 == static_cast<std::ptrdiff_t>(slices.size());
+      const auto high = is_last ? Result<int>(at(to)) : border(at(to + 1), at(to));
+      if (!high) return high.error();
+      return std::pair{*low, *high};
+    }
+    return empty_asset_error(stack_, first_, last_, options_.mesh);
+  }
+
+  void choose(const std::pair<int, int>& ends, int count) {
+    const int all = ends.second - ends.first + 1, shown = std::min(count, all);
+    for (int i = 0; i < shown; ++i) {
+      const double part = shown == 1 ? 0.5 : static_cast<double>(i) / (shown - 1);
+      slices_.emplace_back();
+      slices_.back().shown.index = ends.first + static_cast<int>(std::lround(part * (all - 1)));
+    }
+  }
+
+  Result<void> read_slice(int i) {
+    OneSlice& one = slices_[static_cast<std::size_t>(i)];
+    PreviewSlice& shown = one.shown;
+    shown.plane = stack_.plane(shown.index);
+    if (stack_.pixel_unit() != PixelUnit::kGrey) shown.letters = edge_letters(shown.plane);
+    auto image = read_cropped(stack_, shown.index, options_.mesh.crop);
+    if (!image) return image.error();
+    shown.image = std::move(*image);
+    auto contours = contours_at(shown.index, shown.image, options_.mesh);
+    shown.contours = std::move(*contours);
+    shown.area_mm2 = area_of(shown.contours, options_.mesh.lattice);
+    const auto [low, high] =
+        std::minmax_element(shown.image.values.begin(), shown.image.values.end());
+    one.low = *low;
+    one.high = *high;
+    const bool as_labels = labels_of(options_.mesh.segmentation) != nullptr;
+    if (as_labels || stack_.pixel_unit() == PixelUnit::kHounsfield)
+      one.tally = tally_values(shown.image, as_labels);
+    return {};
+  }
+
+  // Sets what the second pass needs from all slices.
+  void start() {
+    out_.low = slices_[0].low;
+    out_.high = slices_[0].high;
+    for (const OneSlice& one : slices_) {
+      out_.low = std::min(out_.low, one.low);
+      out_.high = std::max(out_.high, one.high);
+    }
+    out_.unit = stack_.pixel_unit();
+    out_.segmentation = options_.mesh.segmentation;
+    if (const Labels* labels = labels_of(out_.segmentation)) {
+      for (const int label : labels->labels)
+        out_.label_voxels[label] = 0;
+      return;
+    }
+    const auto* threshold = std::get_if<Threshold>(&out_.segmentation);
+    const double value =
+        threshold != nullptr ? threshold->value : std::get<Equalize>(out_.segmentation).level;
+    double step = 5;  // of levels
+    if (threshold != nullptr && out_.unit == PixelUnit::kHounsfield) step = 20;
+    if (threshold != nullptr && out_.unit == PixelUnit::kUncalibrated)
+      step = nice(std::max(out_.high - out_.low, 1e-6) / 100);
+    const double far = step == 20 ? 50 : 2 * step;
+    for (const double change : {-far, -step, 0.0, step, far})
+      out_.changes.push_back({change, value + change, 0, 0});
+    double low = out_.low, high = std::max(out_.high, low + 1e-6);
+    if (out_.unit == PixelUnit::kHounsfield) {
+      // Metal and the padding outside the scanner's circle would leave few bins for tissue.
+      low = std::max(low, -1100.0);
+      high = std::max(low + 1, std::min(high, std::max(3000.0, value + 500)));
+    }
+    Histogram& histogram = out_.histogram;
+    histogram.width = nice((high - low) / kBins);
+    if (out_.unit != PixelUnit::kUncalibrated)
+      histogram.width = std::max(histogram.width, out_.high - out_.low > 2 ? 1.0 : 0.0);
+    histogram.low = std::floor(low / histogram.width) * histogram.width;
+    histogram.counts.resize(
+        static_cast<std::size_t>(std::floor((high - histogram.low) / histogram.width)) + 1);
+  }
+
+  Result<void> count_in(int i) {
+    OneSlice& one = slices_[static_cast<std::size_t>(i)];
+    const Image& image = one.shown.image;
+    if (labels_of(out_.segmentation) != nullptr) {
+      for (const float value : image.values) {
+        if (value == 0 || std::rint(value) != value || std::abs(value) >= 1e9F) continue;
+        const int label = static_cast<int>(value);
+        if (one.label_voxels.size() < kMaxLabelsCounted || one.label_voxels.contains(label))
+          ++one.label_voxels[label];
+      }
+      return {};
+    }
+    const auto bins = static_cast<double>(out_.histogram.counts.size());
+    one.counts.resize(out_.histogram.counts.size());
+    for (const float value : image.values) {
+      const double bin = std::floor((double{value} - out_.histogram.low) / out_.histogram.width);
+      ++one.counts[static_cast<std::size_t>(std::clamp(bin, 0.0, bins - 1))];
+    }
+    measure_changes(one);
+    return {};
+  }
+
+  void measure_changes(OneSlice& one) const {
+    MeshOptions options = options_.mesh;
+    options.solid = nullptr;
+    SliceField segmented = slice_field(stack_, one.shown.index, options, one.shown.image);
+    if (std::holds_alternative<Equalize>(options.segmentation)) {
+      one.cut = std::numeric_limits<double>::infinity();
+      for (std::size_t p = 0; p < one.shown.image.values.size(); ++p) {
+        if (segmented.field.image.values[p] >= segmented.field.iso)
+          one.cut = std::min(one.cut, static_cast<double>(one.shown.image.values[p]));
+      }
+    }
+    for (const Change& change : out_.changes) {
+      segmented.field.iso = static_cast<float>(change.threshold);
+      const Pslg contours = contours_of(stack_, one.shown.index, options, segmented.field);
+      one.areas.push_back(area_of(contours, options.lattice));
+      one.outlines.push_back(contours.rings.size());
+    }
+  }
+
+  void finish() {
+    ValueTally tally;
+    out_.lowest_cut = std::numeric_limits<double>::infinity();
+    out_.highest_cut = -out_.lowest_cut;
+    for (OneSlice& one : slices_) {
+      tally.add(one.tally);
+      for (std::size_t k = 0; k < one.areas.size(); ++k) {
+        out_.changes[k].area_mm2 += one.areas[k];
+        out_.changes[k].outlines += one.outlines[k];
+      }
+      for (std::size_t k = 0; k < one.counts.size(); ++k)
+        out_.histogram.counts[k] += one.counts[k];
+      for (const auto& [label, voxels] : one.label_voxels)
+        out_.label_voxels[label] += voxels;
+      if (std::isfinite(one.cut)) {
+        out_.lowest_cut = std::min(out_.lowest_cut, one.cut);
+        out_.highest_cut = std::max(out_.highest_cut, one.cut);
+      }
+      out_.shown.push_back(std::move(one.shown));
+    }
+    out_.lattice = options_.mesh.lattice;
+    out_.crop = options_.mesh.crop.value_or(Crop{0, stack_.width() - 1, 0, stack_.height() - 1});
+    out_.slices = stack_.size();
+    out_.width = stack_.width();
+    out_.height = stack_.height();
+    if (stack_.size() > 1) {
+      out_.step_mm = std::abs(stack_.plane(stack_.size() - 1).z_mm - stack_.plane(0).z_mm) /
+                     (stack_.size() - 1);
+    }
+    out_.has_solid = options_.solid.any();
+    out_.warnings = stack_.warnings;
+    if (stack_.voxel_conflict) {
+      out_.warnings.push_back({kVoxelVolume, input_name(stack_),
+                               stack_.voxel_conflict->reason + "; the sform is used"});
+    }
+    if (auto doubt = value_warning(tally, out_.unit, out_.segmentation, input_name(stack_)))
+      out_.warnings.push_back(std::move(*doubt));
+  }
+
+  const SliceStack& stack_;
+  StackOptions options_;
+  int first_ = 0, last_ = 0;
+  std::vector<OneSlice> slices_;
+  Preview out_;
+};
+
+}  // namespace
+
+EdgeLetters edge_letters(const SlicePlane& plane) {
+  const Eigen::Matrix3d& R = plane.T_lps_plane.linear();
+  return {letters_of(-R.col(0)), letters_of(R.col(0)), letters_of(-R.col(1)), letters_of(R.col(1))};
+}
+
+Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count) {
+  if (auto ok = check_ranges(stack, options); !ok) return ok.error();
+  return Maker(stack, options).make(count);
+}
+
+std::string unit_name(const Preview& preview) {
+  if (labels_of(preview.segmentation) != nullptr) return "labels";
+  if (preview.unit == PixelUnit::kHounsfield) return "HU";
+  return preview.unit == PixelUnit::kGrey ? "grey levels" : "values";
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The data of `trocar-mesh preview`: some slices with the outlines that a run with the same options
+// would give them, their values, and the effect of other thresholds.
+// Tests: tests/e2e/preview_test.py
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "pipeline/scan/mesh_stack.h"
+
+namespace trocar::pipeline {
+
+/// The directions that the image's edges face, as letters R, L, A, P, I, S. An edge that is oblique
+/// by more than 15 degrees has two or three letters. Empty if the input has no orientation.
+struct EdgeLetters {
+  std::string left, right, top, bottom;
+};
+EdgeLetters edge_letters(const SlicePlane& plane);
+
+struct PreviewSlice {
+  int index = 0;
+  SlicePlane plane;
+  Image image;    ///< pixels within the crop
+  Pslg contours;  ///< the contours that a run would simplify and mesh
+  double area_mm2 = 0;
+  EdgeLetters letters;
+};
+
+/// The material of all slices shown at another threshold or level, from the same stages but without
+/// solid bone.
+struct Change {
+  double change = 0, threshold = 0, area_mm2 = 0;
+  std::size_t outlines = 0;
+};
+
+struct Histogram {
+  double low = 0, width = 1;  ///< lower end of the first bin; width of each bin
+  /// Numbers of pixels in the slices shown. The first and last bin include all values beyond them.
+  std::vector<std::int64_t> counts;
+};
+
+struct Preview {
+  PixelUnit unit = PixelUnit::kHounsfield;
+  Segmentation segmentation;
+  Lattice lattice;
+  Crop crop;                              ///< region of each slice that is read
+  int slices = 0, width = 0, height = 0;  ///< size of the scan
+  double step_mm = 0;                     ///< mean distance between the scan's slices
+  std::vector<PreviewSlice> shown;
+  double low = 0, high = 0;  ///< range of the values in the slices shown
+  /// Minimum and maximum over the slices shown of the lowest value that is material, which differs
+  /// between slices with equalisation.
+  double lowest_cut = 0, highest_cut = 0;
+  Histogram histogram;          ///< empty for labels
+  std::vector<Change> changes;  ///< empty for labels; the third one is no change
+  std::map<int, std::int64_t>
+      label_voxels;  ///< voxels of each label but 0, and of each wanted label
+  bool has_solid = false;
+  std::vector<Warning> warnings;
+};
+
+/// Previews `count` slices, evenly spread between the first and the last slice with material. In
+/// scans of more than 64 slices these two are found by bisection, and slices that are not needed
+/// are not read, unless solid bone needs all. The number of threads does not change the result.
+/// Errors: those of the first stages of mesh_stack().
+Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
+
+/// "HU", "grey levels", the modality's "values", or "labels".
+std::string unit_name(const Preview& preview);
+
+}  // namespace trocar::pipeline

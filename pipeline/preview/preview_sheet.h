@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The contact sheet of a preview as a picture: the slices with their outlines, and below them the
+// histogram and the effect of other thresholds.
+// Tests: tests/e2e/preview_test.py
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "pipeline/preview/preview.h"
+
+namespace trocar::pipeline {
+
+struct Picture {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> rgb;  ///< row-major
+};
+
+/// The text above the slices. No part of a sheet comes from names or texts of the input, because
+/// they may identify the patient.
+struct SheetText {
+  std::string title;
+  std::string options;  ///< options that determine the material
+};
+
+struct Tile {
+  int x = 0, y = 0, width = 0, height = 0;  ///< position and size in the picture, pixels
+};
+
+struct Sheet {
+  Picture picture;
+  std::vector<Tile> tiles;  ///< one tile for each slice of the preview
+  /// The region of each slice that its tile shows: all material of all slices, and a margin. The
+  /// tile's edges are the outer edges of these pixels.
+  Crop view;
+  double window_low = 0, window_high = 0;  ///< values shown as black and as white; not for labels
+};
+
+/// Draws the sheet with the same scale for all slices.
+Sheet draw_sheet(const Preview& preview, const SheetText& text);
+
+}  // namespace trocar::pipeline

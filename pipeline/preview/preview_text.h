@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The sentences and numbers of a preview, for its picture and its page. Nothing in them comes from
+// names or texts of the input, because they may identify the patient.
+// Tests: tests/e2e/preview_test.py
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "pipeline/preview/preview.h"
+
+namespace trocar::pipeline {
+
+/// Kind of the input: "DICOM", "NIfTI" or "images".
+std::string input_kind(const SliceStack& stack);
+
+/// Title of the sheet: the kind of input and the number of slices shown.
+std::string sheet_title(const SliceStack& stack, const Preview& preview);
+
+/// The options that determine the material, in words.
+std::string options_text(const StackOptions& options, const OpenOptions& input, PixelUnit unit);
+
+/// "the slice shown" or "the N slices shown".
+std::string slices_shown(const Preview& preview);
+
+/// Sizes of the scan and of the region shown.
+std::string size_text(const Preview& preview, const Crop& view);
+
+/// The preview's warnings, each once, without file names. A sentence that contains names or texts
+/// of the input is replaced by a reference to the terminal.
+std::vector<Warning> shown_warnings(const Preview& preview);
+
+/// A sentence that explains the areas and outlines of Preview::changes.
+std::string changes_text(const Preview& preview);
+
+/// A number with up to `digits` significant digits.
+std::string number_text(double value, int digits = 4);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Text and colours of the preview's contact sheet.
+// Tests: tests/e2e/preview_test.py
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace trocar::pipeline {
+
+// All colours are RGB.
+inline const cv::Scalar kBackground(20, 22, 25), kText(228, 230, 233), kFaint(150, 155, 162),
+    kLine(70, 74, 80), kOutline(255, 165, 0), kThreshold(255, 165, 0), kBars(120, 140, 160),
+    kMaterialBars(200, 140, 40), kWarning(255, 205, 90), kLabel(160, 225, 255);
+inline constexpr int kWidth = 1600, kMargin = 24;                      // pixels
+inline constexpr double kSmall = 0.46, kNormal = 0.54, kLarge = 0.85;  // font scales
+
+enum class Align { kLeft, kCentre, kRight };
+
+/// Width in pixels of a text that is ASCII.
+int text_width(const std::string& text, double size);
+
+/// Draws a text whose baseline has its left end, middle or right end at (x, y). Characters that are
+/// not ASCII become question marks.
+void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
+               const cv::Scalar& colour, Align align = Align::kLeft);
+
+/// The same in light blue with a dark border, which can be read on any image.
+void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align);
+
+/// The text broken into lines of at most `width` pixels.
+std::vector<std::string> wrapped(const std::string& text, double size, int width);
+
+/// The largest of 1, 2 or 5 times a power of ten that is at most `value`.
+double nice_below(double value);
+
+}  // namespace trocar::pipeline

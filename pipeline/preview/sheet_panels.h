@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What the contact sheet shows below the slices: the histogram and the effect of another threshold,
+// or the voxels of each label.
+// Tests: tests/e2e/preview_test.py
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <opencv2/core.hpp>
+
+#include "pipeline/preview/preview.h"
+
+namespace trocar::pipeline {
+
+/// Height of the panel, pixels.
+int panel_height(const Preview& preview);
+
+/// Draws the panel, whose upper edge is at y.
+void draw_panel(cv::Mat& sheet, const Preview& preview, int y);
+
+/// Colour of a wanted label, RGB; grey for other labels. The seven colours (Okabe and Ito) can be
+/// distinguished with the usual kinds of colour blindness; from the eighth label on they repeat.
+std::array<std::uint8_t, 3> label_colour(const Preview& preview, int label);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/arguments.h"
+
+#include "formats/asset/asset.h"
+#include "formats/base/command_line.h"
+#include "pipeline/program/presets.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// The options of one topic of the help.
+class Group {
+ public:
+  Group(CLI::App& app, const char* name) : app_(app), name_(name) {}
+
+  // A number within a range; `unit` stands behind the option's name in the help.
+  template <typename Number>
+  CLI::Option* number(const char* name, Number& value, const char* unit, Number low, Number high,
+                      const char* help) {
+    return app_.add_option(name, value, help)
+        ->type_name(unit)
+        ->capture_default_str()
+        ->check(CLI::Range(low, high).description(""))
+        ->group(name_);
+  }
+  // An option without a default; `form` says how its value is written.
+  template <typename Value>
+  CLI::Option* value(const char* name, Value& value, const char* form, const char* help) {
+    return app_.add_option(name, value, help)->type_name(form)->group(name_);
+  }
+  CLI::Option* choice(const char* name, std::string& value, std::vector<std::string> words,
+                      const char* help) {
+    return app_.add_option(name, value, help)->check(CLI::IsMember(std::move(words)))->group(name_);
+  }
+  void flag(const char* name, bool& value, const char* help) {
+    app_.add_flag(name, value, help)->group(name_);
+  }
+
+ private:
+  CLI::App& app_;
+  const char* name_;
+};
+
+void add_input_options(CLI::App& app, Arguments& a) {
+  app.add_option("INPUT", a.inputs, "the scan");
+  Group group(app, "Input");
+  group.value("--spacing", a.spacing, "X,Y,Z",
+              "pixel and slice spacing in mm, if the input has none");
+  group.value("--slices", a.slices, "A:B", "first and last slice to mesh, counted from 0");
+  group.value("--crop", a.crop, "X0:X1,Y0:Y1",
+              "first and last pixel of each row and column, from 0");
+  group.value("--series", a.series, "UID", "UID, number or description of one of several series");
+  group.flag("--any-modality", a.any_modality, "accept DICOM other than CT; its values are not HU");
+  a.axis_given = group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
+                              "slice direction of a volume; default: as stored, NIfTI axial");
+  group.value("--hu", a.hu, "CT", "the CT on the grid of a label map; gives the labels a mean HU");
+}
+
+void add_material_options(CLI::App& app, Arguments& a) {
+  Group group(app, "Material");
+  std::vector<std::string> names;
+  for (const Preset& preset : presets())
+    names.emplace_back(preset.name);
+  group.choice("--preset", a.preset, std::move(names), "a set of options; --explain prints them");
+  group.flag("--explain", a.explain, "print the options of --preset, or of all presets");
+  a.threshold_given = group.number(
+      "--threshold", a.threshold, "HU", -1e6, 1e6,
+      "iso-value in HU (226 dense bone, 180 bone of low density,\n-300 skin); in images 0..255");
+  a.equalize_given = group.number("--equalize", a.equalize, "LEVEL", 0.0, 255.0,
+                                  "equalise the histogram, then apply this threshold of 0..255");
+  a.labels_given = group
+                       .value("--labels", a.labels, "L",
+                              "labels of a label map, one material each: L, A-B, several, or all;\n"
+                              "20+21 joins two labels to one material")
+                       ->allow_extra_args(false);
+  group.value("--names", a.names, "FILE",
+              "names of the labels: a JSON file {\"20\": \"L1\"}, or verse or\ntotalsegmentator");
+  group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
+               "drop smaller islands and fill smaller holes, mm^2");
+}
+
+// Options of solid_bone.h.
+void add_solid_options(CLI::App& app, Arguments& a) {
+  Group group(app, "Solid bone");
+  group.value("--fill", a.fill, "MM2",
+              "fill regions of at most this area, or all, that bone encloses in\n"
+              "two of the three slice directions");
+  group.number("--close", a.close_mm, "MM", 0.0, 100.0,
+               "with --fill: treat gaps of up to twice this width as closed, mm");
+  group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
+               "drop smaller connected components, mm^3; done before --fill");
+  group.number("--largest", a.largest, "N", 0, 1'000'000,
+               "keep the N largest connected components; 0 keeps all");
+  group
+      .value("--seed", a.seeds, "X,Y,Z",
+             "patient coordinates in mm; with several, keep the material that is\n"
+             "nearer to the first than to the others")
+      ->allow_extra_args(false);
+  group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
+              "keep the material within 1.5 mm of these labels");
+}
+
+void add_stage_options(CLI::App& app, Arguments& a) {
+  Group group(app, "Mesh");
+  group.choice("--contour", a.contour, {"subpixel", "pixel"}, "iso-contour or pixel chains")
+      ->capture_default_str();
+  group
+      .choice("--simplify", a.simplify, {"area", "dp"},
+              "area-preserving collapse or Douglas-Peucker")
+      ->capture_default_str();
+  group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
+               "largest distance of the outline from the contour, mm");
+  group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0, "smallest angle, degrees");
+  a.area_given = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
+                              "area of the largest triangle, mm^2");
+  a.area_px_given = group
+                        .value("--max-area-px", a.max_area_px2, "PX2",
+                               "the same in pixels of the slice, instead of --max-area")
+                        ->check(CLI::Range(1e-6, 1e12).description(""));
+  group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
+               "refine where HU change by more than this along an edge; 0: never");
+  group.number("--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
+               "coordinates are multiples of 2^-N mm");
+}
+
+// The output options that a run and its preview share; `output` is the help of -o.
+void add_output_options(CLI::App& app, Arguments& a, const char* output) {
+  Group group(app, "Output");
+  group.value("-o,--output", a.output, "FILE", output);
+  group.flag("--no-hu", a.no_hu, "leave HU out of the asset");
+  group.flag("--surface", a.surface, "add a closed surface for display; see export --surface");
+  a.surface_triangles_given =
+      group.number("--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
+                   "most triangles of the surface; only the default is exceeded where\n"
+                   "the distance to the material needs more");
+  group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
+  group.flag("--quiet", a.quiet, "print errors only");
+}
+
+void add_common_options(CLI::App& app, Arguments& a, const char* output) {
+  add_input_options(app, a);
+  add_material_options(app, a);
+  add_solid_options(app, a);
+  add_stage_options(app, a);
+  add_output_options(app, a, output);
+}
+
+}  // namespace
+
+void add_mesh_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the asset to write (.glb)");
+  Group group(app, "Output");
+  group.flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  group.flag("--colour", a.colour,
+             "also store HU as colours, -200 dark to 1848 light, for viewers");
+  group.value("--input-key", a.input_key, "FILE",
+              "key of 16 to 64 bytes: store the input's digest with this key");
+  group.value("--report", a.report, "FILE", "write a report, slice by slice, as JSON");
+  Group diagnostics(app, kDiagnostics);
+  diagnostics.value("--dump-stages", a.dump_stages, "FILE",
+                    "write the stages of --dump-slice as JSON, for pictures");
+  a.dump_slice_given =
+      diagnostics.value("--dump-slice", a.dump_slice, "N", "the slice of --dump-stages")
+          ->check(CLI::Range(0, 1'000'000'000).description(""));
+}
+
+void add_preview_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the sheet to write (.png, or .html with the numbers as text)");
+  Group(app, "Output")
+      .number("--count", a.count, "N", 1, 100,
+              "number of slices shown, evenly spread over those with material");
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The options of trocar-mesh for meshing a scan: their names, defaults and ranges.
+// Tests: tests/pipeline/program/parameters_test.cpp
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace trocar::pipeline {
+
+/// The options' values. An option that is compared with its default has a CLI::Option, which counts
+/// how often it was given.
+struct Arguments {
+  std::vector<std::filesystem::path> inputs;
+  std::filesystem::path output, report, dump_stages, hu, input_key;
+  double threshold = 226, equalize = 230, tolerance_mm = 0.2, min_angle_deg = 30, max_area_mm2 = 50,
+         max_area_px2 = 200, min_region_mm2 = 1, close_mm = 0, min_volume_mm3 = 0, grade_hu = 0;
+  std::vector<std::string> labels, seeds;
+  std::string fill, mask, names;
+  std::string contour = "subpixel", simplify = "area", axis = "transverse", preset, series, spacing,
+              slices, crop;
+  int lattice_bits = 8, jobs = 0, dump_slice = -1, largest = 0, count = 12,
+      surface_triangles = 50'000;
+  bool any_modality = false, quiet = false, explain = false, no_hu = false, lines = false,
+       colour = false, surface = false;
+  CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
+              *area_given = nullptr, *area_px_given = nullptr, *axis_given = nullptr,
+              *dump_slice_given = nullptr, *surface_triangles_given = nullptr;
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_mesh_options(CLI::App& app, Arguments& a);
+/// Declares the same options for the preview of a run, without those of the run's other outputs.
+void add_preview_options(CLI::App& app, Arguments& a);
+
+}  // namespace trocar::pipeline

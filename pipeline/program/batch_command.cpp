@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/batch_command.h"
+
+#include <sched.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <optional>
+#include <set>
+#include <sstream>
+#include <system_error>
+#include <utility>
+
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "pipeline/farm/batch_run.h"
+#include "pipeline/farm/collection.h"
+#include "pipeline/farm/garbage.h"
+#include "pipeline/farm/sha256.h"
+#include "pipeline/farm/staleness.h"
+#include "pipeline/program/farm_scans.h"
+#include "pipeline/program/messages.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// The number of cores that this process may use. It does not come from TBB, which would start
+// threads, so that the scans' processes could not be forked.
+int cores() {
+  cpu_set_t set;
+  return ::sched_getaffinity(0, sizeof set, &set) == 0 ? std::max(1, CPU_COUNT(&set)) : 1;
+}
+
+Result<std::pair<int, int>> shard_of(const std::string& text) {
+  int i = 0, n = 0, used = 0;
+  if (std::sscanf(text.c_str(), "%6d/%6d%n", &i, &n, &used) != 2 ||
+      used != static_cast<int>(text.size()) || i < 0 || i >= n)
+    return usage("--shard " + text + ": must be I/N with I from 0 to N-1");
+  return std::pair{i, n};
+}
+
+// The names in a file, one on each line.
+Result<std::set<std::string>> names_in(const fs::path& file) {
+  std::string text;
+  if (file == "-") {
+    text.assign(std::istreambuf_iterator<char>(std::cin), {});
+  } else {
+    const auto bytes = read_file(file);
+    if (!bytes) return usage("--only " + bytes.error().message);
+    text.assign(bytes->begin(), bytes->end());
+  }
+  std::set<std::string> out;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    while (!line.empty() && (line.back() == '\r' || line.back() == ' '))
+      line.pop_back();
+    if (!line.empty()) out.insert(line);
+  }
+  return out;
+}
+
+std::string time_left(double seconds) {
+  char text[40];
+  if (seconds < 100) {
+    std::snprintf(text, sizeof text, "%.0f s", seconds);
+  } else if (seconds < 6000) {
+    std::snprintf(text, sizeof text, "%.0f min", seconds / 60);
+  } else {
+    std::snprintf(text, sizeof text, "%.1f h", seconds / 3600);
+  }
+  return text;
+}
+
+// A bar with rate and time left.
+std::function<void(std::size_t, std::size_t, std::size_t)> progress_bar() {
+  using Clock = std::chrono::steady_clock;
+  return [start = Clock::now(), shown = Clock::time_point()](std::size_t done, std::size_t failed,
+                                                             std::size_t total) mutable {
+    const auto now = Clock::now();
+    if (done < total && now - shown < std::chrono::milliseconds(100)) return;
+    shown = now;
+    constexpr std::size_t kWidth = 30;
+    const double spent = std::chrono::duration<double>(now - start).count();
+    const double rate = static_cast<double>(done) / std::max(spent, 1e-9);
+    std::string bar(kWidth * done / total, '#');
+    bar.resize(kWidth, '.');
+    std::fprintf(stderr, "\r  [%s] %zu of %zu scans, %zu failed, %.3g a second, %s left   %s",
+                 bar.c_str(), done, total, failed, rate,
+                 time_left(static_cast<double>(total - done) / rate).c_str(),
+                 done == total ? "\n" : "");
+  };
+}
+
+json failures_json(const farm::BatchSummary& summary) {
+  json out = json::array();
+  for (const auto& [scan, outcome] : summary.failed) {
+    out.push_back({{"scan", scan},
+                   {"status", "failed"},
+                   {"reason", outcome.reason},
+                   {"exit_code", outcome.exit_code},
+                   {"signal", outcome.signal == 0 ? json() : json(outcome.signal)}});
+  }
+  return out;
+}
+
+void print_failures(const farm::BatchSummary& summary) {
+  if (summary.failed.empty()) return;
+  std::size_t width = 4;
+  for (const auto& [scan, outcome] : summary.failed)
+    width = std::max(width, scan.size());
+  std::fprintf(stderr, "%-*s  exit  reason\n", static_cast<int>(width), "scan");
+  for (const auto& [scan, outcome] : summary.failed) {
+    std::fprintf(stderr, "%-*s  %4d  %s\n", static_cast<int>(width), scan.c_str(),
+                 outcome.exit_code, outcome.reason.c_str());
+  }
+}
+
+json dry_run_json(const std::vector<farm::StaleScan>& stale) {
+  json out = json::array();
+  for (const farm::StaleScan& one : stale)
+    out.push_back({{"scan", one.scan}, {"why", one.why}});
+  return out;
+}
+
+int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
+  const auto stale = batch.dry_run();
+  if (!stale) return fail(stale.error());
+  head["scans"] = batch.scans();
+  head["unchanged"] = batch.scans() - stale->size();
+  if (a.as_json) {
+    head["stale"] = dry_run_json(*stale);
+    std::cout << json_text(head, 1) << '\n';
+    return 0;
+  }
+  for (const farm::StaleScan& one : *stale) {
+    std::string why;
+    for (const json& cause : one.why)
+      why += (why.empty() ? "" : "; ") + farm::cause_text(cause);
+    std::cout << one.scan << ": " << why << '\n';
+  }
+  std::cout << stale->size() << " of " << batch.scans() << " scans are stale\n";
+  return 0;
+}
+
+int explain(const BatchArguments& a, const farm::Batch& batch, json head) {
+  const auto why = batch.explain(a.explain);
+  if (!why) return fail(why.error());
+  if (a.as_json) {
+    head["scan"] = a.explain;
+    head["status"] = why->empty() ? "unchanged" : "stale";
+    head["why"] = *why;
+    std::cout << json_text(head, 1) << '\n';
+    return 0;
+  }
+  std::cout << a.explain << ": " << (why->empty() ? "is done and unchanged\n" : "is stale\n");
+  for (const json& cause : *why)
+    std::cout << "  " << farm::cause_text(cause) << '\n';
+  return 0;
+}
+
+Result<json> clean(const BatchArguments& a, const fs::path& folder,
+                   const farm::Collection& collection) {
+  const auto store = farm::Store::open_for_writing(folder);
+  if (!store) return store.error();
+  if (a.prune) {
+    std::set<std::string> wanted;
+    for (const farm::CollectionScan& scan : collection.scans)
+      wanted.insert(scan.name);
+    for (const std::string& name : store->names())
+      if (!wanted.contains(name)) store->drop_entry(name);
+  }
+  const auto grace = std::chrono::duration_cast<std::chrono::nanoseconds>(
+      std::chrono::duration<double, std::ratio<60>>(a.grace_minutes));
+  const auto done = farm::collect_garbage(*store, grace);
+  if (!done) return done.error();
+  if (!a.quiet && !a.as_json)
+    std::printf("%zu files removed, %.1f MB; %zu kept\n", done->removed,
+                static_cast<double>(done->bytes) / 1e6, done->kept);
+  return json{{"removed", done->removed}, {"bytes", done->bytes}, {"kept", done->kept}};
+}
+
+void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
+  if (!s.has_journal)
+    std::fprintf(stderr, "trocar-mesh: warning: %s: the journal could not be written\n",
+                 (a.store / "journal").c_str());
+  if (a.as_json) return;
+  if (!a.quiet) {
+    std::printf("%zu scans: %zu unchanged, %zu made, %zu found in the store, %zu failed", s.scans,
+                s.unchanged, s.made, s.found, s.failed.size());
+    if (s.left > 0) std::printf(", %zu left", s.left);
+    std::printf("; %.1f s\n", s.seconds);
+  }
+}
+
+int run(const BatchArguments& a, const farm::Collection& collection, const farm::Batch& batch,
+        const fs::path& store, json head) {
+  const auto summary = batch.run();
+  if (!summary) return fail(summary.error());
+  print_summary(a, *summary);
+  print_failures(*summary);
+  head.update({{"scans", summary->scans},
+               {"unchanged", summary->unchanged},
+               {"made", summary->made},
+               {"found", summary->found},
+               {"failed", summary->failed.size()},
+               {"left", summary->left},
+               {"seconds", summary->seconds},
+               {"failures", failures_json(*summary)}});
+  std::optional<Error> wrong;
+  if (summary->has_unrecorded)
+    wrong = unwritable(a.store.string() + ": some failures could not be recorded");
+  if (stop_requested.load()) {
+    wrong = unwritable("interrupted; " + std::to_string(summary->left) +
+                       " scans are left for the next run");
+  } else if (a.gc) {
+    auto cleaned = clean(a, store, collection);
+    if (!cleaned) {
+      wrong = cleaned.error();
+    } else {
+      head["gc"] = std::move(*cleaned);
+    }
+  }
+  if (a.as_json) std::cout << json_text(head, 1) << '\n';
+  if (wrong) return fail(*wrong);
+  return summary->failed.empty() ? 0 : static_cast<int>(ExitCode::kRefused);
+}
+
+Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path& store) {
+  farm::BatchSettings out;
+  out.store = store;
+  out.jobs = a.jobs > 0 ? a.jobs : cores();
+  out.rehash = a.rehash;
+  out.verify = a.verify;
+  out.stop = &stop_requested;
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) out.progress = progress_bar();
+  if (!a.shard.empty()) {
+    const auto shard = shard_of(a.shard);
+    if (!shard) return shard.error();
+    out.shard = *shard;
+  }
+  if (!a.only.empty()) {
+    auto names = names_in(a.only);
+    if (!names) return names.error();
+    out.only = std::move(*names);
+  }
+  return out;
+}
+
+Result<void> check(const BatchArguments& a) {
+  if (a.prune && !a.gc) return usage("--prune needs --gc");
+  if (!std::isfinite(a.grace_minutes)) return usage("--grace: not a finite number");
+  if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
+  if (a.gc && (a.dry_run || !a.explain.empty()))
+    return usage("--gc changes the store; --dry-run and --explain do not");
+  return {};
+}
+
+}  // namespace
+
+void add_batch_options(CLI::App& app, BatchArguments& a) {
+  app.add_option("COLLECTION", a.collection,
+                 "the collection (.json); list --manifest prints a first one")
+      ->required();
+  app.add_option("-o,--output", a.store, "folder of the store, created if needed")->required();
+  app.add_option("--jobs", a.jobs, "concurrent scans, each in its own process; 0: all cores")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1024));
+  app.add_option("--shard", a.shard, "work on the scans whose number, from 0, is I modulo N");
+  app.add_option("--only", a.only,
+                 "work on the scans named in this file, one on a line; - is stdin");
+  app.add_flag("--dry-run", a.dry_run, "print what would be made, and why; write nothing");
+  app.add_option("--explain", a.explain, "print why this scan is stale or not; write nothing");
+  app.add_flag("--rehash", a.rehash,
+               "read all inputs, also those with unchanged size, time and inode");
+  app.add_flag("--verify", a.verify,
+               "verify every asset in the store, and make damaged ones again");
+  app.add_flag("--gc", a.gc, "afterwards remove files that no scan in the store refers to");
+  app.add_flag("--prune", a.prune, "with --gc: first drop scans that the collection does not name");
+  app.add_option("--grace", a.grace_minutes, "with --gc: keep younger files, minutes")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_flag("--json", a.as_json, "print the summary as JSON");
+  app.add_flag("--quiet", a.quiet, "print errors only");
+}
+
+int run_batch(const BatchArguments& a) {
+  if (auto ok = check(a); !ok) return fail(ok.error());
+  std::error_code error;
+  const fs::path store = fs::absolute(a.store, error);
+  const auto settings = settings_of(a, store);
+  if (!settings) return fail(settings.error());
+  const auto collection = farm::read_collection(a.collection);
+  if (!collection) return fail(collection.error());
+  const auto digest = farm::sha256_of_file("/proc/self/exe");
+  if (!digest) return fail(digest.error());
+  // Paths in the collection, also in messages, are relative to its folder.
+  fs::current_path(collection->folder, error);
+  if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
+  stop_on_signals();
+  const FarmScans scans;
+  const auto batch = farm::Batch::plan(*collection, scans, *digest, *settings);
+  if (!batch) return fail(usage(a.collection.string() + ": " + batch.error().message));
+  const json head = {
+      {"schema", "trocar.batch/1"}, {"program", *digest}, {"store", a.store.string()}};
+  if (!a.explain.empty()) return explain(a, *batch, head);
+  if (a.dry_run) return dry_run(a, *batch, head);
+  return run(a, *collection, *batch, store, head);
+}
+
+}  // namespace trocar::pipeline

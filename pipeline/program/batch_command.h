@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// `trocar-mesh batch`: makes the assets of a collection of scans in a store (farm/store.md).
+// Tests: tests/e2e/batch_test.py
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+
+namespace trocar::pipeline {
+
+struct BatchArguments {
+  std::filesystem::path collection, store, only;
+  std::string shard, explain;
+  int jobs = 0;
+  double grace_minutes = 60;
+  bool dry_run = false, as_json = false, rehash = false, verify = false, gc = false, prune = false,
+       quiet = false;
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_batch_options(CLI::App& app, BatchArguments& a);
+
+/// Runs the batch and returns the exit code: 0; 2 for wrong options or a wrong collection; 3 if a
+/// scan failed; 4 if the store could not be written or a signal interrupted the run.
+int run_batch(const BatchArguments& a);
+
+}  // namespace trocar::pipeline

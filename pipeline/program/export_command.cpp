@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/export_command.h"
+
+#include <cstdio>
+#include <string>
+
+#include "formats/base/command_line.h"
+#include "pipeline/program/asset_export.h"
+#include "pipeline/program/messages.h"
+
+namespace trocar::pipeline {
+
+void add_export_options(CLI::App& app, ExportArguments& a) {
+  app.add_option("ASSET", a.asset, "the asset (.glb)")->required();
+  app.add_option("-o,--output", a.folder, "folder to write to")->required();
+  app.add_flag("--surface", a.surface, "write the surface as .stl, .ply and .obj instead");
+}
+
+int run_export(const ExportArguments& a) {
+  const std::filesystem::path &file = a.asset, &folder = a.folder;
+  const auto asset = read_asset(file);
+  if (!asset) return fail(asset.error());
+  // Only a valid asset is exported: other programs may not detect errors.
+  if (const auto proved = verify_asset(*asset, file.string()); !proved) return fail(proved.error());
+  stop_on_signals();
+  if (a.surface) {
+    const auto done = export_surfaces(*asset, folder, &stop_requested);
+    if (done) return 0;
+    const bool is_file = done.error().code == ExitCode::kRefused;
+    return fail({done.error().code, (is_file ? file.string() + ": " : "") + done.error().message});
+  }
+  const auto others = export_asset(*asset, folder, &stop_requested);
+  if (!others) return fail(others.error());
+  if (!others->empty()) {
+    std::fprintf(stderr, "%s: warning: %s: still holds %s%s of another export\n", kProgram,
+                 folder.string().c_str(), others->front().c_str(),
+                 others->size() == 1
+                     ? ""
+                     : (" and " + std::to_string(others->size() - 1) + " more files").c_str());
+  }
+  return 0;
+}
+
+}  // namespace trocar::pipeline

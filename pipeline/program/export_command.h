@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// `trocar-mesh export`: an asset's slices or surfaces for other programs.
+// Tests: tests/e2e/assets_e2e_test.py
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+namespace trocar::pipeline {
+
+struct ExportArguments {
+  std::filesystem::path asset, folder;
+  bool surface = false;  ///< writes the surfaces instead of the slices
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_export_options(CLI::App& app, ExportArguments& a);
+
+/// Writes the files and returns the exit code.
+int run_export(const ExportArguments& a);
+
+}  // namespace trocar::pipeline

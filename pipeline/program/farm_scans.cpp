@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/farm_scans.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <system_error>
+#include <utility>
+#include <variant>
+
+#include "formats/base/command_line.h"
+#include "formats/base/json_text.h"
+#include "formats/base/nearest_name.h"
+#include "pipeline/open/scan_folder.h"
+#include "pipeline/program/arguments.h"
+#include "pipeline/program/mesh_scan.h"
+#include "pipeline/program/presets.h"
+#include "pipeline/program/stage_options.h"
+#include "pipeline/read/file_names.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Options that the parameters of a scan cannot give: the store determines the outputs, the batch
+// the threads, and the collection's input the series.
+const std::set<std::string>& excluded_options() {
+  static const std::set<std::string> names = {"output", "report", "dump-stages", "dump-slice",
+                                              "series", "jobs",   "quiet",       "explain"};
+  return names;
+}
+
+// The options with the values that they refer to, and which therefore cannot be moved.
+struct Parsed {
+  CLI::App app;
+  Arguments a;
+  Parsed() { add_mesh_options(app, a); }
+};
+
+std::vector<std::string> option_names(const CLI::App& app) {
+  std::vector<std::string> out;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames())
+      if (!excluded_options().contains(name) && name != "help") out.push_back(name);
+  }
+  return out;
+}
+
+std::string value_text(const json& value) {
+  return value.is_string() ? value.get<std::string>() : json_text(value);
+}
+
+Result<void> add_words(const CLI::App& app, const std::string& name, const json& value,
+                       std::vector<std::string>& words) {
+  const std::string given = "parameter " + name + ": ";
+  const std::vector<std::string> names = option_names(app);
+  if (std::find(names.begin(), names.end(), name) == names.end()) {
+    return usage(given + (excluded_options().contains(name)
+                              ? "is not for the scans of a collection"
+                              : "no such option" + did_you_mean(name, names)));
+  }
+  const std::string option = "--" + name;
+  const bool is_flag = app.get_option_no_throw(option)->get_items_expected_max() == 0;
+  if (value.is_boolean() != is_flag)
+    return usage(given + (is_flag ? "must be true or false" : "must be a number or a text"));
+  if (is_flag) {
+    words.push_back(option);
+    return {};
+  }
+  for (const json& one : value.is_array() ? value : json::array({value}))
+    words.push_back(option + "=" + value_text(one));
+  return {};
+}
+
+Result<std::unique_ptr<Parsed>> parse(const json& given) {
+  auto out = std::make_unique<Parsed>();
+  std::vector<std::string> words = {"trocar-mesh"};
+  for (const auto& [name, value] : given.items()) {
+    if (auto ok = add_words(out->app, name, value, words); !ok) return ok.error();
+  }
+  words = with_preset_options(words);
+  std::vector<const char*> pointers;
+  pointers.reserve(words.size());
+  for (const std::string& word : words)
+    pointers.push_back(word.c_str());
+  if (auto ok = parse_words(out->app, static_cast<int>(pointers.size()), pointers.data()); !ok)
+    return usage("parameters: " + ok.error().message);
+  return out;
+}
+
+std::vector<farm::NamedFile> files_of(const Arguments& a, const StackOptions& options) {
+  std::vector<farm::NamedFile> out;
+  if (!a.hu.empty()) out.push_back({"hu", a.hu});
+  if (!a.input_key.empty()) out.push_back({"input-key", a.input_key});
+  if (!options.solid.mask_file.empty()) out.push_back({"mask", options.solid.mask_file});
+  if (!a.names.empty() && !LabelNames::is_table(a.names)) out.push_back({"names", a.names});
+  return out;
+}
+
+json segmentation_json(const Segmentation& how) {
+  if (const auto* threshold = std::get_if<Threshold>(&how))
+    return {{"threshold", threshold->value}};
+  if (const auto* equalize = std::get_if<Equalize>(&how)) return {{"equalize", equalize->level}};
+  const auto& labels = std::get<Labels>(how);
+  json out = {{"labels", labels.all ? json("all") : json(labels.labels)}};
+  if (!labels.joined.empty()) out["labels-joined"] = labels.joined;
+  return out;
+}
+
+json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
+  json out = json::array();
+  for (const Eigen::Vector3d& seed : seeds)
+    out.push_back({seed.x(), seed.y(), seed.z()});
+  return out;
+}
+
+// Every option that can change a byte, under its name. Defaults are included, so that giving a
+// default explicitly changes nothing.
+json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& open) {
+  json out = segmentation_json(o.mesh.segmentation);
+  out.update({{"contour", a.contour},
+              {"simplify", a.simplify},
+              {"tolerance", a.tolerance_mm},
+              {"min-angle", a.min_angle_deg},
+              {"grade", a.grade_hu},
+              {"min-region", a.min_region_mm2},
+              {"close", a.close_mm},
+              {"min-volume", a.min_volume_mm3},
+              {"largest", a.largest},
+              {"seed", seeds_json(o.solid.seeds_lps_mm)},
+              {"mask", o.solid.mask_labels},
+              {"surface", a.surface},
+              {"any-modality", a.any_modality},
+              {"no-hu", a.no_hu},
+              {"lattice-bits", a.lattice_bits},
+              {"lines", a.lines},
+              {"colour", a.colour}});
+  if (o.mesh.max_area_px2) {
+    out["max-area-px"] = *o.mesh.max_area_px2;
+  } else {
+    out["max-area"] = a.max_area_mm2;
+  }
+  out["fill"] = o.solid.fill_mm2
+                    ? (std::isfinite(*o.solid.fill_mm2) ? json(*o.solid.fill_mm2) : json("all"))
+                    : json();
+  // The default number of the surface's triangles may be exceeded, but not a given number.
+  out["surface-triangles"] = o.surface && o.surface->at_most ? json(o.surface->triangles) : json();
+  out["names"] = LabelNames::is_table(a.names) ? json(a.names) : json();
+  out["spacing"] = open.spacing_mm ? json(*open.spacing_mm) : json();
+  out["slices"] = o.slices ? json({o.slices->first, o.slices->second}) : json();
+  out["crop"] = o.mesh.crop
+                    ? json({o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1})
+                    : json();
+  out["axis"] = open.axis ? json(axis_name(*open.axis)) : json();
+  // It decides whether the report has a warning (check_threshold()).
+  if (a.any_modality) out["threshold-given"] = a.threshold_given->count() > 0 && a.preset.empty();
+  return out;
+}
+
+// The report without values that differ from run to run or depend on other files in the input's
+// folder.
+std::string stored_report(json report, const SliceStack& stack) {
+  for (const char* key : {"total_ms", "assemble_ms", "stages_ms", "threads", "peak_rss_bytes"})
+    report.erase(key);
+  for (json& slice : report["slices"])
+    slice.erase("ms");
+  if (report.contains("surface"))
+    for (json& surface : report["surface"])
+      surface.erase("ms");
+  const std::string name = input_name(stack);
+  for (json& warning : report["warnings"]) {
+    if (const auto shared = warning.find("shared"); shared != warning.end()) {
+      warning["sentence"] = *shared;
+      warning.erase("shared");
+    }
+    if (warning["where"] == name) warning["where"] = "input";
+    if (const auto places = warning.find("places"); places != warning.end())
+      std::replace(places->begin(), places->end(), json(name), json("input"));
+  }
+  report["input"] = {
+      {"slices", stack.size()}, {"width_px", stack.width()}, {"height_px", stack.height()}};
+  if (stack.series) {
+    report["input"]["series"] = {
+        {"number", stack.series->number ? json(*stack.series->number) : json()},
+        {"kernel", stack.series->kernel},
+        {"modality", stack.series->modality}};
+  }
+  return json_text(report, 1) + "\n";
+}
+
+class Opened : public farm::OpenedScan {
+ public:
+  // `warnings` are those of opening.
+  Opened(std::unique_ptr<Parsed> parsed, StackOptions options, OpenOptions open, LabelsWithCt scan,
+         json warnings)
+      : parsed_(std::move(parsed)),
+        options_(std::move(options)),
+        open_(std::move(open)),
+        scan_(std::move(scan)),
+        warnings_(std::move(warnings)) {}
+
+  std::vector<farm::NamedFile> files() const override {
+    std::vector<farm::NamedFile> out;
+    for (const fs::path& file : scan_.labels->files)
+      out.push_back({"input", file});
+    if (scan_.ct != nullptr)
+      for (const fs::path& file : scan_.ct->files)
+        out.push_back({"hu", file});
+    for (farm::NamedFile& file : files_of(parsed_->a, options_))
+      if (file.of != "hu") out.push_back(std::move(file));
+    return out;
+  }
+
+  Result<farm::Product> mesh() override {
+    SliceStack& stack = *scan_.labels;
+    options_.mesh.hu = scan_.ct.get();
+    options_.stop = &stop_requested;
+    if (!stack.series && open_.axis == SliceAxis::kAxial) open_.axis.reset();
+    options_.axis = open_.axis;
+    auto result = mesh_stack(stack, options_, parameters_json(options_, open_));
+    if (!result) return result.error();
+    farm::Product out;
+    for (json& warning : result->report["warnings"])
+      warnings_.push_back({{"code", warning["code"]},
+                           {"where", warning["where"]},
+                           {"sentence", warning["sentence"]}});
+    out.asset = std::move(result->glb);
+    out.report = stored_report(std::move(result->report), stack);
+    out.warnings = std::move(warnings_);
+    return out;
+  }
+
+ private:
+  std::unique_ptr<Parsed> parsed_;
+  StackOptions options_;
+  OpenOptions open_;
+  LabelsWithCt scan_;
+  json warnings_;
+};
+
+bool is_nifti_file(const fs::path& path) {
+  std::error_code ignored;
+  return is_nifti(path) && fs::is_regular_file(path, ignored);
+}
+
+}  // namespace
+
+std::vector<std::string> collection_options() {
+  return option_names(Parsed().app);
+}
+
+Result<farm::Parameters> FarmScans::parameters(const json& given) const {
+  const auto parsed = parse(given);
+  if (!parsed) return parsed.error();
+  const auto options = stack_options((*parsed)->a);
+  if (!options) return options.error();
+  const auto open = open_options((*parsed)->a);
+  if (!open) return open.error();
+  return farm::Parameters{canonical((*parsed)->a, *options, *open),
+                          files_of((*parsed)->a, *options)};
+}
+
+Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
+                                                          const std::vector<fs::path>& inputs,
+                                                          const std::string& series,
+                                                          int threads) const {
+  auto parsed = parse(given);
+  if (!parsed) return parsed.error();
+  Arguments& a = (*parsed)->a;
+  a.inputs = inputs;
+  a.series = series;
+  a.jobs = threads;
+  auto options = stack_options(a);
+  if (!options) return options.error();
+  auto open = open_options(a);
+  if (!open) return open.error();
+  auto scan = open_scan(a, *open);
+  if (!scan) return scan.error();
+  // Warnings of opening can name files that do not belong to the scan, so the report omits them.
+  SliceStack& stack = *scan->labels;
+  json warnings = json::array();
+  for (const Warning& w : stack.warnings)
+    warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
+  stack.warnings.clear();
+  if (auto ok = check_threshold(a, stack); !ok) return ok.error();
+  return std::unique_ptr<farm::OpenedScan>(
+      std::make_unique<Opened>(std::move(*parsed), std::move(*options), std::move(*open),
+                               std::move(*scan), std::move(warnings)));
+}
+
+bool FarmScans::opens_first(const std::vector<fs::path>& inputs,
+                            const farm::Parameters& parameters) const {
+  return !std::all_of(inputs.begin(), inputs.end(), is_nifti_file) ||
+         std::any_of(parameters.files.begin(), parameters.files.end(),
+                     [](const farm::NamedFile& file) {
+                       return file.of == "hu" && !is_nifti_file(file.path);
+                     });
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// `trocar-mesh info`: what an asset contains.
+// Tests: tests/e2e/info_test.py
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+namespace trocar::pipeline {
+
+struct InfoArguments {
+  std::filesystem::path asset;
+  bool as_json = false;
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_info_options(CLI::App& app, InfoArguments& a);
+
+/// Prints the description and returns the exit code.
+int run_info(const InfoArguments& a);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/list_command.h"
+
+#include <iostream>
+#include <system_error>
+#include <vector>
+
+#include "formats/base/json_text.h"
+#include "pipeline/farm/collection.h"
+#include "pipeline/open/scan_list.h"
+#include "pipeline/program/messages.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// A first collection of the scans that `list` found in `folder`, as text. Adds warnings about
+// images, which need parameters.
+std::string collection_of(const json& list, const fs::path& folder,
+                          std::vector<Warning>& warnings) {
+  std::error_code error;
+  const json collection = farm::first_collection(list, folder, fs::current_path(error));
+  for (const json& scan : list["scans"]) {
+    if (scan["kind"] == "images" && scan["usable"] == true)
+      warnings.push_back({"needs_parameters", scan["path"].get<std::string>(),
+                          "images need the parameters spacing, and equalize or threshold"});
+  }
+  return json_text(collection, 1) + "\n";
+}
+
+}  // namespace
+
+void add_list_options(CLI::App& app, ListArguments& a) {
+  app.add_option("FOLDER", a.folder, "folder of a study, read with its sub-folders")->required();
+  app.add_flag("--json", a.as_json, "print JSON");
+  app.add_flag("--manifest", a.as_collection,
+               "print a first collection for batch, with paths from the working directory")
+      ->excludes("--json");
+}
+
+int run_list(const ListArguments& a) {
+  std::vector<Warning> warnings;
+  const auto scans = list_scans(a.folder, warnings);
+  if (!scans) return fail(scans.error());
+  if (a.as_collection) {
+    std::cout << collection_of(*scans, a.folder, warnings);
+  } else {
+    std::cout << (a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
+  }
+  for (const Warning& w : warnings)
+    print_warning(w);
+  if (auto ok = check_any_usable(*scans, a.folder.string()); !ok) return fail(ok.error());
+  return 0;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// `trocar-mesh list`: the scans in a folder.
+// Tests: tests/e2e/studies_e2e_test.py
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+namespace trocar::pipeline {
+
+struct ListArguments {
+  std::filesystem::path folder;
+  bool as_json = false, as_collection = false;
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_list_options(CLI::App& app, ListArguments& a);
+
+/// Prints the scans and returns the exit code: 3 if none of them can be meshed.
+int run_list(const ListArguments& a);
+
+}  // namespace trocar::pipeline

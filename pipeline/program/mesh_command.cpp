@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/mesh_command.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <set>
+#include <string>
+
+#include "formats/asset/asset.h"
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/program/mesh_scan.h"
+#include "pipeline/program/messages.h"
+#include "pipeline/program/stage_options.h"
+#include "pipeline/read/digest.h"
+#include "pipeline/scan/mesh_stack.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Refuses to overwrite an input or any file that may be a scan: in `-o *.png` the shell names a
+// slice as the output.
+Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
+  const OutputFile outputs[] = {
+      {"-o", a.output}, {"--report", a.report}, {"--dump-stages", a.dump_stages}};
+  for (const OutputFile& output : outputs) {
+    if (!output.file.empty() && is_scan_file(output.file))
+      return usage(output.option + " " + output.file.string() + ": would write over a scan");
+  }
+  if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
+  if (ending_of(a.output) != ".glb") {
+    return usage("-o " + a.output.string() +
+                 ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg");
+  }
+  return {};
+}
+
+// A progress bar with the remaining time.
+std::function<void(int, int)> progress_bar() {
+  return [start = std::chrono::steady_clock::now()](int done, int total) {
+    constexpr int kWidth = 30;
+    const double spent =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    std::string bar(static_cast<std::size_t>(kWidth * done / total), '#');
+    bar.resize(kWidth, '.');
+    std::fprintf(stderr, "\r  [%s] slice %d of %d, %.0f s left %s", bar.c_str(), done, total,
+                 spent / done * (total - done), done == total ? "\n" : "");
+  };
+}
+
+// The report without absolute paths and without texts that may identify the patient, also in its
+// warnings.
+json deidentified(json report, const std::vector<fs::path>& inputs) {
+  const auto shorten = [&inputs](json& text) {
+    std::string out = text.get<std::string>();
+    for (const fs::path& input : inputs) {
+      const std::string whole = (input.has_filename() ? input : input.parent_path()).string();
+      const std::string name = without_folder(input);
+      if (!input.is_absolute() || name.empty()) continue;
+      for (std::size_t at = 0; (at = out.find(whole, at)) != std::string::npos; at += name.size())
+        out.replace(at, whole.size(), name);
+    }
+    text = std::move(out);
+  };
+  for (json& warning : report["warnings"]) {
+    if (const auto shared = warning.find("shared"); shared != warning.end()) {
+      warning["sentence"] = *shared;
+      warning.erase("shared");
+    }
+    shorten(warning["where"]);
+    shorten(warning["sentence"]);
+    if (const auto places = warning.find("places"); places != warning.end())
+      std::for_each(places->begin(), places->end(), shorten);
+  }
+  return report;
+}
+
+// Adds the input files and the asset, which has been written, to the report.
+Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackResult& result) {
+  const auto digest = digest_file(a.output);
+  if (!digest) return digest.error();
+  result.report["asset"]["digest"] = *digest;
+  result.report["asset"]["file"] = without_folder(a.output);
+  json inputs = json::array();
+  for (const fs::path& input : a.inputs)
+    inputs.push_back(without_folder(input));
+  result.report["input"] = {{"paths", std::move(inputs)},
+                            {"slices", stack.size()},
+                            {"width_px", stack.width()},
+                            {"height_px", stack.height()}};
+  if (!a.hu.empty()) result.report["input"]["hu"] = without_folder(a.hu);
+  if (!result.input_key_digest.empty())
+    result.report["input"]["key_digest"] = result.input_key_digest;
+  if (stack.series) {
+    const SeriesInfo& s = *stack.series;
+    // The series' UID and description are left out, because they may identify the patient.
+    result.report["input"]["series"] = {{"number", s.number ? json(*s.number) : json()},
+                                        {"kernel", s.kernel},
+                                        {"modality", s.modality}};
+  }
+  return {};
+}
+
+Result<void> write_outputs(const Arguments& a, const SliceStack& stack, StackResult& result) {
+  if (auto ok = write_file_atomically(a.output, result.glb); !ok) return ok;
+  if (auto ok = describe_files(a, stack, result); !ok) return ok;
+  if (!a.report.empty()) {
+    std::vector<fs::path> given = a.inputs;
+    if (!a.hu.empty()) given.push_back(a.hu);
+    const json report = deidentified(result.report, given);
+    if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
+  }
+  if (!a.dump_stages.empty())
+    return write_file_atomically(a.dump_stages, json_text(result.stages) + "\n");
+  return {};
+}
+
+void print_outcome(const Arguments& a, const json& report) {
+  for (const json& w : report["warnings"])
+    print_warning({w["code"], w["where"], w["sentence"]});
+  std::set<int> slices;  // each of several materials has an entry
+  for (const json& slice : report["slices"])
+    slices.insert(slice["index"].get<int>());
+  std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
+              slices.size(), report["asset"]["triangles"].get<std::size_t>(),
+              report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
+}
+
+}  // namespace
+
+int run_mesh(const Arguments& a) {
+  if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
+  if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
+  if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
+  auto options = stack_options(a);
+  if (!options) return fail(options.error());
+  auto open = open_options(a);
+  if (!open) return fail(open.error());
+  open->unpack_behind = true;
+  stop_on_signals();
+  const auto scan = open_scan(a, *open);
+  if (!scan) return fail(scan.error());
+  const std::unique_ptr<SliceStack>& stack = scan->labels;
+  options->mesh.hu = scan->ct.get();
+  if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
+  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
+  options->stop = &stop_requested;
+  // A volume other than DICOM is axial without --axis, too.
+  if (!stack->series && open->axis == SliceAxis::kAxial) open->axis.reset();
+  options->axis = open->axis;
+  auto result = mesh_stack(*stack, *options, parameters_json(*options, *open));
+  if (!result) return fail(result.error());
+  if (!a.dump_stages.empty() && result->stages.is_null())
+    return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
+  if (auto ok = write_outputs(a, *stack, *result); !ok) return fail(ok.error());
+  if (!a.quiet) print_outcome(a, result->report);
+  return 0;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// `trocar-mesh INPUT -o ASSET.glb`: meshes one scan.
+// Tests: tests/e2e/mesh_program_e2e_test.py
+#pragma once
+
+#include "pipeline/program/arguments.h"
+
+namespace trocar::pipeline {
+
+/// Meshes the scan and writes the asset, the report and the stages that `a` names. Returns the exit
+/// code.
+int run_mesh(const Arguments& a);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/mesh_scan.h"
+
+#include <memory>
+#include <utility>
+
+#include "pipeline/open/open_stack.h"
+
+namespace trocar::pipeline {
+
+Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options) {
+  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, options);
+  auto stack = open_stack(a.inputs, options);
+  if (!stack) return stack.error();
+  return LabelsWithCt{std::move(*stack), nullptr};
+}
+
+std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan) {
+  std::vector<std::filesystem::path> out = scan.labels->files;
+  if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
+  if (!a.names.empty()) out.emplace_back(a.names);
+  return out;
+}
+
+Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
+  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_given->count() > 0 ||
+      a.equalize_given->count() > 0)
+    return {};
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    if (a.threshold_given->count() == 0 || !a.preset.empty()) {
+      stack.warnings.push_back({"default_threshold", "--threshold",
+                                "its default and the presets are meant in HU; values of " +
+                                    stack.modality + " need one of their own"});
+    }
+    return {};
+  }
+  if (!a.preset.empty()) {
+    return usage("--preset " + a.preset +
+                 " is for HU, which images do not carry: give --equalize "
+                 "LEVEL, or --threshold with a grey level of 0..255");
+  }
+  if (a.threshold_given->count() == 0) {
+    return usage(
+        "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
+  }
+  if (!(a.threshold >= 0 && a.threshold <= 255)) {
+    stack.warnings.push_back({"threshold_out_of_range", "--threshold",
+                              "images have grey levels of 0..255, whatever their depth; with this "
+                              "threshold all of a slice is material, or nothing"});
+  }
+  return {};
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What the commands of trocar-mesh print, and the endings of file names.
+// Tests: tests/e2e/wrong_uses_test.py
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "formats/base/result.h"
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+
+inline constexpr const char* kProgram = "trocar-mesh";
+
+/// Prints the error's message and returns its exit code.
+int fail(const Error& error);
+
+/// Prints a warning to standard error.
+void print_warning(const Warning& warning);
+
+/// Extension of a file name in lower case, with its dot.
+std::string ending_of(const std::filesystem::path& file);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/presets.h"
+
+#include <algorithm>
+#include <array>
+
+#include "formats/base/nearest_name.h"
+
+namespace trocar::pipeline {
+namespace {
+
+bool gives(const std::vector<std::string>& words, std::string_view option) {
+  return std::any_of(words.begin(), words.end(), [option](const std::string& word) {
+    return word.starts_with(option) && (word.size() == option.size() || word[option.size()] == '=');
+  });
+}
+
+const Preset* find_preset(std::string_view name) {
+  const auto all = presets();
+  const auto at =
+      std::find_if(all.begin(), all.end(), [name](const Preset& p) { return p.name == name; });
+  return at == all.end() ? nullptr : &*at;
+}
+
+}  // namespace
+
+std::span<const Preset> presets() {
+  static const std::vector<Preset> all{
+      {"bone",
+       "cortical and dense cancellous bone, as the threshold gives it",
+       {{"--threshold", "226"}}},
+      {"solid-bone",
+       "the same with its enclosed inside filled and specks dropped; canals and sinuses stay open",
+       {{"--threshold", "226"}, {"--close", "3"}, {"--fill", "2500"}, {"--min-volume", "100"}}},
+      {"vertebra",
+       "as solid-bone, for vertebrae of low density too",
+       {{"--threshold", "180"}, {"--close", "3"}, {"--fill", "2500"}, {"--min-volume", "100"}}},
+      {"skin",
+       "the body's outside, without the table; air in it stays open",
+       {{"--threshold", "-300"}, {"--fill", "all"}, {"--min-volume", "1000"}, {"--largest", "1"}}},
+      {"paper",
+       "the published method: histogram equalisation, pixel chains, 30 degrees, 200 pixels",
+       {{"--equalize", "230"},
+        {"--contour", "pixel"},
+        {"--simplify", "dp"},
+        {"--min-angle", "30"},
+        {"--max-area-px", "200"}}},
+  };
+  return all;
+}
+
+std::vector<std::string> with_preset_options(const std::vector<std::string>& words) {
+  std::string name;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    if (words[i].starts_with("--preset=")) name = words[i].substr(std::string("--preset=").size());
+    if (words[i] == "--preset" && i + 1 < words.size()) name = words[i + 1];
+  }
+  std::vector<std::string> out = words;
+  const Preset* preset = find_preset(name);
+  if (preset == nullptr) return out;
+  for (const auto& [option, value] : preset->options) {
+    const bool other_unit = option == "--max-area-px" && gives(words, "--max-area");
+    if (gives(words, option) || other_unit) continue;
+    out.emplace_back(option).append("=").append(value);
+  }
+  return out;
+}
+
+Result<std::string> explain_presets(const std::string& name) {
+  std::vector<std::string> names;
+  std::string out;
+  for (const Preset& preset : presets()) {
+    names.emplace_back(preset.name);
+    if (!name.empty() && name != preset.name) continue;
+    out.append(preset.name).append(":");
+    for (const auto& [option, value] : preset.options)
+      out.append(" ").append(option).append(" ").append(value);
+    out.append("\n  ").append(preset.words).append("\n");
+  }
+  if (out.empty())
+    return usage("--preset " + name + ": no such preset" + did_you_mean(name, names));
+  return out;
+}
+
+}  // namespace trocar::pipeline

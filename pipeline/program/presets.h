@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Presets of trocar-mesh. A preset is a list of options, which `--explain` prints. Any of them can
+// also be given with another value.
+// Tests: tests/pipeline/program/parameters_test.cpp
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::pipeline {
+
+struct Preset {
+  std::string_view name, words;
+  std::vector<std::pair<std::string_view, std::string_view>> options;  ///< name with --, value
+};
+
+std::span<const Preset> presets();
+
+/// The words of a command line, followed by those options of its `--preset` that it does not give
+/// itself. Unchanged if no preset has that name.
+std::vector<std::string> with_preset_options(const std::vector<std::string>& words);
+
+/// The options and the meaning of the preset `name`, or of all presets if `name` is empty. Errors
+/// (usage): no such preset.
+Result<std::string> explain_presets(const std::string& name);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// `trocar-mesh review`: HTML pages of a store's assets.
+// Tests: tests/e2e/review_test.py
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+namespace trocar::pipeline {
+
+struct ReviewArguments {
+  std::filesystem::path store, page, against;
+  bool as_json = false, quiet = false;
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_review_options(CLI::App& app, ReviewArguments& a);
+
+/// Writes the pages and returns the exit code: 0, also if assets differ or are damaged; 2 for wrong
+/// options; 3 for a folder that is no store, or an empty store; 4 if a page could not be written or
+/// a signal interrupted the review.
+int run_review(const ReviewArguments& a);
+
+}  // namespace trocar::pipeline

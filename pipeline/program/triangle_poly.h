@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A slice's outline in the format of Shewchuk's program Triangle (.poly).
+// Tests: tests/e2e/assets_e2e_test.py
+#pragma once
+
+#include <string>
+
+#include "formats/asset/asset.h"
+
+namespace trocar::pipeline {
+
+/// The outline's vertices and segments in mm, and a point in each hole. Errors: those of
+/// triangulate().
+Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/dicom/dicom_dictionary.h"
+
+#include <dcmtk/config/osconfig.h>
+#include <dcmtk/dcmdata/dctk.h>
+
+#include <cstdlib>
+#include <memory>
+
+namespace trocar::pipeline {
+namespace {
+
+struct Known {
+  DcmTagKey tag;
+  DcmEVR vr;
+};
+const Known kKnown[] = {
+    {DCM_BitsAllocated, EVR_US},
+    {DCM_BitsStored, EVR_US},
+    {DCM_CTReconstructionSequence, EVR_SQ},
+    {DCM_CodeMeaning, EVR_LO},
+    {DCM_Columns, EVR_US},
+    {DCM_ConvolutionKernel, EVR_SH},
+    {DCM_FrameOfReferenceUID, EVR_UI},
+    {DCM_HighBit, EVR_US},
+    {DCM_ImageOrientationPatient, EVR_DS},
+    {DCM_ImagePositionPatient, EVR_DS},
+    {DCM_ImageType, EVR_CS},
+    {DCM_MaximumFractionalValue, EVR_US},
+    {DCM_Modality, EVR_CS},
+    {DCM_ModalityLUTSequence, EVR_SQ},
+    {DCM_NumberOfFrames, EVR_IS},
+    {DCM_PerFrameFunctionalGroupsSequence, EVR_SQ},
+    {DCM_PhotometricInterpretation, EVR_CS},
+    {DCM_PixelData, EVR_px},
+    {DCM_PixelMeasuresSequence, EVR_SQ},
+    {DCM_PixelRepresentation, EVR_US},
+    {DCM_PixelSpacing, EVR_DS},
+    {DCM_PixelValueTransformationSequence, EVR_SQ},
+    {DCM_PlanarConfiguration, EVR_US},  // by DCMTK's decoders
+    {DCM_PlaneOrientationSequence, EVR_SQ},
+    {DCM_PlanePositionSequence, EVR_SQ},
+    {DCM_ReferencedSegmentNumber, EVR_US},
+    {DCM_RescaleIntercept, EVR_DS},
+    {DCM_RescaleSlope, EVR_DS},
+    {DCM_RescaleType, EVR_LO},
+    {DCM_Rows, EVR_US},
+    {DCM_SOPClassUID, EVR_UI},
+    {DCM_SOPInstanceUID, EVR_UI},
+    {DCM_SamplesPerPixel, EVR_US},
+    {DCM_SegmentIdentificationSequence, EVR_SQ},
+    {DCM_SegmentLabel, EVR_LO},
+    {DCM_SegmentNumber, EVR_US},
+    {DCM_SegmentSequence, EVR_SQ},
+    {DCM_SegmentationType, EVR_CS},
+    {DCM_SegmentedPropertyTypeCodeSequence, EVR_SQ},
+    {DCM_SeriesDescription, EVR_LO},
+    {DCM_SeriesInstanceUID, EVR_UI},
+    {DCM_SeriesNumber, EVR_IS},
+    {DCM_SharedFunctionalGroupsSequence, EVR_SQ},
+    {DCM_SpacingBetweenSlices, EVR_DS},
+    {DCM_SpecificCharacterSet, EVR_CS},
+    {DCM_StudyDate, EVR_DA},
+    {DCM_StudyInstanceUID, EVR_UI},
+};
+
+}  // namespace
+
+void leave_out_dicom_dictionary() {
+  // There are no other threads yet. NOLINTNEXTLINE(concurrency-mt-unsafe)
+  setenv("DCMDICTPATH", "/dev/null", 0);
+}
+
+void add_known_dicom_elements() {
+  DcmDataDictionary& dictionary = dcmDataDict.wrlock();
+  for (const Known& known : kKnown) {
+    if (dictionary.findEntry(known.tag, nullptr) != nullptr) continue;
+    auto entry =
+        std::make_unique<DcmDictEntry>(known.tag.getGroup(), known.tag.getElement(),
+                                       DcmVR(known.vr), "Known", 1, 1, nullptr, OFFalse, nullptr);
+    dictionary.addEntry(entry.release());
+  }
+  dcmDataDict.wrunlock();
+}
+
+}  // namespace trocar::pipeline

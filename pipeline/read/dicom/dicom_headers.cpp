@@ -1,0 +1,366 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/dicom/dicom_headers.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <fstream>
+#include <optional>
+
+#include "formats/base/result.h"
+#include "pipeline/read/dicom/dicom_parse.h"
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using GivenSpacing = std::optional<std::array<double, 3>>;
+
+// The items that may hold an attribute of a frame, in this order: the frame's own functional group,
+// the shared one, the dataset itself (single-frame objects).
+struct AttributeItems {
+  DcmItem *per_frame, *shared, *dataset;
+
+  DcmItem* find(const DcmTagKey& macro, const DcmTagKey& attribute) const {
+    for (DcmItem* group : {per_frame, shared}) {
+      DcmItem* item = nullptr;
+      if (group != nullptr && group->findAndGetSequenceItem(macro, item).good() &&
+          item != nullptr && item->tagExists(attribute)) {
+        return item;
+      }
+    }
+    return dataset;
+  }
+};
+
+// A missing slope is 1, a missing intercept 0. One that is present must be a number: with 1 and 0
+// instead, HU would be wrong by about a thousand. Returns what is wrong, or nothing.
+std::optional<std::string> read_rescale(const AttributeItems& at, DicomFrame& h) {
+  DcmItem* item = at.find(DCM_PixelValueTransformationSequence, DCM_RescaleSlope);
+  const bool has_slope = item->tagExists(DCM_RescaleSlope);
+  const bool has_intercept = item->tagExists(DCM_RescaleIntercept);
+  h.has_rescale = has_slope && has_intercept;
+  if (has_slope && !dicom_numbers(item, DCM_RescaleSlope, &h.slope, 1))
+    return "its RescaleSlope is not a number";
+  if (has_intercept && !dicom_numbers(item, DCM_RescaleIntercept, &h.intercept, 1))
+    return "its RescaleIntercept is not a number";
+  if (h.slope == 0) return "a rescale slope of zero";
+  if (!(std::abs(h.slope) * 65536 + std::abs(h.intercept) < 1e9))
+    return "its rescale is out of range";
+  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence)) {
+    return "a modality look-up table instead of a rescale slope";
+  }
+  return {};
+}
+
+// Reads the pixel spacing; a frame without one gets the given spacing. Returns what is wrong, or
+// nothing.
+std::optional<std::string> read_spacing(const AttributeItems& at, const GivenSpacing& given,
+                                        DicomFrame& h) {
+  DcmItem* item = at.find(DCM_PixelMeasuresSequence, DCM_PixelSpacing);
+  if (!item->tagExistsWithValue(DCM_PixelSpacing)) {
+    if (!given) return "no pixel spacing (PixelSpacing): give --spacing X,Y,Z in mm";
+    h.spacing_u_mm = (*given)[0];
+    h.spacing_v_mm = (*given)[1];
+    return {};
+  }
+  double spacing[2];
+  if (!dicom_numbers(item, DCM_PixelSpacing, spacing, 2) || !(spacing[0] > 1e-6) ||
+      !(spacing[1] > 1e-6) || !(spacing[0] < 1e6) || !(spacing[1] < 1e6))
+    return "its pixel spacing (PixelSpacing) is not two lengths in mm";
+  h.spacing_v_mm = spacing[0];  // between rows
+  h.spacing_u_mm = spacing[1];  // between columns
+  h.has_spacing = true;
+  return {};
+}
+
+// Reads plane and rescale of one frame. Returns what is wrong, or nothing.
+std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSpacing& given,
+                                         DicomFrame& h) {
+  double position[3], orientation[6];
+  if (!dicom_numbers(at.find(DCM_PlanePositionSequence, DCM_ImagePositionPatient),
+                     DCM_ImagePositionPatient, position, 3)) {
+    return "no image position (ImagePositionPatient)";
+  }
+  if (!dicom_numbers(at.find(DCM_PlaneOrientationSequence, DCM_ImageOrientationPatient),
+                     DCM_ImageOrientationPatient, orientation, 6)) {
+    return "no image orientation (ImageOrientationPatient)";
+  }
+  if (auto wrong = read_spacing(at, given, h)) return wrong;
+  h.position = Eigen::Vector3d(position[0], position[1], position[2]);
+  h.u = Eigen::Vector3d(orientation[0], orientation[1], orientation[2]);
+  h.v = Eigen::Vector3d(orientation[3], orientation[4], orientation[5]);
+  if (!(h.position.cwiseAbs().maxCoeff() < 1e7)) return "its image position is out of range";
+  if (!(std::abs(h.u.norm() - 1) <= 1e-3) || !(std::abs(h.v.norm() - 1) <= 1e-3) ||
+      !(std::abs(h.u.dot(h.v)) <= 1e-3)) {
+    return "its orientation is not two unit vectors at right angles";
+  }
+  h.u.normalize();
+  h.v = (h.v - h.u * h.u.dot(h.v)).normalized();
+  return read_rescale(at, h);
+}
+
+// Reads size and sample format, the same for all frames of a file. Returns what is wrong, or
+// nothing. `is_binary`: one bit a pixel is possible, too.
+std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame& h) {
+  h.rows = dicom_integer(&data, DCM_Rows, 0);
+  h.columns = dicom_integer(&data, DCM_Columns, 0);
+  if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1) {
+    return std::to_string(samples) + " samples a pixel: colour, not CT";
+  }
+  // The two differ in how to display them only: HU come from the rescale.
+  const std::string photometric = dicom_text(&data, DCM_PhotometricInterpretation);
+  if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2") {
+    return "photometric interpretation '" + photometric + "'";
+  }
+  h.bits_allocated = dicom_integer(&data, DCM_BitsAllocated, 0);
+  h.bits_stored = dicom_integer(&data, DCM_BitsStored, h.bits_allocated);
+  h.high_bit = dicom_integer(&data, DCM_HighBit, h.bits_stored - 1);
+  h.is_signed = dicom_integer(&data, DCM_PixelRepresentation, 0) == 1;
+  const bool is_bit = is_binary && h.bits_allocated == 1;
+  if (is_bit) {  // some writers say that the high bit is 1
+    h.bits_stored = 1;
+    h.high_bit = 0;
+  }
+  if ((!is_bit && h.bits_allocated != 8 && h.bits_allocated != 16) || h.bits_stored < 1 ||
+      h.high_bit < h.bits_stored - 1 || h.high_bit >= h.bits_allocated) {
+    return std::to_string(h.bits_stored) + " bits up to bit " + std::to_string(h.high_bit) +
+           " in " + std::to_string(h.bits_allocated) + "; 8 and 16 bits allocated are read";
+  }
+  if (h.rows < 2 || h.columns < 2 || h.rows > kMaxImageSide || h.columns > kMaxImageSide ||
+      static_cast<long>(h.rows) * h.columns > kMaxSlicePixels) {
+    return std::to_string(h.columns) + " x " + std::to_string(h.rows) + " pixels";
+  }
+  return {};
+}
+
+// Uncompressed pixels must be complete. (Truncated compressed pixels are found on decoding.)
+std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame& h) {
+  DcmPixelData* pixels = dicom_pixel_data(format);
+  if (pixels == nullptr) return "its PixelData element is of another kind";
+  const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
+  if (DcmXfer(syntax).isEncapsulated()) {
+    if (h.bits_allocated == 1) return "compressed pixels of one bit, which are not read";
+    return {};
+  }
+  // Frames of one bit a pixel follow each other without padding.
+  const double bits = static_cast<double>(h.rows) * h.columns * h.bits_allocated * h.frames;
+  const double want = std::ceil(bits / 8);
+  const double have = pixels->getLength(syntax);
+  if (have < want) {
+    return "truncated: " + std::to_string(static_cast<long>(have)) +
+           " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
+  }
+  // Faulty writers pad each frame, so that only the first would be where it is read.
+  if (h.bits_allocated == 1 && have > want + 1) {
+    return std::to_string(static_cast<long>(have)) + " bytes of pixels, more than the " +
+           std::to_string(static_cast<long>(want)) +
+           " of its frames; they must follow each other without padding";
+  }
+  return {};
+}
+
+SeriesInfo read_series(DcmDataset& data) {
+  SeriesInfo out;
+  out.uid = dicom_text(&data, DCM_SeriesInstanceUID);
+  out.study_uid = dicom_text(&data, DCM_StudyInstanceUID);
+  out.study_date = dicom_text(&data, DCM_StudyDate);
+  if (Sint32 number = 0; data.findAndGetSint32(DCM_SeriesNumber, number).good())
+    out.number = number;
+  out.description = dicom_utf8(data, DCM_SeriesDescription);
+  out.modality = dicom_utf8(data, DCM_Modality);
+  OFString image_type;
+  data.findAndGetOFStringArray(DCM_ImageType, image_type);
+  out.image_type = without_control(image_type.c_str());
+  AttributeItems at{nullptr, nullptr, &data};
+  data.findAndGetSequenceItem(DCM_PerFrameFunctionalGroupsSequence, at.per_frame);
+  data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
+  out.kernel = dicom_text(at.find(DCM_CTReconstructionSequence, DCM_ConvolutionKernel),
+                          DCM_ConvolutionKernel);
+  return out;
+}
+
+// The segment's own label, else what it is.
+std::string segment_name(DcmDataset& data, DcmItem& segment) {
+  std::string label = dicom_utf8(data, DCM_SegmentLabel, &segment);
+  if (!label.empty()) return label;
+  DcmItem* type = nullptr;
+  segment.findAndGetSequenceItem(DCM_SegmentedPropertyTypeCodeSequence, type);
+  return type == nullptr ? "" : dicom_utf8(data, DCM_CodeMeaning, type);
+}
+
+// Reads what a segmentation says of its segments. Returns what is wrong, or nothing.
+std::optional<std::string> read_segments(DcmDataset& data, DicomSegments& out) {
+  const std::string type = dicom_text(&data, DCM_SegmentationType);
+  if (type == "FRACTIONAL") {
+    out.max_fraction = dicom_integer(&data, DCM_MaximumFractionalValue, 0);
+    if (out.max_fraction == 0) return "a FRACTIONAL segmentation without MaximumFractionalValue";
+  } else if (type != "BINARY") {
+    return "its SegmentationType is '" + type.substr(0, 16) + "'; BINARY and FRACTIONAL are read";
+  }
+  DcmSequenceOfItems* segments = nullptr;
+  data.findAndGetSequence(DCM_SegmentSequence, segments);
+  if (segments == nullptr || segments->card() == 0) return "no segments (SegmentSequence)";
+  for (DcmObject* object = nullptr; (object = segments->nextInContainer(object)) != nullptr;) {
+    auto* segment = dynamic_cast<DcmItem*>(object);
+    const int number = dicom_integer(segment, DCM_SegmentNumber, 0);
+    if (segment == nullptr || number == 0)
+      return "a segment without a number (SegmentNumber) from 1 on";
+    if (!out.names.emplace(number, segment_name(data, *segment)).second)
+      return "segment " + std::to_string(number) + " is there twice";
+  }
+  return {};
+}
+
+// Reads which segment the frame is of. Returns what is wrong, or nothing.
+std::optional<std::string> read_segment_of(const AttributeItems& at, const DicomSegments& segments,
+                                           DicomFrame& h) {
+  h.slope = 1;
+  h.intercept = 0;
+  h.segment = dicom_integer(at.find(DCM_SegmentIdentificationSequence, DCM_ReferencedSegmentNumber),
+                            DCM_ReferencedSegmentNumber, 0);
+  if (h.segment == 0) return "it names no segment (ReferencedSegmentNumber)";
+  if (!segments.names.contains(h.segment))
+    return "its segment " + std::to_string(h.segment) + " is not in the SegmentSequence";
+  return {};
+}
+
+// Reads all frames of a file that has pixels. Returns what is wrong, or nothing.
+std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
+                                       DicomExtent extent, DicomFile& out) {
+  DcmDataset& data = *format.getDataset();
+  DicomFrame common;
+  common.file = out.file;
+  common.sop_uid = dicom_text(&data, DCM_SOPInstanceUID);
+  common.frame_of_reference = dicom_text(&data, DCM_FrameOfReferenceUID);
+  const bool is_segmentation = out.kind == DicomFile::Kind::kSegmentation;
+  if (is_segmentation) {
+    if (auto wrong = read_segments(data, out.segments)) return wrong;
+  }
+  const bool is_binary = is_segmentation && out.segments.max_fraction == 0;
+  if (auto wrong = read_format(data, is_binary, common)) return wrong;
+  if (is_binary && common.bits_allocated != 1)
+    return "a BINARY segmentation of " + std::to_string(common.bits_allocated) + " bits a pixel";
+  Sint32 frames = 1;
+  if (data.tagExists(DCM_NumberOfFrames) &&
+      (data.findAndGetSint32(DCM_NumberOfFrames, frames).bad() || frames < 1)) {
+    return "its number of frames is not a positive number";
+  }
+  common.frames = frames;
+  DcmSequenceOfItems* groups = nullptr;
+  data.findAndGetSequence(DCM_PerFrameFunctionalGroupsSequence, groups);
+  if (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames)) {
+    return std::to_string(frames) + " frames, but per-frame functional groups for " +
+           std::to_string(groups == nullptr ? 0 : groups->card());
+  }
+  if (extent == DicomExtent::kWhole) {
+    if (auto wrong = check_length(format, common)) return wrong;
+  }
+
+  AttributeItems at{nullptr, nullptr, &data};
+  data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
+  if (is_segmentation &&
+      !dicom_numbers(at.find(DCM_PixelMeasuresSequence, DCM_SpacingBetweenSlices),
+                     DCM_SpacingBetweenSlices, &out.segments.step_mm, 1))
+    out.segments.step_mm = 0;
+  DcmObject* item = nullptr;
+  for (int i = 0; i < frames; ++i) {
+    if (groups != nullptr) {
+      item = groups->nextInContainer(item);
+      at.per_frame = dynamic_cast<DcmItem*>(item);
+    }
+    DicomFrame frame = common;
+    frame.frame = i;
+    auto wrong = read_geometry(at, given, frame);
+    if (!wrong && is_segmentation) wrong = read_segment_of(at, out.segments, frame);
+    if (wrong) return frames == 1 ? *wrong : "frame " + std::to_string(i + 1) + ": " + *wrong;
+    out.frames.push_back(std::move(frame));
+  }
+  return {};
+}
+
+}  // namespace
+
+std::string DicomFrame::name() const {
+  return frames == 1 ? file.string() : file.string() + " frame " + std::to_string(frame + 1);
+}
+
+SlicePlane plane_of(const DicomFrame& h, const Eigen::Vector3d& position) {
+  SlicePlane plane{h.spacing_u_mm, h.spacing_v_mm, Eigen::Affine3d::Identity(), 0};
+  plane.T_lps_plane.linear() << h.u, h.v, h.u.cross(h.v);
+  plane.T_lps_plane.translation() = position;
+  plane.z_mm = h.u.cross(h.v).dot(position);
+  return plane;
+}
+
+std::string without_control(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
+}
+
+bool has_dicom_preamble(const std::filesystem::path& file) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;  // opening a pipe would block
+  char head[132] = {};
+  std::ifstream in(file, std::ios::binary);
+  return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
+}
+
+bool may_be_dicom(const std::filesystem::path& file) {
+  if (has_dicom_preamble(file)) return true;
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;
+  char tag[2] = {};
+  std::ifstream in(file, std::ios::binary);
+  if (!in.read(tag, sizeof tag)) return false;
+  // 2: file meta information; 8: identification of the image, where there is none.
+  const char group = tag[0] != 0 ? tag[0] : tag[1], other = tag[0] != 0 ? tag[1] : tag[0];
+  return other == 0 && (group == 2 || group == 8);
+}
+
+DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpacing& spacing_mm,
+                             bool any_modality, DicomExtent extent) {
+  set_up_dcmtk();
+  DicomFile out;
+  out.file = file;
+  DcmFileFormat format;
+  const bool whole = extent == DicomExtent::kWhole;
+  const OFCondition loaded = whole ? load_dicom(file, format) : load_dicom_header(file, format);
+  DcmDataset& data = *format.getDataset();
+  out.series = read_series(data);
+  const auto unusable = [&out](const std::string& why) {
+    out.kind = DicomFile::Kind::kUnusable;
+    out.problem = out.file.string() + ": " + why;
+    out.frames.clear();
+  };
+  if (loaded.bad()) {
+    // Other files beside the slices (text, for example) are skipped; damaged DICOM files are not.
+    if (has_dicom_preamble(file) || !out.series.uid.empty()) {
+      unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
+    }
+    return out;
+  }
+  if (!data.tagExists(whole ? DCM_PixelData : DCM_Rows)) return out;
+  out.content = image_content(data);
+  const bool is_localiser = out.content.kind == ImageContent::Kind::kLocaliser;
+  const bool is_segmentation = out.content.is_segmentation();
+  out.kind = is_localiser      ? DicomFile::Kind::kLocaliser
+             : is_segmentation ? DicomFile::Kind::kSegmentation
+                               : DicomFile::Kind::kImages;
+  out.is_capture = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1 ||
+                   (dicom_text(&data, DCM_SOPClassUID) == UID_SecondaryCaptureImageStorage &&
+                    !data.tagExists(DCM_ImagePositionPatient));
+  if (!any_modality && !is_segmentation &&
+      (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
+    unusable(why_not_ct(out.content));
+  } else if (auto wrong = read_frames(format, spacing_mm, extent, out)) {
+    unusable(*wrong);
+  } else if (is_segmentation) {
+    out.problem = file.string() + ": " + why_not_ct(out.content);
+  }
+  if (is_localiser) out.kind = DicomFile::Kind::kLocaliser;
+  return out;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/dicom/dicom_parse.h"
+
+#include <dcmtk/dcmdata/dcistrmf.h>
+#include <dcmtk/dcmdata/dcrledrg.h>
+#include <dcmtk/dcmdata/dcspchrs.h>
+#include <dcmtk/dcmjpeg/djdecode.h>
+#include <dcmtk/dcmjpls/djdecode.h>
+#include <dcmtk/oflog/oflog.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <mutex>
+
+#include "pipeline/read/dicom/dicom_dictionary.h"
+#include "pipeline/read/dicom/dicom_headers.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// DCMTK parses nested sequences by recursion. The stream is our only code inside that recursion, so
+// it checks the depth of the stack. Real files nest a dozen levels, a kilobyte each.
+constexpr std::ptrdiff_t kMaxParserStack = 512 << 10;
+// Values stay in the file, except those of a deflated file: these are held in memory and may be a
+// thousand times as large as the file.
+constexpr offile_off_t kMaxParsedBytes = offile_off_t{1} << 29;
+
+class GuardedStream final : public DcmInputFileStream {
+ public:
+  explicit GuardedStream(const OFFilename& file)
+      : DcmInputFileStream(file), base_(static_cast<char*>(__builtin_frame_address(0))) {}
+
+  OFBool good() const override { return !is_over() && DcmInputFileStream::good(); }
+  OFCondition status() const override {
+    if (!is_over()) return DcmInputFileStream::status();
+    return makeOFCondition(OFM_dcmdata, 0x7ff, OF_error, over_);
+  }
+  bool was_over() const { return over_ != nullptr; }
+  OFBool eos() override { return is_over() || DcmInputFileStream::eos(); }
+  offile_off_t avail() override { return is_over() ? 0 : DcmInputFileStream::avail(); }
+  offile_off_t read(void* to, offile_off_t bytes) override {
+    if (is_over()) return 0;
+    const offile_off_t got = DcmInputFileStream::read(to, bytes);
+    parsed_ += got;
+    return got;
+  }
+  offile_off_t skip(offile_off_t bytes) override {
+    return is_over() ? 0 : DcmInputFileStream::skip(bytes);
+  }
+
+ private:
+  // Stays true once a limit is exceeded: the parser must not continue from a wrong position.
+  bool is_over() const {
+    if (std::abs(base_ - static_cast<char*>(__builtin_frame_address(0))) > kMaxParserStack)
+      over_ = "sequences nested too deep";
+    if (parsed_ > kMaxParsedBytes) over_ = "more than 512 MiB of values";
+    return over_ != nullptr;
+  }
+
+  char* base_;
+  offile_off_t parsed_ = 0;
+  mutable const char* over_ = nullptr;
+};
+
+// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+OFCondition load_until(const std::filesystem::path& file, DcmFileFormat& format,
+                       const DcmTagKey& last) {
+  GuardedStream stream(OFFilename(file.c_str()));
+  if (stream.status().bad()) return stream.status();
+  format.transferInit();
+  OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, last);
+  format.transferEnd();
+  return stream.was_over() ? stream.status() : done;
+}
+// NOLINTEND(clang-analyzer-unix.Malloc)
+
+}  // namespace
+
+void set_up_dcmtk() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    OFLog::configure(OFLogger::OFF_LOG_LEVEL);
+    add_known_dicom_elements();
+    DcmRLEDecoderRegistration::registerCodecs();
+    DJDecoderRegistration::registerCodecs();
+    DJLSDecoderRegistration::registerCodecs();
+  });
+}
+
+// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format) {
+  return load_until(file, format, DCM_UndefinedTagKey);
+}
+
+OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format) {
+  return load_until(file, format, DCM_PixelData);
+}
+// NOLINTEND(clang-analyzer-unix.Malloc)
+
+std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
+  OFString value;
+  if (item == nullptr || item->findAndGetOFString(tag, value).bad()) return {};
+  return without_control(value.c_str());
+}
+
+std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item) {
+  OFString value, set, converted;
+  DcmItem& holder = item != nullptr ? *item : data;
+  if (holder.findAndGetOFString(tag, value).bad()) return {};
+  data.findAndGetOFStringArray(DCM_SpecificCharacterSet, set);
+  DcmSpecificCharacterSet charset;
+  if (!set.empty() && charset.selectCharacterSet(set).good() &&
+      charset.convertString(value, converted).good()) {
+    value = converted;
+  }
+  std::string out = without_control(value.c_str());
+  out.erase(0, out.find_first_not_of(' '));
+  out.erase(out.find_last_not_of(' ') + 1);
+  return out;
+}
+
+bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count) {
+  if (item == nullptr) return false;
+  for (unsigned i = 0; i < count; ++i) {
+    if (item->findAndGetFloat64(tag, out[i], i).bad() || !std::isfinite(out[i])) return false;
+  }
+  return true;
+}
+
+int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise) {
+  Uint16 value = 0;
+  return item != nullptr && item->findAndGetUint16(tag, value).good() ? value : otherwise;
+}
+
+DcmPixelData* dicom_pixel_data(DcmFileFormat& format) {
+  DcmElement* element = nullptr;
+  if (format.getDataset()->findAndGetElement(DCM_PixelData, element).bad()) return nullptr;
+  return dynamic_cast<DcmPixelData*>(element);
+}
+
+}  // namespace trocar::pipeline

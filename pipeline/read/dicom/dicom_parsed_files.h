@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Multi-frame files that stay parsed while their frames are read.
+// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/read/dicom/dicom_headers.h"
+#include "pipeline/read/dicom/dicom_parse.h"
+
+namespace trocar::pipeline {
+
+/// A cache of parsed multi-frame files that no thread is using, so that a file is not parsed again
+/// for each of its frames. take() hands a file to the calling thread, so there are never more files
+/// than threads.
+class ParsedFiles {
+ public:
+  Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {
+    {
+      const std::lock_guard lock(mutex_);
+      for (auto it = idle_.begin(); it != idle_.end(); ++it) {
+        if (it->first != h.file) continue;
+        auto out = std::move(it->second);
+        idle_.erase(it);
+        return out;
+      }
+      if (!idle_.empty()) idle_.erase(idle_.begin());
+    }
+    auto format = std::make_unique<DcmFileFormat>();
+    if (load_dicom(h.file, *format).bad()) return refused(h.name() + ": cannot be read");
+    return format;
+  }
+  void give_back(const DicomFrame& h, std::unique_ptr<DcmFileFormat> format) {
+    if (h.frames == 1) return;
+    const std::lock_guard lock(mutex_);
+    idle_.emplace_back(h.file, std::move(format));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::pair<std::filesystem::path, std::unique_ptr<DcmFileFormat>>> idle_;
+};
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/dicom/dicom_pixels.h"
+
+#include <dcmtk/dcmdata/dccodec.h>
+#include <dcmtk/dcmdata/dcpixseq.h>
+#include <dcmtk/dcmdata/dcpxitem.h>
+#include <dcmtk/dcmdata/dcrledec.h>
+
+#include <algorithm>
+#include <span>
+
+#include "pipeline/read/image/jpeg2000.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// DCMTK keeps the fragments that it has read in memory; this releases them.
+void release_fragments(DcmPixelSequence& sequence) {
+  DcmObject* item = nullptr;
+  while ((item = sequence.nextInContainer(item)) != nullptr) {
+    if (auto* element = dynamic_cast<DcmElement*>(item)) element->compact();
+  }
+}
+
+// The encapsulated bytes of one frame, its fragments joined.
+Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSequence& sequence) {
+  Uint32 first = 0, end = static_cast<Uint32>(sequence.card());
+  const Uint32 frame = static_cast<Uint32>(h.frame);
+  if (DcmCodec::determineStartFragment(frame, h.frames, &sequence, first).bad() ||
+      (h.frame + 1 < h.frames &&
+       DcmCodec::determineStartFragment(frame + 1, h.frames, &sequence, end).bad()) ||
+      end <= first) {
+    return refused(h.name() + ": its fragments cannot be assigned to frames");
+  }
+  std::vector<std::uint8_t> out;
+  for (Uint32 i = first; i < end; ++i) {
+    DcmPixelItem* item = nullptr;
+    Uint8* bytes = nullptr;
+    if (sequence.getItem(item, i).bad() || item == nullptr || item->getUint8Array(bytes).bad() ||
+        bytes == nullptr) {
+      return refused(h.name() + ": a fragment of its pixels cannot be read");
+    }
+    out.insert(out.end(), bytes, bytes + item->getLength());
+  }
+  return out;
+}
+
+// The sample precision in a JPEG's frame header, 0 if the header is not where it must be.
+// (ISO 10918-1, B.1: all segments before it give their length.)
+int jpeg_precision(std::span<const std::uint8_t> jpeg) {
+  if (jpeg.size() < 4 || jpeg[0] != 0xff || jpeg[1] != 0xd8) return 0;
+  for (std::size_t at = 2; at + 5 < jpeg.size();) {
+    const int marker = jpeg[at + 1];
+    if (jpeg[at] != 0xff) return 0;
+    const bool tables = marker == 0xc4 || marker == 0xcc || marker == 0xdb || marker == 0xdd;
+    if (marker >= 0xc0 && marker <= 0xcf && !tables && marker != 0xc8) return jpeg[at + 4];
+    if (!tables && marker != 0xfe && (marker < 0xe0 || marker > 0xef)) return 0;
+    at += 2 + static_cast<std::size_t>(jpeg[at + 2] << 8 | jpeg[at + 3]);
+  }
+  return 0;
+}
+
+// DCMTK's decoder does not terminate if a frame's first fragment has no frame header.
+Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
+  Uint32 first = 0;
+  DcmPixelItem* item = nullptr;
+  Uint8* bytes = nullptr;
+  int precision = 0;
+  if (DcmCodec::determineStartFragment(static_cast<Uint32>(h.frame), h.frames, &sequence, first)
+          .good() &&
+      sequence.getItem(item, first).good() && item != nullptr &&
+      item->getUint8Array(bytes).good() && bytes != nullptr) {
+    precision = jpeg_precision({bytes, item->getLength()});
+  }
+  if (precision < 2 || precision > 16) return refused(h.name() + ": its JPEG pixels are damaged");
+  if ((precision <= 8) != (h.bits_allocated == 8)) {
+    return refused(h.name() + ": its JPEG has " + std::to_string(precision) +
+                   " bits a sample, its header allocates " + std::to_string(h.bits_allocated));
+  }
+  return {};
+}
+
+// The samples as stored words. Lossy coding may exceed the range of the stored bits: such values
+// are clamped, since masking them would turn white into black.
+Result<std::vector<std::uint16_t>> decode_jpeg2000_words(
+    const DicomFrame& h, const std::vector<std::uint8_t>& codestream) {
+  const auto decoded = decode_jpeg2000(codestream, h.columns, h.rows, h.name());
+  if (!decoded) return decoded.error();
+  const bool shifted = h.high_bit != h.bits_stored - 1;
+  const int low = h.is_signed ? -(1 << (h.bits_stored - 1)) : 0,
+            high = low + (1 << h.bits_stored) - 1;
+  std::vector<std::uint16_t> words;
+  words.reserve(decoded->samples.size());
+  for (int value : decoded->samples) {
+    if (!shifted && decoded->is_signed == h.is_signed) value = std::clamp(value, low, high);
+    words.push_back(static_cast<std::uint16_t>(value));
+  }
+  return words;
+}
+
+// One segment for each byte of a word, the high byte first (DICOM PS3.5, annex G). DCMTK's own
+// codec silently fills in what is missing from a damaged segment; here it is an error.
+Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
+                                              const std::vector<std::uint8_t>& bytes) {
+  const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
+  const std::size_t segments = h.bits_allocated / 8;
+  const auto u32 = [&bytes](std::size_t at) {
+    return static_cast<std::size_t>(bytes[at] | bytes[at + 1] << 8 | bytes[at + 2] << 16) |
+           static_cast<std::size_t>(bytes[at + 3]) << 24;
+  };
+  const auto damaged = [&h] {
+    return refused(h.name() + ": its RLE pixels are damaged or truncated");
+  };
+  if (bytes.size() < 64 || u32(0) != segments) return damaged();
+  std::vector<std::uint16_t> words(count);
+  for (std::size_t s = 0; s < segments; ++s) {
+    const std::size_t from = u32(4 + 4 * s), to = s + 1 < segments ? u32(8 + 4 * s) : bytes.size();
+    if (from < 64 || from >= to || to > bytes.size()) return damaged();
+    DcmRLEDecoder decoder(count);
+    // A padding byte may follow, so a surplus alone is not an error.
+    decoder.decompress(const_cast<std::uint8_t*>(bytes.data() + from), to - from);  // only read
+    if (decoder.size() != count) return damaged();
+    const auto* plane = static_cast<const std::uint8_t*>(decoder.getOutputBuffer());
+    for (std::size_t i = 0; i < count; ++i)
+      words[i] = static_cast<std::uint16_t>(words[i] << 8 | plane[i]);
+  }
+  return words;
+}
+
+Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileFormat& format) {
+  DcmDataset& data = *format.getDataset();
+  DcmPixelData* pixels = dicom_pixel_data(format);
+  if (pixels == nullptr) return refused(h.name() + ": its PixelData element is of another kind");
+  const E_TransferSyntax syntax = data.getOriginalXfer();
+  DcmPixelSequence* sequence = nullptr;
+  if (DcmXfer(syntax).isEncapsulated() &&
+      (pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).bad() ||
+       sequence == nullptr)) {
+    return refused(h.name() + ": its compressed pixels cannot be read");
+  }
+  const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
+  if (sequence != nullptr && (syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000)) {
+    const auto codestream = join_fragments(h, *sequence);
+    if (!codestream) return codestream.error();
+    return decode_jpeg2000_words(h, *codestream);
+  }
+  if (sequence != nullptr && syntax == EXS_RLELossless) {
+    const auto bytes = join_fragments(h, *sequence);
+    if (!bytes) return bytes.error();
+    return decode_rle(h, *bytes);
+  }
+
+  if (sequence != nullptr && syntax != EXS_JPEGLSLossless && syntax != EXS_JPEGLSLossy &&
+      DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit)) {
+    if (auto ok = check_jpeg(h, *sequence); !ok) return ok.error();
+  }
+  std::vector<std::uint16_t> words(count);
+  const std::size_t bytes = count * (h.bits_allocated / 8);
+  Uint32 frame_size = 0, fragment = 0;
+  OFString colour_model;
+  if (pixels->getUncompressedFrameSize(&data, frame_size).bad() ||
+      (frame_size != bytes && frame_size != bytes + 1)) {
+    return refused(h.name() + ": its frames are not of " + std::to_string(bytes) + " bytes");
+  }
+  words.resize(std::max(count, (static_cast<std::size_t>(frame_size) + 1) / 2));
+  // DCMTK wants an even size, also for a frame of an odd one.
+  const auto buffer_size = static_cast<Uint32>(words.size() * sizeof(std::uint16_t));
+  const OFCondition done = pixels->getUncompressedFrame(
+      &data, static_cast<Uint32>(h.frame), fragment, words.data(), buffer_size, colour_model);
+  if (done.bad()) {
+    const bool known =
+        DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit) || sequence == nullptr;
+    return refused(h.name() +
+                   (known ? ": its pixels are damaged or truncated ("
+                          : ": no decoder for its transfer syntax (") +
+                   DcmXfer(syntax).getXferName() + ": " + done.text() + ")");
+  }
+  if (h.bits_allocated == 8) {  // bytes to words in place, from the last one down
+    const auto* packed = reinterpret_cast<const std::uint8_t*>(words.data());
+    for (std::size_t i = count; i-- > 0;)
+      words[i] = packed[i];
+  }
+  words.resize(count);
+  return words;
+}
+
+}  // namespace
+
+Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
+  const auto words = decode_words(h, format);
+  DcmPixelSequence* sequence = nullptr;
+  if (DcmPixelData* pixels = dicom_pixel_data(format)) {
+    const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
+    if (DcmXfer(syntax).isEncapsulated() &&
+        pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).good() &&
+        sequence != nullptr) {
+      release_fragments(*sequence);
+    }
+  }
+  if (!words) return words.error();
+  Image out{h.columns, h.rows, {}};
+  out.values.resize(words->size());
+  const int shift = h.high_bit - (h.bits_stored - 1);
+  const int mask = (1 << h.bits_stored) - 1, sign = 1 << (h.bits_stored - 1);
+  for (std::size_t i = 0; i < words->size(); ++i) {
+    int value = ((*words)[i] >> shift) & mask;
+    if (h.is_signed && (value & sign) != 0) value -= mask + 1;
+    out.values[i] = static_cast<float>(value * h.slope + h.intercept);
+  }
+  return out;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The pixels of one DICOM frame, in HU.
+// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
+#pragma once
+
+#include "formats/base/result.h"
+#include "pipeline/read/dicom/dicom_headers.h"
+#include "pipeline/read/dicom/dicom_parse.h"
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+
+/// Decodes the frame `h` of its loaded file: uncompressed of any byte order, deflated, RLE, JPEG
+/// baseline, extended and lossless, JPEG-LS (DCMTK) and JPEG 2000 (OpenJPEG). Only this frame is
+/// read from an uncompressed or encapsulated file, and nothing of it is kept in `format`.
+/// Errors (refused): damaged, truncated, another transfer syntax.
+Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format);
+
+}  // namespace trocar::pipeline

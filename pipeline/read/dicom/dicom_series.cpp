@@ -1,0 +1,407 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/dicom/dicom_series.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "pipeline/base/number_ranges.h"
+#include "pipeline/read/digest.h"
+#include "pipeline/read/file_names.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Replaces a missing series UID. It is equal for images that may belong to one scan.
+std::string substitute_uid(const DicomFile& file) {
+  if (file.frames.empty()) return "(no UID)";
+  const DicomFrame& h = file.frames[0];
+  char rest[128];
+  std::snprintf(rest, sizeof rest, ", %d x %d, %.3f %.3f %.3f %.3f %.3f %.3f)", h.columns, h.rows,
+                h.u.x() + 0.0, h.u.y() + 0.0, h.u.z() + 0.0, h.v.x() + 0.0, h.v.y() + 0.0,
+                h.v.z() + 0.0);
+  return "(no UID, frame of reference '" + h.frame_of_reference + "'" + rest;
+}
+
+bool have_equal_bytes(const std::filesystem::path& a, const std::filesystem::path& b) {
+  if (a == b) return false;  // one file twice in a list, or two frames of it
+  const auto first = digest_file(a), second = digest_file(b);
+  return first && second && *first == *second;
+}
+
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+std::string plural(std::size_t n, const char* what) {
+  return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
+}
+
+// The name of a series with its modality and number of files in brackets.
+std::string description(const DicomSeries& s) {
+  if (s.is_localiser()) return "localiser";
+  const std::string modality = s.info.modality.empty() ? "" : s.info.modality + ", ";
+  if (s.unusable > 0) return modality + plural(s.unusable, "unusable file") + ": " + s.problem;
+  return modality + plural(s.slices.size(), "slice");
+}
+
+std::string name_and_description(const DicomSeries& s) {
+  return series_name(s.info) + " (" + description(s) + ")";
+}
+
+// The name of a series in reports, which must not identify the patient.
+std::string shared_name(const DicomSeries& s) {
+  return s.info.number ? std::to_string(*s.info.number) : "without number";
+}
+std::string shared_description(const DicomSeries& s) {
+  return shared_name(s) + " (" + s.info.modality + ", " +
+         plural(s.slices.size() + s.unusable, "file") + ")";
+}
+
+// The first eight series by their `text`, and the number of the others.
+std::string listed(const std::vector<const DicomSeries*>& series,
+                   std::string (*text)(const DicomSeries&)) {
+  constexpr std::size_t kMax = 8;
+  std::string out;
+  for (std::size_t i = 0; i < std::min(series.size(), kMax); ++i)
+    out += (i == 0 ? "" : ", ") + text(*series[i]);
+  if (series.size() > kMax)
+    out += " and " + std::to_string(series.size() - kMax) + " more, see trocar-mesh list";
+  return out;
+}
+
+// The names of the series, each with its UID if another one has the same number or name.
+std::string distinct_names(const std::vector<const DicomSeries*>& series) {
+  std::string out;
+  for (const DicomSeries* s : series) {
+    const std::string name = series_name(s->info);
+    const auto alike = std::count_if(series.begin(), series.end(), [&](const DicomSeries* other) {
+      return series_name(other->info) == name ||
+             (s->info.number && other->info.number == s->info.number);
+    });
+    out += (out.empty() ? "" : ", ") + name;
+    if (alike > 1 && name != s->info.uid) out += " (" + s->info.uid + ")";
+  }
+  return out;
+}
+
+std::vector<const DicomSeries*> pointers(const std::vector<DicomSeries>& series) {
+  std::vector<const DicomSeries*> out;
+  out.reserve(series.size());
+  for (const DicomSeries& s : series)
+    out.push_back(&s);
+  return out;
+}
+
+// The series that `wanted` names.
+std::vector<const DicomSeries*> matches(const std::vector<DicomSeries>& series,
+                                        const std::string& wanted) {
+  std::vector<const DicomSeries*> out;
+  const auto add = [&](auto is_it) {
+    for (const DicomSeries& s : series) {
+      if (is_it(s.info)) out.push_back(&s);
+    }
+    return !out.empty();
+  };
+  if (add([&](const SeriesInfo& s) { return s.uid == wanted; })) return out;
+  int number = 0;
+  const char* const end = wanted.data() + wanted.size();
+  const auto [rest, error] = std::from_chars(wanted.data(), end, number);
+  const bool is_number = error == std::errc() && rest == end;
+  if (is_number && add([&](const SeriesInfo& s) { return s.number == number; })) return out;
+  if (add([&](const SeriesInfo& s) { return s.description == wanted; })) return out;
+  // A number must not match descriptions such as "Thorax 3.0".
+  if (!is_number) {
+    add([&](const SeriesInfo& s) {
+      return lower(s.description).find(lower(wanted)) != std::string::npos;
+    });
+  }
+  return out;
+}
+
+// Series of lower rank are taken before others.
+int rank(const DicomSeries& s) {
+  if (s.content.kind == ImageContent::Kind::kCt) return 0;
+  return s.content.kind == ImageContent::Kind::kUnknown ? 1 : 2;
+}
+
+// The reason for choosing `best`. `candidates` are the series of `all` that have slices.
+std::string why_chosen(const std::vector<const DicomSeries*>& all,
+                       const std::vector<const DicomSeries*>& candidates, const DicomSeries& best) {
+  const auto alike = std::count_if(candidates.begin(), candidates.end(),
+                                   [&best](const auto* s) { return rank(*s) == rank(best); });
+  const auto equal = std::count_if(candidates.begin(), candidates.end(), [&best](const auto* s) {
+    return rank(*s) == rank(best) && s->images() == best.images();
+  });
+  const bool is_ct = rank(best) == 0;
+  const std::string what = is_ct ? " CT series" : " series";
+  if (equal > 1) {
+    return std::string("the ") + (best.info.number ? "lowest number" : "first UID") + " of the " +
+           std::to_string(equal) + what + " with most slices";
+  }
+  if (alike > 1) return "most slices of the " + std::to_string(alike) + what;
+  const bool has_others = std::any_of(
+      all.begin(), all.end(), [](const auto* s) { return !s->is_localiser() && rank(*s) == 2; });
+  if (is_ct && has_others) return "the only CT series";
+  return candidates.size() == 1 ? "the only one with slices" : "the only one that may be CT";
+}
+
+// Warns of gaps that differ from the median and of shifts within the planes (a tilted gantry).
+void warn_of_gaps(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  const StackShape shape = stack_shape(slices);
+  if (shape.is_tilted()) {
+    warnings.push_back({"gantry_tilt", slices[0].name(),
+                        "slices are shifted within their planes by up to " +
+                            text_of(shape.shift_mm, 4) +
+                            " mm from one to the next; each keeps its position"});
+  }
+  for (std::size_t i = 0; i < shape.gaps_mm.size(); ++i) {
+    const double gap = shape.gaps_mm[i];
+    if (shape.is_uneven(i)) {
+      warnings.push_back({gap > 1.5 * shape.step_mm ? "missing_slice" : "uneven_spacing",
+                          slices[i].name() + ", " + slices[i + 1].name(),
+                          "a gap of " + text_of(gap, 4) + " mm between them, where " +
+                              text_of(shape.step_mm, 4) +
+                              " mm is the median; positions are kept as they are"});
+    }
+  }
+}
+
+// Stored values without a rescale may be HU, but probably are not if other slices of the series
+// have a rescale.
+Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  const auto lacks = [](const DicomFrame& h) { return !h.has_rescale; };
+  const auto first = std::find_if(slices.begin(), slices.end(), lacks);
+  if (first == slices.end()) return {};
+  const auto without = static_cast<std::size_t>(std::count_if(first, slices.end(), lacks));
+  if (without < slices.size()) {
+    return refused(first->name() + ": no rescale slope or intercept, which " +
+                   std::to_string(slices.size() - without) + " of the series' " +
+                   std::to_string(slices.size()) + " slices have");
+  }
+  warnings.push_back({"no_rescale", first->name(),
+                      std::to_string(without) +
+                          " slices lack a rescale slope or intercept (this is the first); 1 and 0 "
+                          "are used, so that the stored values are taken as they are"});
+  return {};
+}
+
+}  // namespace
+
+std::string series_name(const SeriesInfo& series) {
+  if (!series.number && series.description.empty()) return series.uid;
+  std::string number = series.number ? std::to_string(*series.number) : "";
+  if (series.description.empty()) return number;
+  return number + (number.empty() ? "'" : " '") + series.description + "'";
+}
+
+std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
+                                      std::vector<Warning>& warnings) {
+  std::map<std::string, DicomSeries> by_uid;
+  std::string without_series, without_sop;
+  std::size_t series_count = 0, sop_count = 0;
+  for (const DicomFile& file : files) {
+    const std::string name = file.file.string();
+    if (file.kind == DicomFile::Kind::kNotImage) {
+      if (!is_left_by_system(file.file))
+        warnings.push_back({"not_dicom", name, "not a DICOM image; left out"});
+      continue;
+    }
+    if (file.series.uid.empty() && file.kind != DicomFile::Kind::kLocaliser) {
+      if (series_count++ == 0) without_series = name;
+    }
+    const std::string uid = file.series.uid.empty() ? substitute_uid(file) : file.series.uid;
+    DicomSeries& series = by_uid[uid];
+    if (series.files.empty()) {
+      series.info = file.series;
+      series.info.uid = uid;
+      series.content = file.content;
+    }
+    series.files.push_back(file.file);
+    if (file.kind == DicomFile::Kind::kLocaliser) {
+      warnings.push_back({"localiser", name, "a localiser; left out"});
+      ++series.localisers;
+      continue;
+    }
+    // The attributes of a slice replace those of a localiser.
+    if (series.localisers > 0 && series.images() == 0) {
+      series.info = file.series;
+      series.info.uid = uid;
+      series.content = file.content;
+    }
+    if (file.kind == DicomFile::Kind::kUnusable || file.kind == DicomFile::Kind::kSegmentation) {
+      if (series.unusable++ == 0) series.problem = file.problem;
+      const bool is_other = file.content.kind == ImageContent::Kind::kOther;
+      if (!file.is_capture && !is_other) ++series.broken;
+      continue;
+    }
+    if (file.frames[0].sop_uid.empty() && sop_count++ == 0) without_sop = name;
+    series.slices.insert(series.slices.end(), file.frames.begin(), file.frames.end());
+  }
+  if (series_count > 0) {
+    warnings.push_back({"no_series_uid", without_series,
+                        std::to_string(series_count) +
+                            " files have no SeriesInstanceUID (this is the first); they are "
+                            "grouped by frame of reference, orientation and size"});
+  }
+  if (sop_count > 0) {
+    warnings.push_back(
+        {"no_sop_uid", without_sop,
+         std::to_string(sop_count) + " files have no SOPInstanceUID (this is the first)"});
+  }
+  std::vector<DicomSeries> out;
+  out.reserve(by_uid.size());
+  for (auto& [uid, series] : by_uid)
+    out.push_back(std::move(series));
+  std::stable_sort(out.begin(), out.end(), [](const DicomSeries& a, const DicomSeries& b) {
+    constexpr int kLast = std::numeric_limits<int>::max();
+    return a.info.number.value_or(kLast) < b.info.number.value_or(kLast);
+  });
+  return out;
+}
+
+Result<std::string> named_series(const std::vector<DicomSeries>& series,
+                                 const std::string& wanted) {
+  const auto named_so = matches(series, wanted);
+  if (named_so.empty())
+    return usage("no series " + wanted +
+                 "; there are: " + listed(pointers(series), name_and_description));
+  if (named_so.size() > 1) {
+    return usage("--series " + wanted + " is said of " + std::to_string(named_so.size()) +
+                 " series: " + distinct_names(named_so) + "; give a number or a UID");
+  }
+  return named_so[0]->info.uid;
+}
+
+Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
+                                   const std::string& where) {
+  const auto all = pointers(series);
+  if (!uid.empty()) {
+    const auto chosen = std::find_if(series.begin(), series.end(),
+                                     [&uid](const DicomSeries& s) { return s.info.uid == uid; });
+    if (chosen == series.end()) return bug("no series " + uid);
+    if (chosen->is_localiser())
+      return refused(where + ": series " + series_name(chosen->info) + " is a localiser");
+    return ChosenSeries{static_cast<std::size_t>(chosen - series.begin()), {}};
+  }
+  std::vector<const DicomSeries*> candidates;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(candidates),
+               [](const DicomSeries* s) { return s->images() > 0; });
+  if (candidates.empty()) {  // captures, or localisers only
+    const auto other = std::find_if_not(all.begin(), all.end(),
+                                        [](const DicomSeries* s) { return s->is_localiser(); });
+    if (other == all.end()) {
+      return refused(where + ": contains no slices, only " +
+                     (all.size() == 1 ? "the localiser " : "localisers, the first ") +
+                     series_name(all[0]->info));
+    }
+    candidates = {*other};
+  }
+  const auto best = *std::min_element(
+      candidates.begin(), candidates.end(), [](const DicomSeries* a, const DicomSeries* b) {
+        return std::pair(rank(*a), b->images()) < std::pair(rank(*b), a->images());
+      });
+  const std::string why = series.size() == 1 ? "" : why_chosen(all, candidates, *best);
+  return ChosenSeries{static_cast<std::size_t>(best - series.data()), why};
+}
+
+Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series,
+                                          const ChosenSeries& chosen, const std::string& where,
+                                          std::vector<Warning>& warnings) {
+  const DicomSeries& out = series[chosen.index];
+  std::vector<const DicomSeries*> others = pointers(series);
+  std::erase_if(others, [&out](const DicomSeries* s) { return s == &out || s->is_localiser(); });
+  if (!chosen.why.empty() && !others.empty()) {
+    std::set<std::string> studies = {out.info.study_uid};
+    for (const DicomSeries* s : others)
+      studies.insert(s->info.study_uid);
+    const auto said = [&](const std::string& name, const std::string& left_out) {
+      return "series " + name + " was taken (" + chosen.why + ", " +
+             plural(out.slices.size(), "slice") + "); left out: " + left_out +
+             (studies.size() == 1
+                  ? ""
+                  : "; they are of " + std::to_string(studies.size()) + " studies") +
+             "; choose with --series";
+    };
+    warnings.push_back({"other_series", where,
+                        said(series_name(out.info), listed(others, name_and_description)),
+                        said(shared_name(out), listed(others, shared_description))});
+  }
+  if (out.unusable > 0) {
+    return refused(out.problem +
+                   (out.unusable == 1
+                        ? ""
+                        : " (and " + std::to_string(out.unusable - 1) + " more files like it)") +
+                   (chosen.why.empty() ? "" : "; --series chooses another"));
+  }
+  if (auto ok = check_rescale(out.slices, warnings); !ok) return ok.error();
+  return out.slices;
+}
+
+StackShape stack_shape(const std::vector<DicomFrame>& slices) {
+  std::vector<Eigen::Vector3d> positions;
+  positions.reserve(slices.size());
+  for (const DicomFrame& slice : slices)
+    positions.push_back(slice.position);
+  return stack_shape(positions, slices[0].u.cross(slices[0].v));
+}
+
+Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  const DicomFrame first = slices[0];
+  const Eigen::Vector3d normal = first.u.cross(first.v);
+  for (const DicomFrame& h : slices) {
+    const auto differs = [&](const char* what) {
+      return refused(h.name() + ": its " + what + " differs from " + first.name() +
+                     " of the same series");
+    };
+    if (h.rows != first.rows || h.columns != first.columns) return differs("size");
+    if ((h.u - first.u).norm() > 1e-3 || (h.v - first.v).norm() > 1e-3)
+      return differs("orientation");
+    if (std::abs(h.spacing_u_mm - first.spacing_u_mm) > 1e-4 ||
+        std::abs(h.spacing_v_mm - first.spacing_v_mm) > 1e-4)
+      return differs("pixel spacing");
+    if (!h.frame_of_reference.empty() && !first.frame_of_reference.empty() &&
+        h.frame_of_reference != first.frame_of_reference)
+      return differs("frame of reference");
+  }
+  std::stable_sort(slices.begin(), slices.end(),
+                   [&normal](const DicomFrame& a, const DicomFrame& b) {
+                     return normal.dot(a.position) < normal.dot(b.position);
+                   });
+  std::size_t kept = 1, copies = 0;
+  std::string copy;
+  for (std::size_t i = 1; i < slices.size(); ++i) {
+    const DicomFrame &a = slices[kept - 1], &b = slices[i];
+    if (normal.dot(b.position - a.position) < 1e-3) {
+      const bool same = !a.sop_uid.empty() && a.sop_uid == b.sop_uid && a.frame == b.frame;
+      if (!same || !have_equal_bytes(a.file, b.file)) {
+        return refused(b.name() + ": at the same position as " + a.name() +
+                       (same ? ", and the same SOP instance with other contents" : ""));
+      }
+      if (copies++ == 0) copy = b.name();
+      continue;
+    }
+    slices[kept++] = b;
+  }
+  slices.resize(kept);
+  if (copies > 0) {
+    warnings.push_back({"copied_slice", copy,
+                        plural(copies, "slice") + (copies == 1 ? " is" : " are") +
+                            " there twice, equal to the byte (this is the first); the copies are "
+                            "left out"});
+  }
+  warn_of_gaps(slices, warnings);
+  return {};
+}
+
+}  // namespace trocar::pipeline

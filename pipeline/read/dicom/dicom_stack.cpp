@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Reads the headers first (dicom_headers), then chooses the series and orders its slices
+// (dicom_series), and decodes the pixels when a slice is read (dicom_pixels).
+#include "pipeline/read/dicom/dicom_stack.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <set>
+
+#include "pipeline/read/dicom/dicom_headers.h"
+#include "pipeline/read/dicom/dicom_parsed_files.h"
+#include "pipeline/read/dicom/dicom_pixels.h"
+#include "pipeline/read/dicom/dicom_segmentation.h"
+#include "pipeline/read/dicom/dicom_series.h"
+#include "pipeline/read/nifti/resliced_stack.h"
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+namespace {
+
+class DicomStack final : public SliceStack {
+ public:
+  int size() const override { return static_cast<int>(slices_.size()); }
+  int width() const override { return slices_[0].columns; }
+  int height() const override { return slices_[0].rows; }
+  PixelUnit pixel_unit() const override {
+    return modality.empty() ? PixelUnit::kHounsfield : PixelUnit::kUncalibrated;
+  }
+  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
+  std::string name(int slice) const override { return slices_[slice].name(); }
+
+  Result<Image> read(int slice) const override {
+    const DicomFrame& h = slices_[slice];
+    auto format = parsed_.take(h);
+    if (!format) return format.error();
+    auto image = read_dicom_frame(h, **format);
+    parsed_.give_back(h, std::move(*format));
+    return image;
+  }
+
+  std::vector<DicomFrame> slices_;
+  std::vector<SlicePlane> planes_;
+  mutable ParsedFiles parsed_;
+};
+
+// The warning about the use of --spacing.
+Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string& where) {
+  const auto without = std::count_if(slices.begin(), slices.end(),
+                                     [](const DicomFrame& h) { return !h.has_spacing; });
+  if (without == 0) {
+    return {"spacing_ignored", where,
+            "--spacing is for input without a pixel size; the files' own is used"};
+  }
+  return {"no_pixel_spacing", where,
+          std::to_string(without) +
+              " slices have no pixel spacing; X and Y of --spacing are used, and the files' own "
+              "positions"};
+}
+
+Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
+  if (files.size() == 1) {
+    return refused(files[0].file.string() +
+                   ": not a DICOM image, and its name is not that of a NIfTI (.nii, .nii.gz) or an "
+                   "image (.png, .tif, .bmp, .jpg)");
+  }
+  return refused(where + ": contains no DICOM images (" + files[0].file.filename().string() +
+                 " is not one)");
+}
+
+// The segmentation to use if labels are wanted: that of the series, or the only one; null if there
+// is none. Errors: (usage) several.
+Result<const DicomFile*> chosen_segmentation(const std::vector<DicomFile>& headers,
+                                             const std::string& uid, const std::string& where) {
+  std::vector<const DicomFile*> found;
+  for (const DicomFile& file : headers) {
+    const bool is_meant = uid.empty() || file.series.uid == uid;
+    if (file.content.is_segmentation() && is_meant) found.push_back(&file);
+  }
+  if (found.size() < 2) return found.empty() ? nullptr : found[0];
+  constexpr std::size_t kMax = 8;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(found.size(), kMax); ++i)
+    names += (i == 0 ? "" : ", ") + found[i]->file.string();
+  if (found.size() > kMax) names += " and " + std::to_string(found.size() - kMax) + " more";
+  return usage(where + ": holds " + std::to_string(found.size()) +
+               " segmentations, give one of them: " + names);
+}
+
+Result<std::unique_ptr<SliceStack>> open_labels(const DicomFile& file,
+                                                const std::vector<DicomFile>& headers,
+                                                const std::string& where,
+                                                const OpenOptions& options) {
+  if (file.kind != DicomFile::Kind::kSegmentation) return refused(file.problem);
+  auto stack = open_segmentation(file, options);
+  const auto others = std::count_if(headers.begin(), headers.end(), [](const DicomFile& other) {
+    return other.kind != DicomFile::Kind::kNotImage;
+  });
+  if (stack && others > 1) {
+    (*stack)->warnings.push_back({"other_series", where,
+                                  "the segmentation " + file.file.filename().string() +
+                                      " is taken for --labels; left out: " +
+                                      std::to_string(others - 1) + " other DICOM files"});
+  }
+  return stack;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
+                                               const OpenOptions& options) {
+  const std::filesystem::path folder = files[0].parent_path();
+  const std::string where = ((folder.empty() ? "." : folder) / "").string();
+  std::vector<DicomFile> headers;
+  headers.reserve(files.size());
+  for (const std::filesystem::path& file : files)
+    headers.push_back(read_dicom_headers(file, options.spacing_mm, options.any_modality));
+  return open_dicom(std::move(headers), where, options);
+}
+
+Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
+                                               const std::string& where,
+                                               const OpenOptions& options) {
+  auto stack = std::make_unique<DicomStack>();
+  std::vector<Warning> ignored;
+  const auto before = group_series(headers, ignored);
+  if (before.empty()) return no_dicom(headers, where);
+  std::string uid;
+  if (!options.series.empty()) {
+    const auto wanted = named_series(before, options.series);
+    if (!wanted) return wanted.error();
+    uid = *wanted;
+  }
+  if (options.as_labels) {
+    const auto labels = chosen_segmentation(headers, uid, where);
+    if (!labels) return labels.error();
+    if (*labels != nullptr) return open_labels(**labels, headers, where, options);
+  }
+  if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
+  const auto series = group_series(headers, stack->warnings);
+  const auto chosen = choose_series(series, uid, where);
+  if (!chosen) return chosen.error();
+  auto slices = slices_of(series, *chosen, where, stack->warnings);
+  if (!slices) return slices.error();
+  stack->slices_ = std::move(*slices);
+  stack->series = series[chosen->index].info;
+  if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) {
+    return Error{
+        ok.error().code,
+        ok.error().message + (chosen->why.empty() ? "" : "; --series chooses another series")};
+  }
+  if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
+  std::set<std::filesystem::path> used;
+  for (const DicomFrame& h : stack->slices_)
+    used.insert(h.file);
+  stack->modality = other_modality(headers, used, stack->warnings);
+  for (const DicomFile& file : headers) {
+    if (used.count(file.file) > 0) stack->files.push_back(file.file);
+  }
+  const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
+  for (const DicomFrame& h : stack->slices_) {
+    stack->planes_.push_back(plane_of(h, h.position));
+    stack->planes_.back().z_mm = normal.dot(h.position);
+  }
+  if (options.axis) return resliced(std::move(stack), *options.axis, where);
+  return std::unique_ptr<SliceStack>(std::move(stack));
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Digests that identify an input without telling what it holds.
+// Tests: tests/e2e/private_assets_test.py
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::pipeline {
+
+/// BLAKE2b-256 of a file's bytes, hexadecimal. Errors (refused): the file cannot be read.
+Result<std::string> digest_file(const std::filesystem::path& file);
+
+inline constexpr std::size_t kMinKeyBytes = 16, kMaxKeyBytes = 64;
+
+/// The keyed digest of an input: BLAKE2b-256 of the digests of its files (hexadecimal), one after
+/// the other, so that files can be digested in parallel. The key has kMinKeyBytes to kMaxKeyBytes.
+std::string digest_input(const std::vector<std::string>& file_digests,
+                         const std::vector<std::uint8_t>& key);
+
+}  // namespace trocar::pipeline

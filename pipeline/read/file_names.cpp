@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/file_names.h"
+
+#include <algorithm>
+#include <cctype>
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string lower_name(const fs::path& file) {
+  std::string name = file.filename().string();
+  std::transform(name.begin(), name.end(), name.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return name;
+}
+
+}  // namespace
+
+bool has_ending(const fs::path& file, std::initializer_list<const char*> endings) {
+  const std::string name = lower_name(file);
+  return std::any_of(endings.begin(), endings.end(),
+                     [&name](const char* ending) { return name.ends_with(ending); });
+}
+
+bool is_nifti(const fs::path& file) {
+  return has_ending(file, {".nii", ".nii.gz"});
+}
+bool is_image(const fs::path& file) {
+  return has_ending(file, {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg"});
+}
+bool is_dicomdir(const fs::path& file) {
+  return lower_name(file) == "dicomdir";
+}
+bool is_left_by_system(const fs::path& file) {
+  const std::string name = lower_name(file);
+  return is_dicomdir(file) || name == "thumbs.db" || name == "desktop.ini";
+}
+
+bool natural_less(const std::string& a, const std::string& b) {
+  const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+  std::size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (digit(a[i]) && digit(b[j])) {
+      const auto number = [&digit](const std::string& s, std::size_t& k) {
+        while (k < s.size() && s[k] == '0')
+          ++k;
+        const std::size_t first = k;
+        while (k < s.size() && digit(s[k]))
+          ++k;
+        return s.substr(first, k - first);
+      };
+      const std::string m = number(a, i), n = number(b, j);
+      if (m.size() != n.size()) return m.size() < n.size();
+      if (m != n) return m < n;
+    } else {
+      if (a[i] != b[j]) return a[i] < b[j];
+      ++i, ++j;
+    }
+  }
+  return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
+}
+
+}  // namespace trocar::pipeline

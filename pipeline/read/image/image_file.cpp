@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/image/image_file.h"
+
+#include <spng.h>
+#include <tiffio.h>
+#include <turbojpeg.h>
+
+#include <cstdarg>
+#include <cstring>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "formats/base/file_io.h"
+#include "pipeline/read/image/png_pixels.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+Result<void> check_size(std::int64_t width, std::int64_t height, const std::string& name) {
+  if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide ||
+      width * height > kMaxSlicePixels) {
+    return refused(name + ": " + std::to_string(width) + " x " + std::to_string(height) +
+                   " pixels");
+  }
+  return {};
+}
+
+// The buffer for a decoder's output. It is reused from file to file unless it is large, because
+// allocating it takes longer than using it.
+cv::Mat decode_buffer(int height, int width, int type) {
+  constexpr std::size_t kMaxReusedBytes = std::size_t{1} << 24;
+  thread_local cv::Mat kept;
+  if (static_cast<std::size_t>(height) * width * CV_ELEM_SIZE(type) > kMaxReusedBytes)
+    return cv::Mat(height, width, type);
+  kept.create(height, width, type);
+  return kept;
+}
+
+bool has_colours(const cv::Mat& pixels) {
+  cv::Mat first, other;
+  cv::extractChannel(pixels, first, 0);
+  for (int c = 1; c < 3; ++c) {
+    cv::extractChannel(pixels, other, c);
+    if (cv::norm(first, other, cv::NORM_INF) != 0) return true;
+  }
+  return false;
+}
+
+// Unpacks samples of less than 8 bits to one byte each. In a packed row, which starts at a byte,
+// the first sample has the highest bits.
+cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
+  cv::Mat samples(packed.rows, width, CV_8UC1);
+  for (int y = 0; y < packed.rows; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const int bit = x * bits;
+      samples.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(
+          packed.at<std::uint8_t>(y, bit / 8) >> (8 - bits - bit % 8) & ((1 << bits) - 1));
+    }
+  }
+  return samples;
+}
+
+// Converts pixels of 1, 3 or 4 channels to grey levels; `to_grey` (of cv::cvtColor) gives the order
+// of the channels. Works on some rows at a time, so that they stay in the cache.
+Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const std::string& name) {
+  if (wanted == Levels::kStored && pixels.channels() > 1 && has_colours(pixels))
+    return refused(name + ": colours cannot be labels; use grey levels or a palette's indices");
+  constexpr int kRows = 32;
+  thread_local cv::Mat grey, levels;
+  const bool deep = pixels.depth() == CV_16U && wanted == Levels::kTo255;
+  const double scale = deep ? 1.0 / 257.0 : 1.0;
+  Image image{pixels.cols, pixels.rows, {}};
+  image.values.reserve(pixels.total());
+  for (int y = 0; y < pixels.rows; y += kRows) {
+    const cv::Mat rows = pixels.rowRange(y, std::min(y + kRows, pixels.rows));
+    if (pixels.channels() > 1) cv::cvtColor(rows, grey, to_grey);
+    (pixels.channels() > 1 ? grey : rows).convertTo(levels, CV_32F, scale);
+    const auto* first = levels.ptr<float>();
+    image.values.insert(image.values.end(), first, first + levels.total());
+  }
+  return image;
+}
+
+Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wanted) {
+  struct Free {
+    void operator()(spng_ctx* c) const { spng_ctx_free(c); }
+  };
+  const std::unique_ptr<spng_ctx, Free> png(spng_ctx_new(0));
+  if (!png) return refused(name + ": not enough memory");
+  const auto broken = [&name](int error) {
+    return refused(name + ": broken PNG (" + spng_strerror(error) + ")");
+  };
+  spng_set_chunk_limits(png.get(), 1 << 20, 1 << 22);
+  spng_ihdr header;
+  if (int e = spng_set_png_buffer(png.get(), bytes.data(), bytes.size()); e != 0) return broken(e);
+  if (int e = spng_get_ihdr(png.get(), &header); e != 0) return broken(e);
+  if (auto ok = check_size(header.width, header.height, name); !ok) return ok.error();
+  // If OpenCV has a type for the file's own format, it is decoded as stored (in the host's byte
+  // order). Transparency is ignored.
+  const int width = static_cast<int>(header.width), height = static_cast<int>(header.height);
+  int format = SPNG_FMT_PNG, type = CV_8UC3, columns = width;
+  const bool one_sample = header.color_type == SPNG_COLOR_TYPE_INDEXED ||
+                          header.color_type == SPNG_COLOR_TYPE_GRAYSCALE;
+  const bool packed = wanted == Levels::kStored && one_sample && header.bit_depth < 8;
+  if (packed) columns = (width * header.bit_depth + 7) / 8;
+  if (packed || (wanted == Levels::kStored && one_sample && header.bit_depth == 8)) {
+    type = CV_8UC1;
+  } else if (header.color_type == SPNG_COLOR_TYPE_GRAYSCALE) {
+    if (header.bit_depth < 8) format = SPNG_FMT_G8;
+    type = header.bit_depth == 16 ? CV_16UC1 : CV_8UC1;
+  } else if (header.color_type == SPNG_COLOR_TYPE_TRUECOLOR) {
+    type = header.bit_depth == 16 ? CV_16UC3 : CV_8UC3;
+  } else if (header.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA) {
+    type = header.bit_depth == 16 ? CV_16UC4 : CV_8UC4;
+  } else if (header.bit_depth == 16) {
+    format = SPNG_FMT_RGBA16;
+    type = CV_16UC4;
+  } else {
+    format = SPNG_FMT_RGB8;
+  }
+  std::size_t size = 0;
+  if (int e = spng_decoded_image_size(png.get(), format, &size); e != 0) return broken(e);
+  cv::Mat pixels = decode_buffer(height, columns, type);
+  if (packed) pixels.setTo(0);  // libspng adds an interlaced file's samples to the buffer
+  if (size != pixels.total() * pixels.elemSize())
+    return bug(name + ": the decoded PNG's size differs from its header's");
+  const bool plain =
+      format == SPNG_FMT_PNG && header.bit_depth >= 8 && header.interlace_method == 0;
+  if (plain) {
+    if (int e = spng_decode_chunks(png.get()); e != 0) return broken(e);
+  }
+  const PngRows rows{height, pixels.step[0], pixels.channels(),
+                     static_cast<int>(pixels.elemSize1())};
+  if (!plain || !decode_png_pixels(bytes, rows, {pixels.data, size})) {
+    if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0)
+      return broken(e);
+  }
+  return to_image(packed ? unpacked(pixels, width, header.bit_depth) : pixels,
+                  pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
+}
+
+Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
+  struct Destroy {
+    void operator()(void* handle) const { tjDestroy(handle); }
+  };
+  const std::unique_ptr<void, Destroy> jpeg(tjInitDecompress());
+  if (!jpeg) return refused(name + ": not enough memory");
+  const auto broken = [&] {
+    std::string why = tjGetErrorStr2(jpeg.get());
+    for (char& c : why)
+      c = c == '\n' ? ' ' : c;
+    return refused(name + ": broken JPEG (" + why + ")");
+  };
+  int width = 0, height = 0, subsampling = 0, colours = 0;
+  if (tjDecompressHeader3(jpeg.get(), bytes.data(), bytes.size(), &width, &height, &subsampling,
+                          &colours) != 0)
+    return broken();
+  if (auto ok = check_size(width, height, name); !ok) return ok.error();
+  const bool grey = colours == TJCS_GRAY;
+  const cv::Mat pixels = decode_buffer(height, width, grey ? CV_8UC1 : CV_8UC3);
+  // A warning means that the decoder substituted missing pixels, so it is treated as an error. The
+  // number of scans (passes of a progressive JPEG) is limited.
+  if (tjDecompress2(jpeg.get(), bytes.data(), bytes.size(), pixels.data, width,
+                    static_cast<int>(pixels.step[0]), height, grey ? TJPF_GRAY : TJPF_BGR,
+                    TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
+    return broken();
+  }
+  return to_image(pixels, cv::COLOR_BGR2GRAY, Levels::kTo255, name);
+}
+
+struct TiffClose {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+
+// Reads the stored samples row by row: 16 bits a channel, which libtiff's own conversion would
+// reduce to 8, or labels of 1 or 8 bits.
+Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int channels,
+                             const std::string& name, Levels wanted) {
+  std::uint16_t planar = PLANARCONFIG_CONTIG;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
+  if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
+      (channels != 1 && channels != 3 && channels != 4)) {
+    return refused(name + ": a TIFF of " + std::to_string(bits) + " bits in tiles, planes or " +
+                   std::to_string(channels) + " channels");
+  }
+  cv::Mat pixels = decode_buffer(height, bits == 1 ? (width + 7) / 8 : width,
+                                 CV_MAKETYPE(bits == 16 ? CV_16U : CV_8U, channels));
+  if (TIFFScanlineSize64(tiff) != pixels.step[0])
+    return refused(name + ": broken TIFF (rows of another length)");
+  for (int y = 0; y < height; ++y) {
+    if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
+      return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
+  }
+  return to_image(bits == 1 ? unpacked(pixels, width, 1) : pixels,
+                  channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
+}
+
+Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name, Levels wanted) {
+  const auto silent = [](TIFF*, void*, const char*, const char*, va_list) { return 1; };
+  std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)> options(TIFFOpenOptionsAlloc(),
+                                                                       TIFFOpenOptionsFree);
+  if (!options) return refused(name + ": not enough memory");
+  TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), tmsize_t{1} << 29);
+  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), silent, nullptr);
+  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), silent, nullptr);
+  const std::unique_ptr<TIFF, TiffClose> tiff(TIFFOpenExt(file.c_str(), "rm", options.get()));
+  std::uint32_t width = 0, height = 0;
+  if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) != 1 ||
+      TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {
+    return refused(name + ": broken TIFF");
+  }
+  if (TIFFLastDirectory(tiff.get()) == 0) {
+    return refused(name +
+                   ": a TIFF of several pages; only files of one image are read (tiffsplit "
+                   "splits it)");
+  }
+  if (auto ok = check_size(width, height, name); !ok) return ok.error();
+  std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
+                photometric = PHOTOMETRIC_MINISBLACK;
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, &channels);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &sample);
+  TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
+  if ((bits != 1 && bits != 8 && bits != 16) || sample != SAMPLEFORMAT_UINT)
+    return refused(name + ": neither 8 nor 16 bits a channel");
+  const int w = static_cast<int>(width), h = static_cast<int>(height);
+  const bool deep =
+      bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB);
+  const bool labels =
+      wanted == Levels::kStored && channels == 1 &&
+      (photometric == PHOTOMETRIC_PALETTE || (bits == 1 && photometric == PHOTOMETRIC_MINISBLACK));
+  if (deep || labels) return read_tiff_rows(tiff.get(), w, h, bits, channels, name, wanted);
+  const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
+  if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
+                                reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,
+                                1) != 1) {
+    return refused(name + ": broken TIFF");
+  }
+  return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
+}
+
+// Width and height are at fixed offsets; whether they have 16 or 32 bits follows from
+// the header's size.
+Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
+                       const std::string& name, Levels wanted) {
+  if (bytes.size() < 30) return refused(name + ": broken BMP");
+  const auto i32 = [&bytes](std::size_t at) {
+    std::int32_t value;
+    std::memcpy(&value, bytes.data() + at, 4);
+    return static_cast<std::int64_t>(value);
+  };
+  const bool old = i32(14) == 12;
+  const std::int64_t columns = old ? bytes[18] | bytes[19] << 8 : i32(18);
+  const std::int64_t rows = old ? bytes[20] | bytes[21] << 8 : std::abs(i32(22));
+  if (auto ok = check_size(columns, rows, name); !ok) return ok.error();
+  int width = 0, height = 0, format = TJPF_BGR;
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> loaded(
+      tjLoadImage(file.c_str(), &width, 1, &height, &format, 0), tjFree);
+  if (!loaded || width != columns || height != rows) {
+    return refused(name + ": broken BMP, or one of neither 8, 24 nor 32 bits a pixel");
+  }
+  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY, wanted, name);
+}
+
+}  // namespace
+
+Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) {
+  const std::string name = file.string();
+  const auto read = read_file(file);
+  if (!read) return refused(name + ": cannot be read");
+  const Bytes& bytes = *read;
+  const auto starts = [&bytes](std::string_view magic) {
+    return bytes.size() > magic.size() &&
+           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
+  };
+  try {
+    using namespace std::string_view_literals;
+    if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name, wanted);
+    if (starts("\xff\xd8\xff"sv)) {
+      if (wanted == Levels::kStored)
+        return refused(name + ": a JPEG cannot hold labels: its levels are not exact");
+      return read_jpeg(bytes, name);
+    }
+    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name, wanted);
+    if (starts("BM"sv)) return read_bmp(file, bytes, name, wanted);
+    return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
+  } catch (const cv::Exception& e) {
+    return refused(name + ": " + e.err);
+  } catch (const std::bad_alloc&) {
+    return refused(name + ": not enough memory to decode it");
+  }
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Decodes JPEG 2000 with OpenJPEG, since DCMTK has no decoder for it.
+// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::pipeline {
+
+struct Jpeg2000 {
+  std::vector<std::int32_t> samples;  ///< row by row
+  bool is_signed = false;
+};
+
+/// The samples of a codestream of one component of up to 16 bits. `name` is used in messages.
+/// Errors (refused): not a bare codestream, another size than width x height, damaged.
+Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
+                                 const std::string& name);
+
+}  // namespace trocar::pipeline

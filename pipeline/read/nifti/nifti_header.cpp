@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/nifti/nifti_header.h"
+
+#include <nifti2_io.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <memory>
+
+namespace trocar::pipeline {
+namespace {
+
+struct ImageDeleter {
+  void operator()(nifti_image* image) const { nifti_image_free(image); }
+};
+using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
+
+// 0: not supported. That includes 128-bit floats: quadruple precision in the standard, 80-bit in
+// most files.
+int bytes_of(int datatype) {
+  switch (datatype) {
+    case NIFTI_TYPE_UINT8:
+    case NIFTI_TYPE_INT8:
+      return 1;
+    case NIFTI_TYPE_UINT16:
+    case NIFTI_TYPE_INT16:
+      return 2;
+    case NIFTI_TYPE_UINT32:
+    case NIFTI_TYPE_INT32:
+    case NIFTI_TYPE_FLOAT32:
+      return 4;
+    case NIFTI_TYPE_UINT64:
+    case NIFTI_TYPE_INT64:
+    case NIFTI_TYPE_FLOAT64:
+      return 8;
+    default:
+      return 0;
+  }
+}
+
+// The sform's matrix contains the voxel size; without an sform, pixdim gives it. libnifti2 replaces
+// missing sizes by 1, and with a qform negative ones too. (dim[0] has been checked.)
+template <typename Header>
+bool has_voxel_size(const Header& h) {
+  if (h.sform_code > 0) return true;
+  return std::all_of(h.pixdim + 1, h.pixdim + 1 + std::min<std::int64_t>(3, h.dim[0]),
+                     [&](double size) {
+                       return std::isfinite(size) && (h.qform_code > 0 ? size > 0 : size != 0);
+                     });
+}
+
+// Converts the header to this machine's byte order and lets libnifti2 interpret it. Sizes are
+// checked here, on the header itself: the library multiplies them unchecked.
+template <typename Header>
+Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
+                           const std::string& file, NiftiHeader& out) {
+  Header h;
+  std::memcpy(&h, head.data(), sizeof h);
+  constexpr bool kFirst = sizeof(Header) == sizeof(nifti_1_header);
+  const char* magic = h.magic;
+  if (std::memcmp(magic, kFirst ? "ni1" : "ni2", 4) == 0) {
+    return refused(file + ": one of a pair of files (.hdr and .img); single .nii files are read");
+  }
+  if (std::memcmp(magic, kFirst ? "n+1" : "n+2", 4) != 0)
+    return refused(file + ": not a NIfTI file (no magic number)");
+  if (swapped) swap_nifti_header(&h, kFirst ? 1 : 2);
+  if (h.dim[0] < 1 || h.dim[0] > 7)
+    return refused(file + ": " + std::to_string(h.dim[0]) + " dimensions");
+  for (int i = 1; i <= 7; ++i) {
+    const std::int64_t side = i <= h.dim[0] ? static_cast<std::int64_t>(h.dim[i]) : 1;
+    if (i <= 3 && (side < 1 || side > kMaxImageSide))
+      return refused(file + ": a side of " + std::to_string(side) + " voxels");
+    if (i > 3 && side > 1) return refused(file + ": more than three dimensions");
+  }
+  for (int i = static_cast<int>(h.dim[0]) + 1; i <= 7; ++i)
+    h.dim[i] = 1;
+  const auto start = static_cast<double>(h.vox_offset);
+  if (start != 0 && !(start >= static_cast<double>(sizeof(Header)) && start < 1e12))
+    return refused(file + ": voxels at byte " + std::to_string(start));
+  if (bytes_of(h.datatype) == 0 || h.bitpix != 8 * bytes_of(h.datatype)) {
+    return refused(file + ": voxel type " + std::string(nifti_datatype_string(h.datatype)) +
+                   " of " + std::to_string(h.bitpix) + " bits is not a real number");
+  }
+  out.has_voxel_size = has_voxel_size(h);
+  if (h.sform_code > 0) {
+    out.pixdim_beside_sform_mm = {std::abs(h.pixdim[1]), std::abs(h.pixdim[2]),
+                                  h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
+  }
+  if constexpr (kFirst) {
+    return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()));
+  } else {
+    return NiftiImage(nifti_convert_n2hdr2nim(h, file.c_str()));
+  }
+}
+
+// The voxel-to-patient matrix in LPS mm, by sform, qform or, failing both, the voxel sizes.
+Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
+                             std::vector<Warning>& warnings) {
+  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
+  const auto take = [&T](const nifti_dmat44& m) {
+    for (int r = 0; r < 4; ++r) {
+      for (int c = 0; c < 4; ++c)
+        T(r, c) = m.m[r][c];
+    }
+  };
+  if (image.sform_code > 0) {
+    take(image.sto_xyz);
+  } else if (image.qform_code > 0) {
+    take(image.qto_xyz);
+  } else {
+    T.diagonal() << image.dx, image.dy, image.dz, 1.0;
+    warnings.push_back({"no_orientation", file,
+                        "the file has neither sform nor qform; array axes are taken as right, "
+                        "anterior, superior"});
+  }
+  return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
+}
+
+// The file's unit of length in mm; files that name none are in mm. 0: unknown.
+double unit_mm(int xyz_units) {
+  switch (xyz_units) {
+    case NIFTI_UNITS_UNKNOWN:
+    case NIFTI_UNITS_MM:
+      return 1;
+    case NIFTI_UNITS_METER:
+      return 1000;
+    case NIFTI_UNITS_MICRON:
+      return 0.001;
+    default:
+      return 0;
+  }
+}
+
+}  // namespace
+
+Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
+                                       const std::string& file, std::vector<Warning>& warnings) {
+  nifti_set_debug_level(0);
+  if (head.size() < sizeof(nifti_1_header))
+    return refused(file + ": not a NIfTI file (shorter than its header)");
+  std::uint32_t size;
+  std::memcpy(&size, head.data(), sizeof size);
+  const bool swapped = size == __builtin_bswap32(348) || size == __builtin_bswap32(540);
+  if (swapped) size = __builtin_bswap32(size);
+  NiftiHeader out;
+  Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
+  if (size == 348) {
+    image = convert<nifti_1_header>(head, swapped, file, out);
+  } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
+    image = convert<nifti_2_header>(head, swapped, file, out);
+  }
+  if (!image) return image.error();
+  if (*image == nullptr) return refused(file + ": its header is not acceptable");
+
+  const nifti_image& m = **image;
+  out.n = {m.nx, m.ny, m.nz};
+  for (std::int64_t side : out.n) {
+    if (side < 1 || side > kMaxImageSide)
+      return refused(file + ": a side of " + std::to_string(side) + " voxels");
+  }
+  out.datatype = m.datatype;
+  out.bytes_per_voxel = bytes_of(m.datatype);
+  out.swapped = swapped;
+  out.data_start = m.iname_offset > 0 ? m.iname_offset : (size == 348 ? 352 : 544);
+  const double mm = unit_mm(m.xyz_units);
+  if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
+  out.T_lps_voxel = voxel_to_lps(m, file, warnings);
+  out.T_lps_voxel.topRows<3>() *= mm;
+  if (out.pixdim_beside_sform_mm) {
+    for (double& side : *out.pixdim_beside_sform_mm)
+      side *= mm;
+  }
+  if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
+    return refused(file + ": its affine is not finite or out of range");
+  if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {
+    out.slope = m.scl_slope;
+    out.intercept = m.scl_inter;
+  }
+  return out;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/review/mesh_thumbnail.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <vector>
+
+namespace trocar::pipeline {
+namespace {
+
+// All colours are RGB. The picture is drawn larger and then made smaller, which smooths its lines.
+constexpr int kLarger = 3, kShift = 4;
+const cv::Scalar kBackground(20, 22, 25), kOutline(255, 165, 0);
+constexpr double kDarkest = 0.35, kEdge = 0.62, kMargin = 0.04;
+constexpr std::array<std::array<double, 3>, 6> kMaterials{{{235, 228, 214},
+                                                           {86, 180, 233},
+                                                           {0, 158, 115},
+                                                           {240, 228, 66},
+                                                           {204, 121, 167},
+                                                           {213, 94, 0}}};
+
+struct Box {
+  std::int32_t low_x = std::numeric_limits<std::int32_t>::max(), low_y = low_x;
+  std::int32_t high_x = std::numeric_limits<std::int32_t>::min(), high_y = high_x;
+};
+
+struct HuRange {
+  float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+};
+
+// Brightness of a triangle, from 0 for the lowest HU of the slice to 1 for the highest.
+double brightness(const AssetSlice& slice, const Triangle& t, const HuRange& range) {
+  if (slice.hu.empty() || !(range.high > range.low)) return 1;
+  double sum = 0;
+  for (const std::uint32_t v : t)
+    sum += slice.hu[v];
+  return std::clamp((sum / 3 - range.low) / (static_cast<double>(range.high) - range.low), 0.0,
+                    1.0);
+}
+
+cv::Scalar colour(int material, double light) {
+  const auto& c = kMaterials[static_cast<std::size_t>(material) % kMaterials.size()];
+  return {c[0] * light, c[1] * light, c[2] * light};
+}
+
+}  // namespace
+
+std::optional<int> middle_slice(const Asset& asset) {
+  std::vector<int> with;
+  for (const AssetSlice& s : asset.slices) {
+    if (!s.mesh.triangles.empty() && (with.empty() || with.back() != s.index))
+      with.push_back(s.index);
+  }
+  if (with.empty()) return {};
+  return with[with.size() / 2];
+}
+
+Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
+  std::vector<const AssetSlice*> shown;
+  Box box;
+  HuRange range;
+  for (const AssetSlice& s : asset.slices) {
+    if (s.index != slice || s.mesh.triangles.empty()) continue;
+    shown.push_back(&s);
+    for (const LatticePoint p : s.mesh.vertices) {
+      box.low_x = std::min(box.low_x, p.x), box.high_x = std::max(box.high_x, p.x);
+      box.low_y = std::min(box.low_y, p.y), box.high_y = std::max(box.high_y, p.y);
+    }
+    for (const float hu : s.hu)
+      range.low = std::min(range.low, hu), range.high = std::max(range.high, hu);
+  }
+  const double width = static_cast<double>(box.high_x) - box.low_x,
+               height = static_cast<double>(box.high_y) - box.low_y;
+  const int large = size_px * kLarger;
+  const double scale = large * (1 - 2 * kMargin) / std::max({width, height, 1.0});
+  const auto pixel = [&](LatticePoint p) {
+    const auto along = [&](double value, double low, double size) {
+      return static_cast<int>(
+          std::lround(((value - low - size / 2) * scale + large / 2.0) * (1 << kShift)));
+    };
+    return cv::Point(along(p.x, box.low_x, width), along(p.y, box.low_y, height));
+  };
+  cv::Mat sheet(large, large, CV_8UC3, kBackground);
+  for (const AssetSlice* s : shown) {
+    for (const Triangle& t : s->mesh.triangles) {
+      const std::array<cv::Point, 3> corners{pixel(s->mesh.vertices[t[0]]),
+                                             pixel(s->mesh.vertices[t[1]]),
+                                             pixel(s->mesh.vertices[t[2]])};
+      const double light = kDarkest + (1 - kDarkest) * brightness(*s, t, range);
+      cv::fillConvexPoly(sheet, corners.data(), 3, colour(s->material, light), cv::LINE_8, kShift);
+      for (std::size_t k = 0; k < 3; ++k)
+        cv::line(sheet, corners[k], corners[(k + 1) % 3], colour(s->material, light * kEdge), 1,
+                 cv::LINE_8, kShift);
+    }
+  }
+  for (const AssetSlice* s : shown) {
+    for (const Ring& ring : s->pslg.rings) {
+      for (std::size_t i = 0; i < ring.size(); ++i)
+        cv::line(sheet, pixel(ring[i]), pixel(ring[(i + 1) % ring.size()]), kOutline, kLarger,
+                 cv::LINE_8, kShift);
+    }
+  }
+  cv::Mat small;
+  cv::resize(sheet, small, {size_px, size_px}, 0, 0, cv::INTER_AREA);
+  const double step = asset.lattice.step_mm();
+  return {{small.cols, small.rows, std::vector<std::uint8_t>(small.datastart, small.dataend)},
+          width * step,
+          height * step};
+}
+
+}  // namespace trocar::pipeline

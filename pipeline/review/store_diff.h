@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The differences between the assets of two stores, the worst first.
+// Tests: tests/e2e/review_test.py
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "pipeline/review/stored_asset.h"
+
+namespace trocar::pipeline {
+
+/// A value for the asset in the store, and for the asset in the other store.
+template <typename T>
+struct Both {
+  T now{}, before{};
+};
+
+struct AssetDifference {
+  /// Largest two-sided Hausdorff distance between the outlines of a slice, over the slices with
+  /// material in both assets. If their planes differ, the later asset's plane counts. Accurate to
+  /// 0.001 mm.
+  double hausdorff_mm = 0;
+  int worst_slice = -1;  ///< slice of that distance; -1 if no slice has material in both
+  int slices_changed = 0;
+  Both<int> slices_alone;  ///< slices with material in only one of the assets
+  Both<double> area_mm2;
+  Both<std::uint64_t> triangles;
+};
+/// Compares two assets, whose slices correspond by index and material.
+AssetDifference compare_assets(const Asset& now, const Asset& before);
+
+struct ScanDifference {
+  /// Kinds of difference, the worst first.
+  enum class Kind { kDamaged, kFailed, kGone, kChanged, kRepaired, kNew };
+  std::string name;
+  Kind kind = Kind::kChanged;
+  std::string reason;        ///< reason of kDamaged or kFailed
+  AssetDifference geometry;  ///< differences of kChanged
+  Both<std::uint64_t> bytes;
+};
+/// "damaged", "failed" (and before it had not), "gone" (no entry any more), "changed", "repaired"
+/// (failed before), "new".
+const char* name_of(ScanDifference::Kind kind);
+
+struct StoreDiff {
+  std::size_t same = 0;  ///< scans with byte-identical assets, or that failed in both
+  std::vector<ScanDifference> differences;
+};
+/// Compares two stores, reading only assets whose digests differ. The differences are ordered by
+/// kind; slices with material in one asset only; distance; difference of area, of triangles, of
+/// bytes; name. `stop`, if given, ends the comparison early (unwritable).
+Result<StoreDiff> compare_stores(const farm::Store& now, const farm::Store& before,
+                                 const std::atomic<bool>* stop = nullptr);
+
+}  // namespace trocar::pipeline

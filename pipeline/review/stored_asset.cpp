@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/review/stored_asset.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "pipeline/farm/sha256.h"
+
+namespace trocar::farm {
+
+std::vector<IndexedScan> indexed_scans(const Store& store) {
+  std::vector<IndexedScan> out;
+  for (const std::string& name : store.names()) {
+    IndexedScan scan;
+    scan.name = name;
+    scan.reason = "its entry in the index is damaged";
+    if (const std::optional<ScanEntry> entry = store.entry(name)) {
+      scan.status = entry->is_done() ? IndexedScan::Status::kDone : IndexedScan::Status::kFailed;
+      if (entry->is_done()) scan.asset = entry->outputs->asset;
+      scan.reason = entry->reason;
+    }
+    out.push_back(std::move(scan));
+  }
+  std::sort(out.begin(), out.end(),
+            [](const IndexedScan& a, const IndexedScan& b) { return a.name < b.name; });
+  return out;
+}
+
+Result<Asset> read_stored_asset(const Store& store, const Object& object) {
+  const std::filesystem::path file = store.content_file(object.sha256);
+  const auto damaged = [&](const std::string& why) {
+    return refused(file.string() + ": " + why + "; trocar-mesh batch --verify makes it again");
+  };
+  const auto bytes = read_file(file, object.bytes);
+  if (!bytes) return damaged("cannot be read, or is longer than the index says");
+  if (sha256_of(*bytes) != object.sha256) return damaged("its bytes are not those of its digest");
+  auto asset = decode_asset(*bytes, file.string());
+  if (!asset) return asset.error();
+  return asset;
+}
+
+}  // namespace trocar::farm

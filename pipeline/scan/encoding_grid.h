@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The grid on which the vertices of all slices are encoded.
+// Tests: tests/pipeline/scan/materials_test.cpp
+#pragma once
+
+#include "formats/asset/asset.h"
+#include "pipeline/scan/mesh_slice.h"
+
+namespace trocar::pipeline {
+
+/// The quantisation grid of the slices `first` to `last`, which holds every vertex: their image, or
+/// its crop, with a margin. Errors: those of asset_grid().
+Result<DracoGrid> encoding_grid(const SliceStack& stack, int first, int last,
+                                const MeshOptions& options);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A bound on the area of triangles as a function of position, for smaller triangles where HU
+// change.
+#pragma once
+
+#include <vector>
+
+#include "pipeline/contour/contour.h"
+
+namespace trocar::pipeline {
+
+/// The bound at a position is the area of an equilateral triangle along whose edges HU change by at
+/// most the wanted number, according to the gradient of the image (Sobel's, which averages noise
+/// over nine pixels). It is never less than kMinArea_px2. The edge grows by at most half of the
+/// distance from a position with a shorter edge, so that every triangle that is large enough to
+/// contain such a position is refined.
+class GradedArea {
+ public:
+  static constexpr double kMinArea_px2 = 1;
+
+  /// `hu_per_edge` > 0.
+  GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edge);
+  /// The bound at the nearest pixel.
+  double mm2_at(LatticePoint p) const;
+  double min_mm2() const { return min_mm2_; }
+
+ private:
+  PixelGrid grid_;
+  int width_, height_;
+  double min_mm2_;
+  std::vector<float> edge_mm_;  // edge length by pixel
+};
+
+}  // namespace trocar::pipeline

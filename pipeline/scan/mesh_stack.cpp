@@ -1,0 +1,407 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/scan/mesh_stack.h"
+
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
+
+#include <iterator>
+#include <map>
+#include <mutex>
+#include <new>
+#include <numeric>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "formats/base/json_text.h"
+#include "pipeline/base/parallel_for.h"
+#include "pipeline/read/digest.h"
+#include "pipeline/scan/asset_materials.h"
+#include "pipeline/scan/empty_asset.h"
+#include "pipeline/scan/encoding_grid.h"
+#include "pipeline/scan/report.h"
+#include "pipeline/scan/run_stages.h"
+#include "pipeline/scan/warnings.h"
+#include "pipeline/segment/label_pixels.h"
+#include "pipeline/surface/asset_surfaces.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using nlohmann::json;
+
+// The input of all stages.
+struct Run {
+  const SliceStack& stack;
+  StackOptions options;
+  int first, last;
+  int threads;
+  RunStages stages;
+
+  // The label map, if the material is chosen by labels; else null.
+  const Labels* labels() const { return std::get_if<Labels>(&options.mesh.segmentation); }
+  bool is_stopped() const { return options.stop != nullptr && options.stop->load(); }
+  double waited_ms() const {
+    return stack.waited_ms() + (options.mesh.hu != nullptr ? options.mesh.hu->waited_ms() : 0);
+  }
+};
+
+// An entry of the asset and of the report.
+struct EncodedMaterial {
+  int first_label = 0;  // of MeshedMaterial
+  EncodedSlice slice;
+  std::vector<std::uint8_t> report;  // as CBOR, a tenth of the JSON tree's size
+};
+
+struct FinishedSlice {
+  std::vector<EncodedMaterial> materials;
+  json stages;
+  std::vector<SliceWarning> warnings;
+  std::set<int> labels;
+  ValueTally values;
+  double area_mm2 = 0;
+  json ms;  // by stage
+};
+
+// The results of the parallel stage.
+struct Finished {
+  std::vector<Result<std::string>> digests;  // by input file
+  std::vector<std::optional<Result<FinishedSlice>>> slices;
+};
+
+// All slices together.
+struct Collected {
+  std::vector<EncodedMaterial> materials;
+  std::vector<SliceWarning> warnings;
+  std::set<int> labels;
+  ValueTally values;
+  double area_mm2 = 0;
+  json stages;  // of StackOptions::dump_slice
+};
+
+Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<DracoGrid>& grid) {
+  const SliceStack& stack = run.stack;
+  const StackOptions& options = run.options;
+  auto meshed = mesh_slice(stack, index, options.mesh);
+  if (!meshed) return meshed.error();
+  Stopwatch watch;
+  if (!grid) return Error{grid.error().code, stack.name(index) + ": " + grid.error().message};
+  const SlicePlane& plane = stack.plane(index);
+  FinishedSlice out;
+  if (options.dump_slice == index)
+    out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
+  out.warnings = slice_warnings(index, *meshed, options.mesh.segmentation, options.names);
+  out.labels = std::move(meshed->labels);
+  out.values = std::move(meshed->values);
+  out.area_mm2 = meshed->area_mm2();
+
+  std::vector<json> reports;
+  for (const MeshedMaterial& material : meshed->materials)
+    reports.push_back(slice_report(index, plane.z_mm, material, meshed->max_area_bound_mm2));
+  for (MeshedMaterial& material : meshed->materials) {
+    std::vector<float> hu;
+    if (material.hu) hu = std::move(material.hu->values);
+    auto encoded = encode_slice({index,
+                                 plane.z_mm,
+                                 plane.T_lps_plane,
+                                 {},
+                                 std::move(material.refined.mesh),
+                                 json_text(slice_measures(material)),
+                                 0,
+                                 std::move(hu)},
+                                material.outline, *grid);
+    if (!encoded) return encoded.error();
+    out.materials.push_back({material.first_label, std::move(*encoded), {}});
+  }
+  out.ms = stage_times(meshed->times);
+  out.ms["encode"] = watch.lap_ms();
+  reports[0]["ms"] = out.ms;
+  for (std::size_t k = 0; k < reports.size(); ++k)
+    out.materials[k].report = json::to_cbor(reports[k]);
+  return out;
+}
+
+// The files whose digests identify the input. Without a key there are none: an unkeyed digest would
+// identify the scan.
+std::vector<std::filesystem::path> files_to_digest(const Run& run) {
+  if (run.options.input_key.empty()) return {};
+  std::vector<std::filesystem::path> out = run.stack.files;
+  if (const SliceStack* hu = run.options.mesh.hu; hu != nullptr)
+    out.insert(out.end(), hu->files.begin(), hu->files.end());
+  return out;
+}
+
+// The time of each stage, of all threads together. `task_ms` begins with the digests.
+std::map<std::string, double> thread_times(const std::vector<double>& task_ms, double unpack_ms,
+                                           const Finished& finished) {
+  std::map<std::string, double> out;
+  for (std::size_t i = 0; i < finished.digests.size(); ++i)
+    out["digest"] += task_ms[i];
+  for (const auto& slice : finished.slices) {
+    for (const auto& [stage, ms] : (**slice).ms.items())
+      out[stage] += ms.get<double>();
+  }
+  out["read"] -= unpack_ms;
+  out["unpack"] = unpack_ms;
+  return out;
+}
+
+// Digests the files and meshes the slices in parallel: a task for each file, then one for each
+// slice. Errors: (unwritable) stopped; the lowest slice's; those of a volume that is unpacked
+// meanwhile.
+Result<Finished> digest_and_mesh(Run& run, const Result<DracoGrid>& grid) {
+  const std::vector<std::filesystem::path> files = files_to_digest(run);
+  const std::size_t slices = static_cast<std::size_t>(run.last - run.first + 1);
+  Finished out{std::vector<Result<std::string>>(files.size(), std::string()),
+               std::vector<std::optional<Result<FinishedSlice>>>(slices)};
+  std::vector<double> task_ms(files.size() + slices);
+  std::mutex mutex;
+  int finished = 0;
+  const auto mesh = [&](std::size_t k) {
+    const int index = run.first + static_cast<int>(k);
+    try {
+      out.slices[k] = mesh_and_encode(run, index, grid);
+    } catch (const std::bad_alloc&) {
+      out.slices[k] = refused(run.stack.name(index) + ": not enough memory");
+    }
+    if (run.options.progress) {
+      const std::lock_guard lock(mutex);
+      run.options.progress(++finished, static_cast<int>(slices));
+    }
+  };
+  const double waited_before_ms = run.waited_ms();
+  run.stages.lap("open");
+  parallel_for(static_cast<int>(task_ms.size()), [&](int i) {
+    const auto task = static_cast<std::size_t>(i);
+    Stopwatch watch;
+    if (run.is_stopped()) return;
+    if (task < files.size()) {
+      out.digests[task] = digest_file(files[task]);
+    } else {
+      mesh(task - files.size());
+    }
+    task_ms[task] = watch.lap_ms();
+  });
+  if (run.is_stopped()) return unwritable("interrupted; nothing was written");
+  for (const auto& result : out.slices) {
+    if (!*result) return result->error();
+  }
+  run.stages.lap_shared(run.threads, std::accumulate(task_ms.begin(), task_ms.end(), 0.0),
+                        thread_times(task_ms, run.waited_ms() - waited_before_ms, out));
+  for (const SliceStack* const read : {&run.stack, run.options.mesh.hu}) {
+    if (read == nullptr) continue;
+    if (const auto whole = read->finish(); !whole) return whole.error();
+  }
+  run.stages.lap("unpack");
+  return out;
+}
+
+Collected collect(std::vector<std::optional<Result<FinishedSlice>>> slices) {
+  Collected out;
+  for (auto& result : slices) {
+    FinishedSlice one = std::move(**result);
+    std::move(one.materials.begin(), one.materials.end(), std::back_inserter(out.materials));
+    out.warnings.insert(out.warnings.end(), one.warnings.begin(), one.warnings.end());
+    out.values.add(one.values);
+    out.area_mm2 += one.area_mm2;
+    out.labels.merge(one.labels);
+    if (!one.stages.is_null()) out.stages = std::move(one.stages);
+  }
+  return out;
+}
+
+// The parameters that the asset stores: also what was found out about the scan.
+json used_parameters(const Run& run, const json& parameters, const Collected& all) {
+  json out = parameters;
+  if (run.stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    out["modality"] = run.stack.modality;
+    out["values_are_hu"] = false;
+  }
+  if (const Labels* labels = run.labels(); labels != nullptr && labels->all)
+    out["labels"] = all.labels;
+  return out;
+}
+
+// The materials with triangles in any slice.
+MaterialIndices material_indices(const std::vector<EncodedMaterial>& materials) {
+  MaterialIndices out;
+  for (const EncodedMaterial& one : materials) {
+    if (one.slice.triangles > 0) out.emplace(one.first_label, 0);
+  }
+  int next = 0;
+  for (auto& [first_label, index] : out)
+    index = next++;
+  return out;
+}
+
+void warn_of_labels(const Run& run, const Collected& all, const MaterialIndices& indices,
+                    json& warnings) {
+  const Labels& wanted = *run.labels();
+  const auto warn = [&](const char* code, const std::set<int>& labels, const char* sentence) {
+    if (labels.empty()) return;
+    warnings.push_back({{"code", code},
+                        {"where", run.options.names.list(labels)},
+                        {"sentence", sentence},
+                        {"labels", labels}});
+  };
+  std::set<int> absent = wanted.all ? std::set<int>() : wanted.labels;
+  for (const int label : all.labels)
+    absent.erase(label);
+  warn("label_absent", absent, "not in the slices that were meshed");
+  warn("label_dropped", labels_without_material(all.labels, wanted, indices),
+       "all of its components are smaller than --min-region");
+}
+
+json slices_report(std::vector<EncodedMaterial>& materials, const Asset& asset,
+                   const MaterialIndices& indices) {
+  json out = json::array();
+  for (EncodedMaterial& one : materials) {
+    json& slice = out.emplace_back(json::from_cbor(std::exchange(one.report, {})));
+    if (asset.materials.size() > 1 && slice["triangles"] > 0)
+      slice["material"] =
+          asset.materials[static_cast<std::size_t>(indices.at(one.first_label))].name;
+  }
+  return out;
+}
+
+json labels_report(const Run& run, const std::set<int>& labels) {
+  json out = json::array();
+  for (const int label : labels)
+    out.push_back({{"label", label}, {"name", run.options.names.name_of(label)}});
+  return out;
+}
+
+}  // namespace
+
+Result<void> check_ranges(const SliceStack& stack, const StackOptions& options) {
+  if (options.slices) {
+    const auto [a, b] = *options.slices;
+    if (a < 0 || b < a || b >= stack.size()) {
+      return usage("--slices " + std::to_string(a) + ":" + std::to_string(b) +
+                   (b < a ? " ends before it begins; there are 0:" : " is outside 0:") +
+                   std::to_string(stack.size() - 1));
+    }
+  }
+  if (options.mesh.grade_hu > 0 && (stack.pixel_unit() != PixelUnit::kHounsfield ||
+                                    std::holds_alternative<Labels>(options.mesh.segmentation)))
+    return usage("--grade needs a scan in HU: images, label maps and other modalities have none");
+  if (options.colours && options.mesh.hu == nullptr &&
+      (stack.pixel_unit() != PixelUnit::kHounsfield ||
+       std::holds_alternative<Labels>(options.mesh.segmentation)))
+    return usage("--colour needs HU: a scan in HU, or the CT of a label map (--hu)");
+  if (options.mesh.crop) {
+    const Crop& c = *options.mesh.crop;
+    if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||
+        c.y1 >= stack.height()) {
+      const bool is_narrow = c.x1 <= c.x0 || c.y1 <= c.y0;
+      return usage(
+          "--crop " + std::to_string(c.x0) + ":" + std::to_string(c.x1) + "," +
+          std::to_string(c.y0) + ":" + std::to_string(c.y1) +
+          (is_narrow ? " must be two pixels wide and high at least, within 0:" : " is outside 0:") +
+          std::to_string(stack.width() - 1) + ",0:" + std::to_string(stack.height() - 1));
+    }
+  }
+  return {};
+}
+
+Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& given,
+                               const json& parameters) {
+  if (auto ok = check_ranges(stack, given); !ok) return ok.error();
+  Run run{stack,
+          given,
+          given.slices ? given.slices->first : 0,
+          given.slices ? given.slices->second : stack.size() - 1,
+          given.threads > 0 ? given.threads : oneapi::tbb::info::default_concurrency(),
+          RunStages(given.start)};
+  StackOptions& options = run.options;
+  options.names.add_defaults(stack.label_names);
+  if (options.surface) options.surface->stop = options.stop;
+  const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
+                                          static_cast<std::size_t>(run.threads));
+  std::optional<SolidBone> solid;
+  if (options.solid.any()) {
+    run.stages.lap("open");
+    auto made = SolidBone::make(stack, options.mesh.segmentation, options.axis, options.solid);
+    if (!made) return made.error();
+    solid = std::move(*made);
+    options.mesh.solid = &*solid;
+    run.stages.lap("solid");
+  }
+  Result<DracoGrid> grid = encoding_grid(stack, run.first, run.last, options.mesh);
+  if (grid) grid->colours = options.colours;
+
+  auto finished = digest_and_mesh(run, grid);
+  if (!finished) return finished.error();
+  std::vector<std::string> file_digests;
+  for (const auto& digest : finished->digests) {
+    if (!digest) return digest.error();
+    file_digests.push_back(*digest);
+  }
+  Collected all = collect(std::move(finished->slices));
+  json used = used_parameters(run, parameters, all);
+  json warnings =
+      run_warnings(stack, options.mesh.segmentation, all.values, all.area_mm2, all.warnings);
+
+  StackResult out;
+  out.stages = std::move(all.stages);
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used)};
+  asset.lines = options.lines;
+  asset.colours = options.colours;
+  if (!options.input_key.empty())
+    out.input_key_digest = asset.input_key_digest = digest_input(file_digests, options.input_key);
+  const MaterialIndices indices = material_indices(all.materials);
+  if (indices.empty())
+    return empty_asset_error(stack, run.first, run.last, options.mesh, options.names);
+  if (const Labels* labels = run.labels()) {
+    asset.materials = asset_materials(options.names, *labels, indices);
+    warn_of_labels(run, all, indices, warnings);
+    if (asset.materials.size() > kMaxMaterials)
+      return refused(input_name(stack) + ": more than " + std::to_string(kMaxMaterials) +
+                     " labels; join some to one material, as --labels 1-20+21");
+  }
+  std::vector<EncodedSlice> encoded;
+  for (EncodedMaterial& one : all.materials) {
+    if (one.slice.triangles > 0) one.slice.material = indices.at(one.first_label);
+    encoded.push_back(std::move(one.slice));
+  }
+  json surface;
+  run.stages.lap("collect");
+  if (options.surface) {
+    auto added =
+        add_surfaces(stack, run.first, run.last, options.mesh, *options.surface,
+                     material_segmentations(options.mesh.segmentation, indices), asset, warnings);
+    if (!added) return added.error();
+    surface = std::move(*added);
+    run.stages.lap("surface");
+  }
+  AssetSizes sizes;
+  auto glb = assemble_asset(asset, std::move(encoded), &sizes);
+  if (!glb) return glb.error();
+  out.glb = std::move(*glb);
+  run.stages.lap("assemble");
+
+  json slices = slices_report(all.materials, asset, indices);
+  run.stages.lap("collect");
+  out.report = {{"schema", "trocar.report/1"},
+                {"program", "trocar-mesh " TROCAR_VERSION},
+                {"parameters", std::move(used)},
+                {"slices", std::move(slices)},
+                {"asset", asset_report(sizes, out.glb.size())},
+                {"assemble_ms", run.stages.ms().at("assemble")},
+                {"stages_ms", run.stages.ms()},
+                {"total_ms", Stopwatch(options.start).lap_ms()},
+                {"threads", run.threads},
+                {"peak_rss_bytes", peak_rss_bytes()},
+                {"warnings", std::move(warnings)}};
+  if (run.labels() != nullptr) out.report["labels"] = labels_report(run, all.labels);
+  if (solid)
+    out.report["solid"] = {{"filled_mm3", solid->filled_mm3()},
+                           {"dropped_mm3", solid->dropped_mm3()}};
+  if (options.surface) {
+    out.report["surface"] = std::move(surface);
+    out.report["asset"]["surface_bytes"] = sizes.surface_bytes;
+  }
+  return out;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Meshes the slices of a scan in parallel into one asset and one report.
+// Tests: tests/pipeline/scan/materials_test.cpp
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "formats/asset/asset.h"
+#include "pipeline/scan/label_names.h"
+#include "pipeline/scan/mesh_slice.h"
+#include "pipeline/surface/display_surface.h"
+
+namespace trocar::pipeline {
+
+struct StackOptions {
+  MeshOptions mesh;
+  SolidOptions solid;
+  LabelNames names;  ///< names of a label map's labels; the scan's own are added
+  std::optional<SurfaceOptions> surface;      ///< adds a surface for display
+  std::optional<SliceAxis> axis;              ///< axis along which the stack was opened
+  std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
+  int threads = 0;                            ///< 0: all cores
+  std::vector<std::uint8_t> input_key;        ///< key of the input's digest; empty: no digest
+  bool lines = false;                         ///< Asset::lines
+  bool colours = false;                       ///< Asset::colours
+  std::optional<int> dump_slice;              ///< slice whose stages are kept for pictures
+  std::function<void(int done, int total)> progress;  ///< called by any thread, one call at a time
+  const std::atomic<bool>* stop = nullptr;            ///< set by a signal handler to stop early
+  /// Start of the report's total_ms, which includes opening the scan.
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+};
+
+struct StackResult {
+  std::string input_key_digest;  ///< empty without a key
+  std::vector<std::uint8_t> glb;
+  nlohmann::json report;
+  nlohmann::json stages;  ///< stages of slice dump_slice, or null
+};
+
+/// Errors (usage): slices or crop outside the stack, colours or graded areas without HU.
+Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
+
+/// The same stack and options give the same glb, with any number of threads. If values are not HU,
+/// report and asset state this (formats/asset/asset.md). warnings.h lists the report's warnings.
+/// Errors: those of check_ranges(); those of mesh_slice(), the lowest slice's first, so that one
+/// slice that fails stops the run without an asset; (refused) no slice has any material;
+/// (unwritable) stopped.
+Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
+                               const nlohmann::json& parameters);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The borders of the materials of one slice, from their contours to simplified outlines.
+// Tests: tests/pipeline/scan/materials_test.cpp
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "pipeline/contour/label_borders.h"
+#include "pipeline/scan/mesh_slice.h"
+#include "pipeline/scan/slice_pixels.h"
+
+namespace trocar::pipeline {
+
+/// The grid of the slice's cropped pixels.
+PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options);
+
+/// The contours of a slice's field, which comes from slice_field(), as one material.
+Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
+                 const Field& field);
+
+struct SliceBorders {
+  std::vector<Pslg> outlines;  ///< outline of each material
+  /// The borders that several materials share, of which `outlines` are the material_outlines().
+  std::optional<LabelBorders> shared;
+};
+
+/// The contours of all materials of a slice. Merges small components in pixels.several and removes
+/// the materials that vanish from `materials`, which keeps at least one entry.
+SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
+                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials);
+
+SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
+                        const SimplificationOptions& options);
+
+/// The two-sided Hausdorff distance of each material between its borders and the borders of the
+/// same index in `other`, in mm.
+std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorders& other,
+                                 const Lattice& lattice);
+
+}  // namespace trocar::pipeline

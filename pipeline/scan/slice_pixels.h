@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The pixels of one slice, segmented, and which materials they belong to.
+// Tests: tests/pipeline/scan/materials_test.cpp
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "pipeline/scan/mesh_slice.h"
+#include "pipeline/segment/label_pixels.h"
+
+namespace trocar::pipeline {
+
+struct SlicePixels {
+  Field field;                       ///< all materials together
+  std::optional<Image> original;     ///< the values before segmentation, where `field` lost them
+  std::optional<Image> ct;           ///< the CT beside a label map
+  bool needs_hu = false;             ///< whether the slice's own values are used as HU
+  std::optional<double> solid_mean;  ///< result of SolidBone::apply()
+  /// The materials' pixels if the slice has several; else no value, since `field` has the only one.
+  MaterialImage several = {};
+
+  /// The image of HU for the HU field and graded areas; null if there is none.
+  const Image* hu() const {
+    if (ct) return &*ct;
+    if (!needs_hu) return nullptr;
+    return original ? &*original : &field.image;
+  }
+};
+
+struct SliceImages {
+  Image image;
+  std::optional<Image> ct;
+};
+
+/// Errors: those of stack.read().
+Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options);
+
+/// Segments a slice. Sets of `out`: the materials with first_label and mean_hu (at least one),
+/// labels, values and all_material. Errors: (refused) too many materials; (usage) options that only
+/// one material can have.
+Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
+                                  SliceImages images, MeshedSlice& out);
+
+}  // namespace trocar::pipeline

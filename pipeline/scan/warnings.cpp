@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/scan/warnings.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <set>
+#include <utility>
+
+#include "formats/base/json_text.h"
+#include "pipeline/base/number_ranges.h"
+#include "pipeline/scan/asset_materials.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using nlohmann::json;
+
+// Skin and muscle have 20 to 80 HU.
+constexpr double kSkin_HU = 100;
+
+// A sentence and where it applies.
+struct Statement {
+  std::string sentence;
+  std::set<int> slices;
+  std::vector<std::string> places;
+  double low = 0, high = 0;  // range of the values that # stands for
+};
+
+// All statements with one code.
+struct CodeGroup {
+  std::string code;
+  std::vector<Statement> statements;
+};
+
+Statement& statement_of(std::vector<CodeGroup>& kinds, const std::string& code,
+                        const std::string& sentence) {
+  auto kind = std::find_if(kinds.begin(), kinds.end(),
+                           [&code](const CodeGroup& other) { return other.code == code; });
+  if (kind == kinds.end()) kind = kinds.insert(kind, {code, {}});
+  auto statement =
+      std::find_if(kind->statements.begin(), kind->statements.end(),
+                   [&sentence](const Statement& other) { return other.sentence == sentence; });
+  if (statement == kind->statements.end())
+    statement = kind->statements.insert(statement, {sentence, {}, {}});
+  return *statement;
+}
+
+// The first three texts and the number of the others.
+std::string first_of(const std::vector<std::string>& texts, const char* separator) {
+  constexpr std::size_t kMax = 3;
+  std::string out;
+  for (std::size_t i = 0; i < std::min(texts.size(), kMax); ++i)
+    out.append(i == 0 ? "" : separator).append(texts[i]);
+  if (texts.size() > kMax) out += " and " + std::to_string(texts.size() - kMax) + " more";
+  return out;
+}
+
+std::string where(const std::set<int>& slices, const std::vector<std::string>& places) {
+  return slices.empty() ? first_of(places, ", ") : named_ranges("slice", slices);
+}
+
+std::string sentence(const Statement& statement) {
+  const std::size_t at =
+      statement.slices.empty() ? std::string::npos : statement.sentence.find('#');
+  if (at == std::string::npos) return statement.sentence;
+  char value[64];
+  if (statement.low == statement.high) {
+    std::snprintf(value, sizeof value, "%.6g", statement.low);
+  } else {
+    std::snprintf(value, sizeof value, "%.6g to %.6g", statement.low, statement.high);
+  }
+  return statement.sentence.substr(0, at) + value + statement.sentence.substr(at + 1);
+}
+
+json entry(const CodeGroup& kind) {
+  Statement all;
+  std::vector<std::string> sentences;
+  for (const Statement& statement : kind.statements) {
+    all.slices.insert(statement.slices.begin(), statement.slices.end());
+    all.places.insert(all.places.end(), statement.places.begin(), statement.places.end());
+    sentences.push_back(sentence(statement));
+    if (kind.statements.size() > 1)
+      sentences.back() += " (" + where(statement.slices, statement.places) + ")";
+  }
+  json out = {{"code", kind.code},
+              {"where", where(all.slices, all.places)},
+              {"sentence", first_of(sentences, "; ")}};
+  if (!all.slices.empty()) out["slices"] = all.slices;
+  if (!all.places.empty()) out["places"] = all.places;
+  return out;
+}
+
+void add_volumes(const VoxelConflict& conflict, double area_mm2, json& warnings) {
+  const MaterialVolumes material = material_volumes(conflict, area_mm2);
+  for (json& warning : warnings) {
+    if (warning["code"] != kVoxelVolume) continue;
+    warning["voxel_mm3"] = {{"sform", conflict.sform_mm3}, {"pixdim", conflict.pixdim_mm3}};
+    warning["material_mm3"] = {{"sform", material.sform_mm3}, {"pixdim", material.pixdim_mm3}};
+  }
+}
+
+}  // namespace
+
+std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
+                                         const Segmentation& segmentation,
+                                         const LabelNames& names) {
+  std::vector<SliceWarning> out;
+  // The materials of a slice share bounds and outcome.
+  const Refined& refined = meshed.materials[0].refined;
+  if (refined.mesh.triangles.empty()) {
+    out.push_back({"empty_slice", index, "without material"});
+  }
+  if (meshed.all_material) {
+    out.push_back({"all_material", index, "every pixel is material: nothing is outside"});
+  }
+  if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
+    out.push_back({"area_not_reached", index,
+                   "the wanted area needs too many vertices here; refined to # mm^2 "
+                   "instead",
+                   refined.max_area_mm2});
+  }
+  switch (refined.outcome) {
+    case RefinementOutcome::kRefined:
+      break;
+    case RefinementOutcome::kLatticeTooCoarse:
+      out.push_back({"lattice_too_coarse", index,
+                     "# triangles a few lattice steps wide were left as they are",
+                     static_cast<double>(refined.bad_at_lattice_step)});
+      break;
+    case RefinementOutcome::kAngleNotReached:
+      out.push_back({"angle_not_reached", index,
+                     "the wanted angle needs too many vertices here; refined to # degrees "
+                     "instead",
+                     static_cast<double>(refined.angle_deg)});
+      return out;
+    case RefinementOutcome::kVertexBudget:
+      out.push_back({"vertex_budget", index,
+                     "refinement stopped at its vertex budget; the mesh is valid, but not "
+                     "all angles and areas are within bounds"});
+      return out;
+  }
+  for (const MeshedMaterial& material : meshed.materials) {
+    if (material.quality.below_unexplained == 0) continue;
+    std::string which;
+    if (meshed.materials.size() > 1) {
+      which = " of " + json_text(json(material_name(names, std::get<Labels>(segmentation),
+                                                    material.first_label)));
+    }
+    out.push_back({"angle_not_reached", index,
+                   "# triangles" + which +
+                       " are below the wanted angle although the input has no such small "
+                       "angle there",
+                   static_cast<double>(material.quality.below_unexplained)});
+  }
+  return out;
+}
+
+json warnings_json(const std::vector<Warning>& of_scan,
+                   const std::vector<SliceWarning>& of_slices) {
+  std::vector<CodeGroup> kinds;
+  for (const Warning& w : of_scan)
+    statement_of(kinds, w.code, w.sentence).places.push_back(w.where);
+  for (const SliceWarning& w : of_slices) {
+    Statement& statement = statement_of(kinds, w.code, w.sentence);
+    statement.low = statement.slices.empty() ? w.value : std::min(statement.low, w.value);
+    statement.high = statement.slices.empty() ? w.value : std::max(statement.high, w.value);
+    statement.slices.insert(w.slice);
+  }
+  json out = json::array();
+  for (const CodeGroup& kind : kinds)
+    out.push_back(entry(kind));
+  for (const Warning& w : of_scan) {
+    if (w.shared.empty()) continue;
+    for (json& warning : out)
+      if (warning["code"] == w.code) warning["shared"] = w.shared;
+  }
+  return out;
+}
+
+json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
+                  const ValueTally& values, double area_mm2,
+                  const std::vector<SliceWarning>& of_slices) {
+  std::vector<Warning> out = stack.warnings;
+  const std::string input = input_name(stack);
+  if (stack.voxel_conflict) {
+    out.push_back(voxel_volume_warning(*stack.voxel_conflict,
+                                       material_volumes(*stack.voxel_conflict, area_mm2), input));
+  }
+  const auto* threshold = std::get_if<Threshold>(&segmentation);
+  if (threshold != nullptr && stack.pixel_unit() == PixelUnit::kHounsfield &&
+      threshold->value < kSkin_HU) {
+    out.push_back({"face", "--threshold",
+                   "below 100 HU the skin is material: a face can be recognised in the asset"});
+  }
+  if (auto doubt = value_warning(values, stack.pixel_unit(), segmentation, input))
+    out.push_back(std::move(*doubt));
+  json entries = warnings_json(out, of_slices);
+  if (stack.voxel_conflict) add_volumes(*stack.voxel_conflict, area_mm2, entries);
+  return entries;
+}
+
+}  // namespace trocar::pipeline

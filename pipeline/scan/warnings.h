@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The warnings of a run: those of slices and of the whole scan, and their entries in the report.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "pipeline/scan/label_names.h"
+#include "pipeline/scan/mesh_slice.h"
+
+namespace trocar::pipeline {
+
+/// A warning of one slice. `value` replaces a # in the sentence.
+struct SliceWarning {
+  std::string code;
+  int slice = 0;
+  std::string sentence;
+  double value = 0;
+};
+
+/// The warnings about the mesh of slice `index`.
+std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
+                                         const Segmentation& segmentation, const LabelNames& names);
+
+/// `warnings[]` of the report. It has one entry for each code, in the order in which the codes
+/// first occur, with `code`, `where`, `sentence`, and all `slices` (numbers) or `places` (the texts
+/// of Warning::where). If the values of slices differ, the sentence has the lowest and the highest.
+nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
+                             const std::vector<SliceWarning>& of_slices);
+
+/// `warnings[]` of a run. `values` and `area_mm2` are those of all meshed slices together. Adds the
+/// warnings of the stack, voxel_volume (read/voxel_volume.h), face, and those of
+/// label_map_detection.h to the warnings of the slices.
+nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
+                            const ValueTally& values, double area_mm2,
+                            const std::vector<SliceWarning>& of_slices);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/segment/connected_components.h"
+
+#include <utility>
+
+#include "formats/base/disjoint_sets.h"
+
+namespace trocar::pipeline {
+double VoxelGrid::width_mm(std::size_t axis, std::size_t i) const {
+  const std::vector<double>& at = at_mm[axis];
+  if (at.size() < 2) return 1;
+  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
+  return (at[b] - at[a]) / static_cast<double>(b - a);
+}
+
+VoxelComponents find_components(const VoxelGrid& grid, std::span<const std::uint8_t> voxels) {
+  const std::size_t nx = grid.count(0), ny = grid.count(1), nz = grid.count(2);
+  VoxelComponents out;
+  std::vector<std::size_t> first(ny * nz + 1);  // index of each row's first run
+  for (std::size_t row = 0; row < ny * nz; ++row) {
+    first[row] = out.runs.size();
+    const std::size_t end = (row + 1) * nx;
+    for (std::size_t i = row * nx; i < end;) {
+      if (voxels[i] == 0) {
+        ++i;
+        continue;
+      }
+      VoxelComponents::Run run{i, i, 0};
+      while (run.end < end && voxels[run.end] != 0)
+        ++run.end;
+      i = run.end;
+      out.runs.push_back(run);
+    }
+  }
+  first[ny * nz] = out.runs.size();
+
+  DisjointSets sets(out.runs.size());
+  // Joins the runs of two rows that share a corner. `apart` is the offset from a voxel of `other`
+  // to the voxel of `row` at the same x.
+  const auto join_rows = [&](std::size_t row, std::size_t other, std::size_t apart) {
+    std::size_t a = first[row], b = first[other];
+    while (a < first[row + 1] && b < first[other + 1]) {
+      const auto &r = out.runs[a], &s = out.runs[b];
+      if (r.begin <= s.end + apart && s.begin + apart <= r.end)
+        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
+      (r.end < s.end + apart ? a : b) += 1;
+    }
+  };
+  for (std::size_t z = 0; z < nz; ++z) {
+    for (std::size_t y = 0; y < ny; ++y) {
+      const std::size_t row = z * ny + y;
+      if (y > 0) join_rows(row, row - 1, nx);
+      if (z == 0) continue;
+      if (y > 0) join_rows(row, row - ny - 1, (ny + 1) * nx);
+      join_rows(row, row - ny, ny * nx);
+      if (y + 1 < ny) join_rows(row, row - ny + 1, (ny - 1) * nx);
+    }
+  }
+
+  std::vector<std::uint32_t> number(out.runs.size());
+  for (std::size_t r = 0; r < out.runs.size(); ++r) {
+    VoxelComponents::Run& run = out.runs[r];
+    const std::uint32_t root = sets.root(static_cast<std::uint32_t>(r));
+    if (root == r) {
+      number[r] = static_cast<std::uint32_t>(out.volume_mm3.size());
+      out.volume_mm3.push_back(0);
+    }
+    run.component = number[root];
+    const std::size_t row = run.begin / nx;
+    const double area_mm2 = grid.width_mm(1, row % ny) * grid.width_mm(2, row / ny);
+    for (std::size_t i = run.begin; i < run.end; ++i)
+      out.volume_mm3[run.component] += area_mm2 * grid.width_mm(0, i % nx);
+  }
+  return out;
+}
+
+}  // namespace trocar::pipeline

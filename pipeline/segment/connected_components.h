@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The connected components of a volume of voxels.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace trocar::pipeline {
+
+/// The grid of a volume: the positions of the voxels' centres along each axis in mm, ascending. It
+/// is row-major: voxel (x, y, z) is value [(z * ny + y) * nx + x].
+struct VoxelGrid {
+  std::array<std::vector<double>, 3> at_mm;
+  std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
+  std::size_t size() const { return count(0) * count(1) * count(2); }
+  /// The width of a voxel: half of the distance between its neighbours; at the ends the distance to
+  /// the only neighbour.
+  double width_mm(std::size_t axis, std::size_t i) const;
+};
+
+/// Components connected by faces, edges or corners, as runs of voxels along x. Component c has the
+/// volume volume_mm3[c].
+struct VoxelComponents {
+  struct Run {
+    std::size_t begin = 0, end = 0;  ///< voxels [begin, end)
+    std::uint32_t component = 0;     ///< numbered in the order of their first voxels
+  };
+  std::vector<Run> runs;
+  std::vector<double> volume_mm3;
+};
+
+/// The components of the voxels that are != 0. O(voxels).
+VoxelComponents find_components(const VoxelGrid& grid, std::span<const std::uint8_t> voxels);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A label map's pixels as materials, each a set of labels, and which of them are connected.
+// Tests: tests/pipeline/contour/label_borders_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <set>
+#include <span>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/segment/segmentation.h"
+
+namespace trocar::pipeline {
+
+using MaterialNumber = std::uint16_t;
+inline constexpr MaterialNumber kNoMaterial = 0;
+inline constexpr std::size_t kMaxMaterials = 65'535;
+
+/// Row-major, as Image: kNoMaterial, or one more than the index of the pixel's material.
+struct MaterialImage {
+  int width = 0, height = 0;
+  std::vector<MaterialNumber> values;
+  /// The labels of each material that occur in the image.
+  std::vector<std::set<int>> labels;
+
+  MaterialNumber at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
+};
+
+/// A pixel belongs to the first of the materials that has its label; a label is a whole number.
+/// At most kMaxMaterials. O(pixels).
+MaterialImage material_image(const Image& labels, std::span<const Labels> materials);
+
+/// The materials of a label map (Labels::joined) that occur in an image.
+struct LabelMaterials {
+  MaterialImage image;
+  /// The smallest label of each material, ascending, even if that label does not occur. It
+  /// identifies the material in every slice.
+  std::vector<int> first_labels;
+};
+/// Errors (refused): more than kMaxMaterials. O(pixels + m log m) for m materials.
+Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted);
+
+/// The connected diagonal of a cell of four pixels a, b, c, d, counter-clockwise, in which all
+/// neighbours differ.
+enum class Diagonal : std::uint8_t {
+  kNone,  ///< the materials touch in a point
+  kAC,
+  kBD,
+};
+
+/// A diagonal of one material is connected. If both diagonals are, only that of the material with
+/// the lower number is. Background is never connected, so that two materials on the other diagonal
+/// touch in a point.
+inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialNumber c,
+                                   MaterialNumber d) {
+  const bool ac = a == c && a != kNoMaterial, bd = b == d && b != kNoMaterial;
+  if (ac && (!bd || a < b)) return Diagonal::kAC;
+  return bd ? Diagonal::kBD : Diagonal::kNone;
+}
+
+/// Merges each component (connected pixels of one material) of less than `min_pixels` in area, the
+/// smallest first, into the material with which it has the longest border, or into the background.
+/// A hole (connected background that does not extend to the image's border) counts as a component,
+/// so it is filled. Every pixel belongs to one component before and after, so no gap or overlap
+/// arises. Of equal borders that of the material with the lowest number wins, and background comes
+/// last. The area is that within the half-way outline (half a pixel for a single pixel), without
+/// holes; merged components have the sum of their areas. O(pixels + n log n) for n components.
+void merge_small_components(MaterialImage& image, double min_pixels);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/segment/plane_flood.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+// The lower envelope of parabolas (x - at[i])^2 + height[i], evaluated at every at[i].
+class LowerEnvelope {
+ public:
+  void run(std::span<const double> at, std::vector<double>& height) {
+    const std::size_t n = at.size();
+    apex_.resize(n);
+    begin_.resize(n + 1);
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (height[i] == kInfinite) continue;
+      double from = -kInfinite;
+      while (count > 0) {
+        const std::size_t j = apex_[count - 1];
+        from = ((height[i] + at[i] * at[i]) - (height[j] + at[j] * at[j])) / (2 * (at[i] - at[j]));
+        if (from > begin_[count - 1]) break;
+        --count;
+        from = -kInfinite;
+      }
+      apex_[count] = i;
+      begin_[count++] = from;
+    }
+    if (count == 0) return;
+    value_.resize(n);
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      while (k + 1 < count && begin_[k + 1] < at[i])
+        ++k;
+      const double step = at[i] - at[apex_[k]];
+      value_[i] = step * step + height[apex_[k]];
+    }
+    height.swap(value_);
+  }
+
+ private:
+  std::vector<std::size_t> apex_;
+  std::vector<double> begin_, value_;
+};
+
+// The width of a cell: half of the distance between its neighbours; at the ends the distance to the
+// only neighbour.
+double cell_width(std::span<const double> at, std::size_t i) {
+  if (at.size() < 2) return 1;
+  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
+  return (at[b] - at[a]) / static_cast<double>(b - a);
+}
+
+// Collects the pixels connected by edges with `start` whose `open` is 1, and sets their `open` to
+// 0.
+void take_patch(const PlaneGrid& grid, std::size_t start, std::vector<std::uint8_t>& open,
+                std::vector<std::size_t>& patch) {
+  const std::size_t width = grid.u_mm.size(), height = grid.v_mm.size();
+  patch.assign(1, start);
+  open[start] = 0;
+  for (std::size_t next = 0; next < patch.size(); ++next) {
+    const std::size_t i = patch[next], x = i % width, y = i / width;
+    const auto add = [&](bool exists, std::size_t neighbour) {
+      if (!exists || open[neighbour] == 0) return;
+      open[neighbour] = 0;
+      patch.push_back(neighbour);
+    };
+    add(x > 0, i - 1);
+    add(x + 1 < width, i + 1);
+    add(y > 0, i - width);
+    add(y + 1 < height, i + width);
+  }
+}
+
+}  // namespace
+
+void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
+                       std::vector<float>& squared_mm2) {
+  const std::size_t width = grid.u_mm.size(), height = grid.v_mm.size();
+  squared_mm2.resize(set.size());
+  LowerEnvelope envelope;
+  std::vector<double> line;
+  for (std::size_t y = 0; y < height; ++y) {
+    line.resize(width);
+    for (std::size_t x = 0; x < width; ++x)
+      line[x] = set[y * width + x] != 0 ? 0 : kInfinite;
+    envelope.run(grid.u_mm, line);
+    for (std::size_t x = 0; x < width; ++x)
+      squared_mm2[y * width + x] = static_cast<float>(line[x]);
+  }
+  for (std::size_t x = 0; x < width; ++x) {
+    line.resize(height);
+    for (std::size_t y = 0; y < height; ++y)
+      line[y] = static_cast<double>(squared_mm2[y * width + x]);
+    envelope.run(grid.v_mm, line);
+    for (std::size_t y = 0; y < height; ++y)
+      squared_mm2[y * width + x] = static_cast<float>(line[y]);
+  }
+}
+
+void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
+                   double largest_mm2, std::vector<std::uint8_t>& enclosed) {
+  const std::size_t width = grid.u_mm.size(), height = grid.v_mm.size();
+  enclosed.assign(grid.size(), 0);
+  if (std::all_of(solid.begin(), solid.end(), [](std::uint8_t s) { return s == 0; })) return;
+  // The limit is slightly above the radius, so that an equal distance does not depend on rounding.
+  const double limit_mm = radius_mm * (1 + 1e-6);
+  const auto squared = static_cast<float>(limit_mm * limit_mm);
+  std::vector<float> distance;
+  squared_distances(grid, solid, distance);
+  std::vector<std::uint8_t> open(grid.size()), reached(grid.size(), 0);
+  for (std::size_t i = 0; i < open.size(); ++i)
+    open[i] = distance[i] > squared ? 1 : 0;
+
+  std::vector<std::size_t> patch;
+  const auto flood = [&](std::size_t start) {
+    if (open[start] == 0) return;
+    take_patch(grid, start, open, patch);
+    for (const std::size_t i : patch)
+      reached[i] = 1;
+  };
+  for (std::size_t x = 0; x < width; ++x) {
+    flood(x);
+    flood((height - 1) * width + x);
+  }
+  for (std::size_t y = 0; y < height; ++y) {
+    flood(y * width);
+    flood(y * width + width - 1);
+  }
+
+  squared_distances(grid, reached, distance);
+  for (std::size_t i = 0; i < open.size(); ++i)
+    open[i] = solid[i] == 0 && distance[i] > squared ? 1 : 0;
+  for (std::size_t start = 0; start < open.size(); ++start) {
+    if (open[start] == 0) continue;
+    take_patch(grid, start, open, patch);
+    double area_mm2 = 0;
+    for (const std::size_t i : patch)
+      area_mm2 += cell_width(grid.u_mm, i % width) * cell_width(grid.v_mm, i / width);
+    if (area_mm2 > largest_mm2) continue;
+    for (const std::size_t i : patch)
+      enclosed[i] = 1;
+  }
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Regions of a plane of pixels that a disc cannot enter from outside.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace trocar::pipeline {
+
+/// Positions of the pixels' columns and rows in mm, ascending; they need not be evenly spaced.
+struct PlaneGrid {
+  std::span<const double> u_mm, v_mm;
+  std::size_t size() const { return u_mm.size() * v_mm.size(); }
+};
+
+/// Squared distance in mm^2 from each pixel's centre to the nearest pixel of `set` (row-major, !=
+/// 0); infinite if the set is empty. Exact up to rounding. O(pixels). (P. Felzenszwalb, D.
+/// Huttenlocher, Distance transforms of sampled functions, Theory of Computing 8, 2012.)
+void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
+                       std::vector<float>& squared_mm2);
+
+/// Finds the pixels that `solid` (row-major, != 0) encloses and sets `enclosed` to 1 there, else to
+/// 0. A disc of radius `radius_mm` moves in from the plane's border without touching `solid`. The
+/// pixels outside `solid` that it never covers are enclosed, in regions (connected by edges) of at
+/// most `largest_mm2`. A gap of up to twice the radius therefore counts as closed. With radius 0,
+/// pixels that are not connected to the border are enclosed.
+///
+/// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. A
+/// test of connectivity after a morphological closing would leak where an inner and an outer disc
+/// touch. O(pixels).
+void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
+                   double largest_mm2, std::vector<std::uint8_t>& enclosed);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/segment/segmentation.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+#include <opencv2/imgproc.hpp>
+
+namespace trocar::pipeline {
+namespace {
+
+// cv::equalizeHist on 8 bits. The levels of an image file are used as they are; a calibrated slice
+// is first mapped from its own range to 0..255.
+void equalize(Image& image, PixelUnit unit) {
+  const auto [low, high] = std::minmax_element(image.values.begin(), image.values.end());
+  const float offset = unit == PixelUnit::kGrey ? 0.0F : *low;
+  const float scale = unit == PixelUnit::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
+  cv::Mat levels(image.height, image.width, CV_8U);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      levels.at<std::uint8_t>(y, x) =
+          cv::saturate_cast<std::uint8_t>((image.at(x, y) - offset) * scale);
+    }
+  }
+  cv::equalizeHist(levels, levels);
+  std::copy(levels.begin<std::uint8_t>(), levels.end<std::uint8_t>(), image.values.begin());
+}
+
+}  // namespace
+
+std::optional<double> mean_of_material(const Field& field, const Image& of) {
+  // Vector units add the eight partial sums at once, and the order of summation is fixed.
+  constexpr std::size_t kLanes = 8;
+  std::array<double, kLanes> sum{};
+  std::array<std::int32_t, kLanes> count{};
+  const std::vector<float>&levels = field.image.values, &values = of.values;
+  const float iso = field.iso;
+  std::size_t i = 0;
+  for (; i + kLanes <= values.size(); i += kLanes) {
+    // Masks, because the compiler would make branches of a condition.
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const std::uint32_t mask = levels[i + k] >= iso ? ~std::uint32_t{0} : 0;
+      sum[k] += static_cast<double>(
+          std::bit_cast<float>(std::bit_cast<std::uint32_t>(values[i + k]) & mask));
+      count[k] += static_cast<std::int32_t>(mask & 1);
+    }
+  }
+  for (; i < values.size(); ++i) {
+    sum[0] += levels[i] >= iso ? static_cast<double>(values[i]) : 0.0;
+    count[0] += levels[i] >= iso ? 1 : 0;
+  }
+  const std::int64_t pixels = std::accumulate(count.begin(), count.end(), std::int64_t{0});
+  if (pixels == 0) return std::nullopt;
+  return std::accumulate(sum.begin(), sum.end(), 0.0) / static_cast<double>(pixels);
+}
+
+Field segment(Image image, PixelUnit unit, const Segmentation& how) {
+  Field field{std::move(image), 0};
+  if (const auto* threshold = std::get_if<Threshold>(&how)) {
+    field.iso = static_cast<float>(threshold->value);
+  } else if (const auto* paper = std::get_if<Equalize>(&how)) {
+    equalize(field.image, unit);
+    field.iso = static_cast<float>(paper->level);
+  } else {
+    const auto& [labels, all, joined] = std::get<Labels>(how);
+    float last = 0;
+    for (float& v : field.image.values) {
+      const float nearest = std::rint(v);
+      const bool is_label = nearest == v && std::abs(v) < 1e9F;
+      const bool in = is_label && (all ? v != 0 : labels.contains(static_cast<int>(nearest)));
+      if (in && (field.labels.empty() || v != last))
+        field.labels.insert(static_cast<int>(last = v));
+      v = in ? 1.0F : 0.0F;
+    }
+    field.iso = 0.5F;
+    field.is_mask = true;
+  }
+  return field;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Solid bone from a threshold: the material of a segmentation without specks, with its enclosed
+// interior filled, and reduced to the wanted components. It is a volume of the whole scan (one byte
+// for each voxel), so that a slice's material does not depend on which slices are meshed.
+//
+// The steps follow in this order. A step whose option is not given is left out.
+//  1. min_volume: components of less volume are dropped. This precedes filling, because specks
+//     would close gaps.
+//  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
+//     directions of slices. A region that is enclosed in one direction only, such as the spinal
+//     canal, stays open. Input in HU is never filled below kAir_HU.
+//  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is dropped.
+//  4. seeds: only material that is connected to the first seed stays, as far as it is nearer to it
+//     than to any other seed along paths in the material.
+//  5. largest: only the N components of the largest volume stay.
+// A component is a set of voxels connected by faces, edges or corners.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/segment/segmentation.h"
+
+namespace trocar::pipeline {
+
+inline constexpr float kAir_HU = -200;
+inline constexpr double kMaskMargin_mm = 1.5;
+/// A seed farther than this from any material is refused.
+inline constexpr double kMaxSeedDistance_mm = 10;
+
+struct SolidOptions {
+  double close_mm = 0;             ///< radius of the disc; gaps of up to twice this count as closed
+  std::optional<double> fill_mm2;  ///< largest region that is filled in a plane; may be infinite
+  double min_volume_mm3 = 0;
+  int largest = 0;                            ///< 0: all
+  std::vector<Eigen::Vector3d> seeds_lps_mm;  ///< patient coordinates (LPS)
+  std::string mask_file;                      ///< a NIfTI label map on the scan's grid
+  std::set<int> mask_labels;
+  bool any() const {
+    return fill_mm2 || min_volume_mm3 > 0 || largest > 0 || !seeds_lps_mm.empty() ||
+           !mask_file.empty();
+  }
+};
+
+/// The material of a scan, voxel by voxel.
+class SolidBone {
+ public:
+  /// Reads all slices, several at the same time. Errors: those of reading; (refused) slices that
+  /// are not parallel or not in ascending order, a mask on another grid, a seed that is not near
+  /// any material, nothing left. O(voxels log voxels) with seeds, else O(voxels).
+  static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
+                                std::optional<SliceAxis> axis, const SolidOptions& options);
+
+  /// Whether the pixel, counted in the whole slice, is material.
+  bool inside(int slice, int x, int y) const {
+    return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
+  }
+  /// Makes a slice's field agree with the voxels: values on the wrong side of the iso-value are
+  /// mirrored at it, so that the outline passes half-way between a changed pixel and an equal
+  /// neighbour and is unchanged elsewhere. (offset_x, offset_y) is the position of a cropped field
+  /// in its slice. Returns the mean of the material's values before the change; no value if nothing
+  /// is material.
+  std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
+
+  /// Volumes for the report.
+  double filled_mm3() const { return filled_mm3_; }
+  double dropped_mm3() const { return dropped_mm3_; }
+
+ private:
+  int width_ = 0, height_ = 0;
+  std::vector<std::uint8_t> material_;
+  double filled_mm3_ = 0, dropped_mm3_ = 0;
+};
+
+}  // namespace trocar::pipeline

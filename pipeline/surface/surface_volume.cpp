@@ -1,0 +1,399 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/surface/surface_volume.h"
+
+#include <cstdint>
+#include <opencv2/imgproc.hpp>
+#include <unordered_map>
+#include <utility>
+
+#include "formats/base/disjoint_sets.h"
+#include "pipeline/base/parallel_for.h"
+#include "pipeline/read/stack_shape.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// A run of voxels along x on one side of zero. All runs together are the whole volume.
+struct Run {
+  std::size_t begin = 0, end = 0;
+  std::uint32_t component = 0;
+};
+
+struct Runs {
+  std::vector<Run> runs;
+  std::vector<std::size_t> first;    // index of each row's first run, and the end
+  std::vector<std::int64_t> voxels;  // by component
+  std::vector<bool> inside;
+};
+
+// The components that are connected by faces.
+Runs find_runs(const SurfaceVolume& volume) {
+  const auto width = static_cast<std::size_t>(volume.size[0]);
+  const std::size_t rows = static_cast<std::size_t>(volume.size[1]) * volume.size[2];
+  Runs out;
+  for (std::size_t row = 0; row < rows; ++row) {
+    out.first.push_back(out.runs.size());
+    const std::size_t end = (row + 1) * width;
+    for (std::size_t i = row * width; i < end;) {
+      const bool inside = volume.values[i] >= 0;
+      Run run{i, i, 0};
+      while (run.end < end && (volume.values[run.end] >= 0) == inside)
+        ++run.end;
+      i = run.end;
+      out.runs.push_back(run);
+    }
+  }
+  out.first.push_back(out.runs.size());
+
+  DisjointSets sets(out.runs.size());
+  const auto join_rows = [&](std::size_t row, std::size_t other) {
+    const std::size_t shift = (row - other) * width;
+    for (std::size_t a = out.first[row], b = out.first[other];
+         a < out.first[row + 1] && b < out.first[other + 1];) {
+      const Run &one = out.runs[a], &two = out.runs[b];
+      if ((volume.values[one.begin] >= 0) == (volume.values[two.begin] >= 0) &&
+          one.begin < two.end + shift && two.begin + shift < one.end)
+        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
+      (one.end < two.end + shift ? a : b) += 1;
+    }
+  };
+  const auto height = static_cast<std::size_t>(volume.size[1]);
+  for (std::size_t row = 0; row < rows; ++row) {
+    if (row % height > 0) join_rows(row, row - 1);
+    if (row >= height) join_rows(row, row - height);
+  }
+  for (std::size_t i = 0; i < out.runs.size(); ++i) {
+    const std::uint32_t to = sets.root(static_cast<std::uint32_t>(i));
+    Run& run = out.runs[i];
+    if (to == i) {
+      run.component = static_cast<std::uint32_t>(out.voxels.size());
+      out.voxels.push_back(0);
+      out.inside.push_back(volume.values[run.begin] >= 0);
+    } else {
+      run.component = out.runs[to].component;
+    }
+    out.voxels[run.component] += static_cast<std::int64_t>(run.end - run.begin);
+  }
+  return out;
+}
+
+void drop_small(SurfaceVolume& volume, bool inside, std::int64_t min_voxels) {
+  const Runs runs = find_runs(volume);
+  const auto [u, v, w] = volume.voxel_mm();
+  for (std::size_t c = 0; c < runs.voxels.size(); ++c) {
+    if (runs.inside[c] != inside || runs.voxels[c] >= min_voxels) continue;
+    ++(inside ? volume.dropped.specks : volume.dropped.holes);
+    volume.dropped.largest_mm3 =
+        std::max(volume.dropped.largest_mm3, static_cast<double>(runs.voxels[c]) * u * v * w);
+  }
+  for (const Run& run : runs.runs) {
+    if (runs.inside[run.component] != inside || runs.voxels[run.component] >= min_voxels) continue;
+    for (std::size_t i = run.begin; i < run.end; ++i)
+      volume.values[i] = -volume.values[i];
+  }
+}
+
+// Adds a border one voxel wide, as far below zero as its neighbour is away from zero.
+SurfaceVolume with_border(SurfaceVolume inner) {
+  SurfaceVolume out;
+  out.u_mm = inner.u_mm;
+  out.v_mm = inner.v_mm;
+  out.T_lps_volume = inner.T_lps_volume;
+  for (std::size_t k = 0; k < 3; ++k)
+    out.size[k] = inner.size[k] + 2;
+  out.values.resize(static_cast<std::size_t>(out.size[0]) * out.size[1] * out.size[2]);
+  std::size_t i = 0;
+  for (int z = -1; z <= inner.size[2]; ++z) {
+    for (int y = -1; y <= inner.size[1]; ++y) {
+      for (int x = -1; x <= inner.size[0]; ++x) {
+        const int cx = std::clamp(x, 0, inner.size[0] - 1),
+                  cy = std::clamp(y, 0, inner.size[1] - 1),
+                  cz = std::clamp(z, 0, inner.size[2] - 1);
+        const float value = inner.value(cx, cy, cz);
+        out.values[i++] = cx == x && cy == y && cz == z ? value : -std::abs(value);
+      }
+    }
+  }
+  std::vector<Eigen::Vector3d>& o = inner.origin_mm;
+  const Eigen::Vector3d corner(inner.u_mm, inner.v_mm, 0);
+  out.origin_mm.push_back(2 * o[0] - o[1] - corner);
+  for (const Eigen::Vector3d& p : o)
+    out.origin_mm.emplace_back(p - corner);
+  out.origin_mm.emplace_back(2 * o[o.size() - 1] - o[o.size() - 2] - corner);
+  return out;
+}
+
+// Applies a Gaussian of one voxel along each axis. A voxel stays on its side of zero, with at least
+// kMin of half the step between the sides.
+void smooth_mask(SurfaceVolume& volume) {
+  constexpr double kSigma = 1;
+  constexpr float kMin = 0.05F;
+  const std::size_t row = static_cast<std::size_t>(volume.size[0]), slice = row * volume.size[1];
+  const std::vector<float> mask = volume.values;
+  parallel_for(volume.size[2], [&](int z) {
+    cv::Mat image(volume.size[1], volume.size[0], CV_32F,
+                  &volume.values[static_cast<std::size_t>(z) * slice]);
+    cv::GaussianBlur(image, image, cv::Size(7, 7), kSigma, kSigma, cv::BORDER_REPLICATE);
+  });
+  // Along z, the voxels of the same y form an image that is smoothed along its columns.
+  parallel_for(volume.size[1], [&](int y) {
+    cv::Mat image(volume.size[2], volume.size[0], CV_32F);
+    const auto at = [&](int z) {
+      return volume.values.begin() +
+             static_cast<std::ptrdiff_t>(static_cast<std::size_t>(z) * slice +
+                                         static_cast<std::size_t>(y) * row);
+    };
+    for (int z = 0; z < volume.size[2]; ++z)
+      std::copy_n(at(z), row, image.ptr<float>(z));
+    cv::GaussianBlur(image, image, cv::Size(1, 7), kSigma, kSigma, cv::BORDER_REPLICATE);
+    for (int z = 0; z < volume.size[2]; ++z)
+      std::copy_n(image.ptr<float>(z), row, at(z));
+  });
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    float& value = volume.values[i];
+    value = mask[i] >= 0 ? std::max(value, kMin) : std::min(value, -kMin);
+  }
+}
+
+// Values at or near zero, such as HU equal to the threshold, would make the surface touch itself in
+// a voxel. This moves them away from zero by a fiftieth of the mean step between the sides.
+void keep_off_zero(SurfaceVolume& volume) {
+  constexpr double kFraction = 0.02;
+  double sum = 0;
+  std::int64_t count = 0;
+  for (std::size_t i = 1; i < volume.values.size(); ++i) {
+    const float a = volume.values[i - 1], b = volume.values[i];
+    if ((a >= 0) == (b >= 0)) continue;
+    sum += std::abs(static_cast<double>(a) - static_cast<double>(b));
+    ++count;
+  }
+  const auto least =
+      count == 0 ? 1.0F : static_cast<float>(kFraction * sum / static_cast<double>(count));
+  for (float& value : volume.values)
+    value = value >= 0 ? std::max(value, least) : std::min(value, -least);
+}
+
+// Calls visit(axis, voxel, next) for each edge of the grid between material and outside, from the
+// voxel to the next along the axis. Since the border is outside, no edge leads from a row's end to
+// the next row.
+template <typename Visit>
+void each_crossing(const SurfaceVolume& volume, const Visit& visit) {
+  const auto width = static_cast<std::size_t>(volume.size[0]);
+  const std::array<std::size_t, 3> step{1, width, width * volume.size[1]};
+  for (std::size_t i = 0; i < volume.values.size(); ++i) {
+    const bool inside = volume.values[i] >= 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::size_t next = i + step.at(axis);
+      if (next < volume.values.size() && (volume.values[next] >= 0) != inside) visit(axis, i, next);
+    }
+  }
+}
+
+}  // namespace
+
+void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3) {
+  const auto [u, v, w] = volume.voxel_mm();
+  const auto least = std::max<std::int64_t>(
+      min_voxels, static_cast<std::int64_t>(std::ceil(std::min(min_mm3 / (u * v * w), 1e15))));
+  for (const bool inside : {true, false})
+    drop_small(volume, inside, least);
+}
+
+double surface_area_mm2(const SurfaceVolume& volume) {
+  const auto [u, v, w] = volume.voxel_mm();
+  const std::array<double, 3> face_mm2{v * w, u * w, u * v};
+  std::array<std::size_t, 3> faces{};
+  each_crossing(volume, [&](std::size_t axis, std::size_t, std::size_t) { ++faces.at(axis); });
+  double out = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    out += static_cast<double>(faces.at(axis)) * face_mm2.at(axis) * 2 / 3;
+  return out;
+}
+
+std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double spacing_mm) {
+  struct Taken {
+    Eigen::Vector3d position, up;
+  };
+  // The points found so far, in the cells of a grid as wide as the spacing.
+  std::unordered_map<std::uint64_t, std::vector<Taken>> cells;
+  const auto cell = [&](const Eigen::Vector3d& p, std::uint64_t k) {
+    std::uint64_t out = 0;
+    for (int axis = 0; axis < 3; ++axis, k /= 3) {
+      const auto at = static_cast<std::int64_t>(std::floor(p[axis] / spacing_mm));
+      out = out << 21U | ((static_cast<std::uint64_t>(at) + k % 3 - 1) & 0x1fffffU);
+    }
+    return out;
+  };
+  constexpr std::uint64_t kAll = 27, kMiddle = 13;
+  const std::array<double, 3> sides = volume.voxel_mm();
+  const double step = *std::min_element(sides.begin(), sides.end()) / 8;
+  std::vector<Eigen::Vector3d> out;
+  each_crossing(volume, [&](std::size_t, std::size_t i, std::size_t j) {
+    const auto a = static_cast<double>(volume.values[i]), b = static_cast<double>(volume.values[j]);
+    const Eigen::Vector3d low = volume.position(i),
+                          p = low + a / (a - b) * (volume.position(j) - low);
+    const Eigen::Vector3d up = volume.gradient(p, step);
+    for (std::uint64_t k = 0; k < kAll; ++k) {
+      const auto near = cells.find(cell(p, k));
+      if (near == cells.end()) continue;
+      for (const Taken& other : near->second) {
+        const double apart = (other.position - p).norm();
+        if (apart < (up.dot(other.up) > 0 ? spacing_mm : spacing_mm / 16)) return;
+      }
+    }
+    cells[cell(p, kMiddle)].push_back({p, up});
+    out.push_back(p);
+  });
+  return out;
+}
+
+SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
+  const int fx = factor[0], fy = factor[1], fz = factor[2];
+  SurfaceVolume out;
+  out.u_mm = volume.u_mm * fx;
+  out.v_mm = volume.v_mm * fy;
+  out.T_lps_volume = volume.T_lps_volume;
+  for (std::size_t k = 0; k < 3; ++k)  // without the border; the last voxels average fewer voxels
+    out.size[k] = std::max(1, (volume.size[k] - 2 + factor[k] - 1) / factor[k]);
+  if (out.size[2] < 2) return volume;
+  out.values.resize(static_cast<std::size_t>(out.size[0]) * out.size[1] * out.size[2]);
+  for (int z = 0; z < out.size[2]; ++z) {
+    const int z0 = 1 + z * fz, z1 = std::min(z0 + fz, volume.size[2] - 1);
+    Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+    for (int k = z0; k < z1; ++k)
+      origin += volume.position(1, 1, k) / (z1 - z0);
+    out.origin_mm.emplace_back(
+        origin + Eigen::Vector3d((fx - 1) * 0.5 * volume.u_mm, (fy - 1) * 0.5 * volume.v_mm, 0));
+  }
+  parallel_for(out.size[2], [&](int z) {
+    const int z0 = 1 + z * fz, z1 = std::min(z0 + fz, volume.size[2] - 1);
+    std::size_t i = static_cast<std::size_t>(z) * out.size[0] * out.size[1];
+    for (int y = 0; y < out.size[1]; ++y) {
+      const int y0 = 1 + y * fy, y1 = std::min(y0 + fy, volume.size[1] - 1);
+      for (int x = 0; x < out.size[0]; ++x) {
+        const int x0 = 1 + x * fx, x1 = std::min(x0 + fx, volume.size[0] - 1);
+        double sum = 0;
+        for (int zz = z0; zz < z1; ++zz)
+          for (int yy = y0; yy < y1; ++yy)
+            for (int xx = x0; xx < x1; ++xx)
+              sum += static_cast<double>(volume.value(xx, yy, zz));
+        out.values[i++] = static_cast<float>(sum / ((x1 - x0) * (y1 - y0) * (z1 - z0)));
+      }
+    }
+  });
+  return with_border(std::move(out));
+}
+
+namespace {
+
+// The volume with its border, smoothed if it is a mask, without small components.
+SurfaceVolume finished(SurfaceVolume inner, bool is_mask, double min_region_mm2) {
+  if (is_mask) smooth_mask(inner);
+  SurfaceVolume out = with_border(std::move(inner));
+  keep_off_zero(out);
+  drop_small_components(out, kMinSurfaceVoxels, std::pow(min_region_mm2, 1.5));
+  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
+    SurfaceVolume none;
+    none.dropped = out.dropped;
+    return none;
+  }
+  return out;
+}
+
+}  // namespace
+
+Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
+                                          const MaterialOptions& options, bool is_one_of_several) {
+  constexpr double kMaxVoxels = 2e9;
+  if (last == first) return refused(stack.name(first) + ": --surface needs two slices at least");
+  if (auto ok = check_parallel(stack, first, last, "mesh it without --surface"); !ok)
+    return ok.error();
+  const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
+  const Crop& crop = options.crop ? *options.crop : whole;
+  const int width = crop.x1 - crop.x0 + 1, height = crop.y1 - crop.y0 + 1,
+            slices = last - first + 1;
+  if (static_cast<double>(width) * height * slices > kMaxVoxels)
+    return refused(stack.name(first) +
+                   ": the scan has more voxels than --surface can hold; give "
+                   "--slices or --crop");
+
+  std::vector<std::vector<float>> fields(static_cast<std::size_t>(slices));
+  std::vector<Result<void>> done(static_cast<std::size_t>(slices));
+  // The smallest and largest x and y of the material in each slice.
+  std::vector<std::array<int, 4>> boxes(static_cast<std::size_t>(slices), {width, -1, height, -1});
+  bool is_mask = false;
+  parallel_for(slices, [&](int k) {
+    const auto here = static_cast<std::size_t>(k);
+    auto image = read_cropped(stack, first + k, options.crop);
+    if (!image) {
+      done[here] = image.error();
+      return;
+    }
+    Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
+    if (options.solid != nullptr) {
+      const std::vector<float> own = is_one_of_several ? field.image.values : std::vector<float>();
+      options.solid->apply(first + k, crop.x0, crop.y0, field);
+      for (std::size_t i = 0; i < own.size(); ++i)
+        field.image.values[i] = std::min(field.image.values[i], own[i]);
+    }
+    if (k == 0) is_mask = field.is_mask;
+    auto& [x0, x1, y0, y1] = boxes[here];
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        float& value = field.image.values[static_cast<std::size_t>(y) * width + x];
+        value -= field.iso;
+        if (field.is_mask) value *= 2;
+        if (value < 0) continue;
+        x0 = std::min(x0, x);
+        x1 = std::max(x1, x);
+        y0 = std::min(y0, y);
+        y1 = std::max(y1, y);
+      }
+    }
+    fields[here] = std::move(field.image.values);
+  });
+  for (Result<void>& one : done)
+    if (!one) return one.error();
+
+  // The box around the material, with a margin for smoothing.
+  constexpr int kMargin = 4;
+  int x0 = width, x1 = -1, y0 = height, y1 = -1, z0 = slices, z1 = -1;
+  for (int k = 0; k < slices; ++k) {
+    const auto& box = boxes[static_cast<std::size_t>(k)];
+    if (box[1] < 0) continue;
+    x0 = std::min(x0, box[0]);
+    x1 = std::max(x1, box[1]);
+    y0 = std::min(y0, box[2]);
+    y1 = std::max(y1, box[3]);
+    z0 = std::min(z0, k);
+    z1 = k;
+  }
+  if (z1 < 0) return SurfaceVolume{};
+  x0 = std::max(x0 - kMargin, 0);
+  x1 = std::min(x1 + kMargin, width - 1);
+  y0 = std::max(y0 - kMargin, 0);
+  y1 = std::min(y1 + kMargin, height - 1);
+  z0 = std::max(z0 - kMargin, 0);
+  z1 = std::min(z1 + kMargin, slices - 1);
+
+  SurfaceVolume inner;
+  const SlicePlane& frame = stack.plane(first);
+  inner.u_mm = frame.spacing_u_mm;
+  inner.v_mm = frame.spacing_v_mm;
+  inner.T_lps_volume = frame.T_lps_plane;
+  inner.size = {x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1};
+  const Eigen::Affine3d to_frame = frame.T_lps_plane.inverse();
+  const Eigen::Vector3d corner((crop.x0 + x0) * inner.u_mm, (crop.y0 + y0) * inner.v_mm, 0);
+  for (int k = z0; k <= z1; ++k) {
+    inner.origin_mm.emplace_back(to_frame * (stack.plane(first + k).T_lps_plane * corner));
+    const std::vector<float>& field = fields[static_cast<std::size_t>(k)];
+    for (int y = y0; y <= y1; ++y) {
+      const auto row = field.begin() + static_cast<std::ptrdiff_t>(y) * width;
+      inner.values.insert(inner.values.end(), row + x0, row + x1 + 1);
+    }
+    fields[static_cast<std::size_t>(k)] = {};
+  }
+  return finished(std::move(inner), is_mask, options.min_region_mm2);
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The triangles between the edges of a cavity's boundary and a new point, evaluated four at a time
+// and without branches, because whether one of them is bad is unpredictable. Refinement spends most
+// of its time here. Nearly all boundaries lie within kMaxBoundaryOffset of the point for which the
+// cavity was found, so that coordinates have 16 bits and one instruction multiplies two pairs of
+// them.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
+
+#include "formats/geometry/lattice.h"
+
+namespace trocar::pipeline {
+
+// GCC's and clang's vector types: operations apply to all elements. The elements of a mask are -1
+// or 0.
+using Four = std::int32_t __attribute__((vector_size(16)));
+using FourReal = float __attribute__((vector_size(16)));
+/// The coordinates of four points: x0, y0, x1, y1, ...
+using FourPoints = std::int16_t __attribute__((vector_size(16)));
+
+inline Four four_of(std::int32_t x) {
+  return Four{x, x, x, x};
+}
+inline FourReal four_of(float x) {
+  return FourReal{x, x, x, x};
+}
+inline FourReal larger(FourReal a, FourReal b) {
+  return a < b ? b : a;
+}
+/// One bit for each element of a mask.
+inline unsigned bits_of(Four mask) {
+#ifdef __SSE2__
+  return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
+#else
+  return static_cast<unsigned>((mask[0] & 1) | (mask[1] & 2) | (mask[2] & 4) | (mask[3] & 8));
+#endif
+}
+inline bool is_any(Four mask) {
+  return bits_of(mask) != 0;
+}
+/// Number of set elements of masks, given the sum of the masks.
+inline int count_of(Four mask) {
+  return -(mask[0] + mask[1] + mask[2] + mask[3]);
+}
+
+/// The dot products of four pairs of vectors; exact if coordinates are below 2^15.
+[[gnu::always_inline]] inline Four dots(FourPoints a, FourPoints b) {
+#ifdef __SSE2__
+  return reinterpret_cast<Four>(
+      _mm_madd_epi16(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b)));
+#else
+  Four out{};
+  for (std::size_t k = 0; k < 4; ++k)
+    out[k] = a[2 * k] * b[2 * k] + a[2 * k + 1] * b[2 * k + 1];
+  return out;
+#endif
+}
+/// Four points with 16-bit coordinates, from two pairs of points with 32 bits. Larger coordinates
+/// are clamped.
+[[gnu::always_inline]] inline FourPoints narrowed(Four low, Four high) {
+#ifdef __SSE2__
+  return reinterpret_cast<FourPoints>(
+      _mm_packs_epi32(reinterpret_cast<__m128i>(low), reinterpret_cast<__m128i>(high)));
+#else
+  FourPoints out{};
+  for (std::size_t k = 0; k < 4; ++k) {
+    out[k] = static_cast<std::int16_t>(std::clamp(low[k], -32768, 32767));
+    out[k + 4] = static_cast<std::int16_t>(std::clamp(high[k], -32768, 32767));
+  }
+  return out;
+#endif
+}
+/// Two points relative to an origin.
+[[gnu::always_inline]] inline Four from_origin(LatticePoint p, LatticePoint q,
+                                               LatticePoint origin) {
+  using Two = std::int64_t __attribute__((vector_size(16)));
+  return reinterpret_cast<Four>(
+             Two{std::bit_cast<std::int64_t>(p), std::bit_cast<std::int64_t>(q)}) -
+         Four{origin.x, origin.y, origin.x, origin.y};
+}
+/// Turns each vector (x, y) to (y, -x).
+[[gnu::always_inline]] inline FourPoints turned(FourPoints p) {
+  const FourPoints sign{0, -1, 0, -1, 0, -1, 0, -1};
+  return (__builtin_shufflevector(p, p, 1, 0, 3, 2, 5, 4, 7, 6) ^ sign) - sign;
+}
+
+/// Bound on the distance from the origin along each axis, in lattice steps. Sums of two products of
+/// differences of such points stay below 2^30.
+inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
+
+/// Mask of those of four points, relative to an origin, that do not lie within kMaxBoundaryOffset
+/// of it.
+inline Four is_beyond_max_offset(FourPoints p) {
+  using Unsigned = std::uint16_t __attribute__((vector_size(16)));
+  constexpr std::uint16_t kMaxDifference = kMaxBoundaryOffset;
+  const Unsigned reach{kMaxDifference, kMaxDifference, kMaxDifference, kMaxDifference,
+                       kMaxDifference, kMaxDifference, kMaxDifference, kMaxDifference};
+  return reinterpret_cast<Four>((reinterpret_cast<Unsigned>(p) + reach) >> 14) != 0;
+}
+/// Point k of the four, repeated four times.
+[[gnu::always_inline]] inline FourPoints four_times(FourPoints p, std::size_t k) {
+  return reinterpret_cast<FourPoints>(four_of(reinterpret_cast<Four>(p)[k]));
+}
+
+/// Four edges ab of a cavity's boundary. If fewer than four are left, the last one is repeated.
+struct BoundaryQuad {
+  FourPoints a, b;  ///< relative to the cavity's origin, if the cavity is within kMaxBoundaryOffset
+  Four is_edge;     ///< false for the copies
+  Four is_outline;
+  /// If an edge of the outline is split: this edge ends at its start, or starts at its end.
+  Four is_before, is_after;
+  Four is_bad;  ///< the triangle with the new point is bad; set by InsertionTrial, like is_blocked
+  /// The point encroaches upon this edge of the outline or lies beyond it. If an edge is split: the
+  /// edge, or the half of the split edge next to it, is encroached upon afterwards.
+  Four is_blocked;
+};
+
+/// The four triangles abp between edges of a cavity's boundary and points p, with products of their
+/// edges. Coordinates are differences within kMaxBoundaryOffset, so everything is exact.
+struct BoundaryTriangles {
+  Four doubled_area, pa2, pb2;
+  Four at_p, at_a, at_b;  ///< dot products of the edges at each corner; negative if obtuse
+
+  Four ab2() const { return at_a + at_b; }
+};
+
+/// The limits beyond which a triangle is bad; see ShapeLimits.
+struct QuickShapeLimits {
+  FourReal surely_sharp, perhaps_sharp;  ///< bounds on the smallest angle's squared sine
+  Four doubled_area;
+
+  QuickShapeLimits() = default;
+  QuickShapeLimits(double sine2, double largest_doubled_area)
+      : surely_sharp(four_of(static_cast<float>(sine2 * (1 - kRounding)))),
+        perhaps_sharp(four_of(static_cast<float>(sine2 * (1 + kRounding)))),
+        doubled_area(four_of(static_cast<std::int32_t>(std::min(largest_doubled_area, 0x1p30)))) {}
+
+ private:
+  // More than the error of eight rounded float operations.
+  static constexpr double kRounding = 0x1p-20;
+};
+
+/// Evaluates four triangles. All points are relative to the same origin and within
+/// kMaxBoundaryOffset of it.
+[[gnu::always_inline]] inline BoundaryTriangles boundary_triangles(FourPoints from, FourPoints to,
+                                                                   FourPoints p) {
+  const FourPoints a = from - p, b = to - p;
+  const Four pa2 = dots(a, a), pb2 = dots(b, b), dot = dots(a, b);
+  return {dots(a, turned(b)), pa2, pb2, dot, pa2 - dot, pb2 - dot};
+}
+
+/// TriangleShape::is_sharp as far as floats can decide it; `is_unsure` marks the undecided
+/// triangles.
+struct Sharpness {
+  Four is_sharp, is_unsure;
+};
+[[gnu::always_inline]] inline Sharpness sharpness(const BoundaryTriangles& v,
+                                                  const QuickShapeLimits& limits) {
+  const auto real = [](Four x) { return __builtin_convertvector(x, FourReal); };
+  const FourReal area = real(v.doubled_area), pa2 = real(v.pa2), pb2 = real(v.pb2),
+                 ab2 = real(v.ab2());
+  const FourReal product = larger(larger(ab2 * pa2, pa2 * pb2), pb2 * ab2);
+  const FourReal area2 = area * area;
+  const Four is_sharp = area2 < limits.surely_sharp * product,
+             is_perhaps = area2 < limits.perhaps_sharp * product;
+  return {is_sharp, is_sharp ^ is_perhaps};
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "pipeline/triangulation/refinement_mesh.h"
+
+namespace trocar::pipeline {
+
+/// A point that may fill a large triangle.
+struct FillNode {
+  std::uint32_t triangle;  ///< the triangle that contains the point
+  LatticePoint p;
+};
+
+/// Lists the points of a lattice of equilateral triangles that lie in larger triangles of the mesh
+/// or on their sides; a point on a side of two triangles may appear twice. The equilateral
+/// triangles have the area doubled_area / 2, in lattice steps squared, and edges of at least 2
+/// steps. `triangles` is their approximate number; it bounds the running time, so that not all
+/// points are found for every outline. The points move with the mesh.
+void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
+                     std::vector<FillNode>& nodes);
+
+/// The edge length of an equilateral triangle, given twice its area.
+double fill_edge(double doubled_area);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The neighbours of each triangle: which edge of which triangle lies beyond each edge.
+// Tests: tests/pipeline/triangulation/triangulation_test.cpp
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+#include "formats/geometry/triangle_edge.h"
+
+namespace trocar::pipeline {
+
+/// Indexed by triangle and edge (triangle_edge.h): the same edge as an edge of the triangle beyond
+/// it; kNoEdge at the boundary.
+using Neighbours = std::vector<std::array<EdgeId, 3>>;
+
+/// The neighbours in a valid mesh. O(n).
+Neighbours neighbours(const SliceMesh& mesh);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Angles and areas of a refined mesh, measured on the result.
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <vector>
+
+#include "pipeline/triangulation/refinement.h"
+
+namespace trocar::pipeline {
+
+/// A triangle with an angle below the wanted one, and the input angle at which it lies.
+struct SharpTriangle {
+  std::uint32_t triangle = 0;
+  double angle_deg = 0;
+  double input_angle_deg = 360;  ///< the smallest input angle below 60 that it touches, or 360
+  LatticePoint input_corner;     ///< the vertex of that angle, if there is one
+};
+
+struct MeshQuality {
+  double min_angle_deg = 0;  ///< 0 for an empty mesh
+  double max_area_mm2 = 0;
+  std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
+  /// How many of these lie at an input angle below 60 degrees: a corner of the triangle is an input
+  /// vertex with such an angle in the material, or its shortest edge joins the two input segments
+  /// that meet in one. No mesh can avoid such triangles there, except by having more of them
+  /// elsewhere.
+  std::uint32_t below_at_small_input_angle = 0;
+  /// How many lie at no input angle below the wanted one (plus kLatticeAllowance_deg): the input
+  /// allows the wanted angle and refinement did not reach it. Zero unless it stopped at its vertex
+  /// budget or was limited by the lattice step.
+  std::uint32_t below_unexplained = 0;
+  std::vector<SharpTriangle> sharp;  ///< all triangles below the wanted angle
+  /// Edges whose membrane stiffness (the sum of the cotangents of the angles opposite) is negative,
+  /// decided in exact integers. A Delaunay mesh has none inside; on the outline they are the edges
+  /// that their triangle's apex encroaches upon, where an input angle of a few degrees, or an edge
+  /// of a few steps, leaves no other lattice point.
+  std::uint32_t negative_stiffness_edges = 0;
+};
+
+/// Counts MeshQuality::negative_stiffness_edges of a valid mesh. O(n).
+std::uint32_t count_negative_stiffness_edges(const SliceMesh& mesh);
+
+MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg);
+
+}  // namespace trocar::pipeline

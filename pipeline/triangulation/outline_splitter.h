@@ -1,0 +1,394 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The steps of refinement at the outline: keeps the bad triangles and the encroached edges, and
+// splits edges of the outline.
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "formats/geometry/segment_split.h"
+#include "formats/geometry/triangle_shape.h"
+#include "pipeline/triangulation/fill_nodes.h"
+#include "pipeline/triangulation/insertion_trial.h"
+#include "pipeline/triangulation/refinement_mesh.h"
+#include "pipeline/triangulation/refinement_outline.h"
+#include "pipeline/triangulation/refinement_queue.h"
+#include "pipeline/triangulation/shared_edges.h"
+#include "pipeline/triangulation/triangle_bounds.h"
+
+namespace trocar::pipeline {
+
+// Shortest edge in lattice steps. No edge is split into shorter halves, and no triangle with a
+// shorter edge is improved, because rounding to the lattice would decide the angles.
+inline constexpr std::int64_t kMinEdge_steps = 4;
+
+// Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
+// first.
+inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
+
+// An edge of the outline. It becomes stale when its triangle's generation changes.
+struct EncroachedEdge {
+  EdgeId edge;
+  std::uint32_t generation;
+};
+
+// Memory that is kept from slice to slice. (Without it, fresh pages took a fifth of the time.)
+struct RefinementWorkspace {
+  RefinementMesh mesh;
+  RefinementOutline outline;
+  RefinementQueue bad;
+  std::vector<VertexOrigin> origins;
+  std::vector<EncroachedEdge> encroached, long_edges;
+  std::vector<FillNode> nodes;
+  Candidate best, trial;
+  SharedEdges shared;
+  Candidate best_beyond, trial_beyond;
+};
+
+/// The part of the refinement algorithm that concerns the outline; Refiner (refinement.cpp) adds
+/// the points in the material. It is a header so that the compiler can inline the steps of both.
+class OutlineSplitter {
+ protected:
+  using PointKind = InsertionTrial::PointKind;
+  using Positions = InsertionTrial::Positions;
+  using BoundaryEdge = InsertionCavity::BoundaryEdge;
+
+  OutlineSplitter(const Triangulation& from, const Lattice& lattice,
+                  const RefinementOptions& options, RefinementWorkspace& memory)
+      : mesh_(memory.mesh),
+        outline_(memory.outline),
+        bad_(memory.bad),
+        origins_(memory.origins),
+        encroached_(memory.encroached),
+        best_(memory.best),
+        trial_(memory.trial),
+        max_vertices_(options.max_vertices),
+        bounds_(lattice, options),
+        insertion_(memory.mesh, bounds_),
+        shared_(memory.shared),
+        best_beyond_(memory.best_beyond),
+        trial_beyond_(memory.trial_beyond),
+        keep_area_(options.keep_area),
+        has_shared_(options.shared_borders),
+        max_distance2_(options.max_distance_steps * options.max_distance_steps) {
+    outline_.clear(from.mesh.vertices.size());
+    mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
+    outline_.close(mesh_.points);
+    if (has_shared_) {
+      outline_.find_twins(mesh_.points);
+      shared_.clear();
+      for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t)
+        shared_.note(mesh_, t);
+    }
+    if (keep_area_ || has_shared_) outline_.find_loops();
+    if (keep_area_) outline_.find_clearance(mesh_.points);
+    origins_.reserve(mesh_.points.capacity());
+    origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
+    encroached_.clear();
+    bad_.clear();
+  }
+
+  LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
+  double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
+
+  // ---- bad triangles and encroached edges ----
+
+  bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
+                     std::uint32_t apex) const {
+    if (!encroaches(at(a), at(b), at(apex))) return false;
+    // Across a small input angle, a vertex on the same shell encroaches only because of rounding.
+    const std::uint32_t corner =
+        outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
+    if (corner == RefinementOutline::kNoCorner) return true;
+    const double d = distance(apex, corner);
+    return std::abs(d - distance(a, corner)) > kSameShell_steps &&
+           std::abs(d - distance(b, corner)) > kSameShell_steps;
+  }
+
+  // Queues the triangle's edges on the outline that are encroached upon.
+  [[gnu::always_inline]] void queue_encroached_edges(std::uint32_t t) {
+    const WorkingTriangle& tri = mesh_.triangles[t];
+    if (((tri.beyond[0] | tri.beyond[1] | tri.beyond[2]) & kOutline) == 0) return;
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if ((tri.beyond[i] & kOutline) != 0 &&
+          is_encroached(tri.beyond[i] ^ kOutline, tri.v[i], tri.v[next_corner(i)],
+                        tri.v[previous_corner(i)]))
+        encroached_.push_back({edge_id(t, i), tri.generation});
+    }
+  }
+
+  double shortest2(const WorkingTriangle& t) const {
+    const LatticePoint a = at(t.v[0]), b = at(t.v[1]), c = at(t.v[2]);
+    return static_cast<double>(std::min({distance2(a, b), distance2(b, c), distance2(c, a)}));
+  }
+  void queue(std::uint32_t t, bool is_bad, double shortest2) {
+    mesh_.triangles[t].is_bad = is_bad ? 1 : 0;
+    if (is_bad) bad_.push(shortest2, {t, mesh_.triangles[t].generation});
+  }
+
+  // ---- splitting edges of the outline ----
+
+  void split_encroached() {
+    while (!encroached_.empty() && mesh_.points.size() < max_vertices_) {
+      const EncroachedEdge entry = encroached_.back();
+      encroached_.pop_back();
+      if (mesh_.triangles[triangle_of(entry.edge)].generation == entry.generation)
+        split_edge(entry.edge);
+    }
+  }
+
+  // Evaluates a split of the edge at p; false if it is impossible.
+  bool evaluate_split(EdgeId s, LatticePoint p, Candidate& out) {
+    out.p = p;
+    mesh_.find_split_cavity(s, p, out.cavity);
+    return !insertion_.evaluate<PointKind::kSplit>(out, 0).is_turned;
+  }
+
+  // An input segment and the allowed distance of its splits: each split is rounded inwards, so
+  // repeated splits move away from the segment.
+  struct Segment {
+    LatticePoint from, to;
+    double max_area2;
+    bool is_far(LatticePoint p) const {
+      const auto area = static_cast<double>(orient2d(from, to, p));
+      return area * area >= max_area2;
+    }
+  };
+  Segment segment_at(std::uint32_t segment) const {
+    const Refined::Segment& input = outline_.segments()[segment];
+    const LatticePoint from = at(input.from), to = at(input.to);
+    return {from, to, max_distance2_ * static_cast<double>(distance2(from, to))};
+  }
+
+  // Finds the position at which to split the edge ab of triangle t = abc at this fraction; false if
+  // there is none.
+  bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
+                           const TriangleCorners& v, double fraction, LatticePoint& out) {
+    const auto [a, b, c] = v;
+    const std::optional<LatticePoint> inside = split_near(a, b, c, fraction);
+    if (!keep_area_ || (inside && orient2d(a, b, *inside) == 0) ||
+        !outline_.has_clearance(segment)) {
+      if (!inside) return false;
+      out = *inside;
+      return !input.is_far(out);
+    }
+    const std::optional<LatticePoint> outside = split_outside(t, input, a, b, fraction);
+    if (!inside && !outside) return false;
+    // If both are allowed, take the one that better keeps the loop's area; without branches,
+    // because the choice is unpredictable.
+    const LatticePoint p = inside ? *inside : *outside, q = outside ? *outside : p;
+    const std::int64_t lost = outline_.lost_of_loop(segment),
+                       lost_at_p = std::abs(lost + orient2d(a, b, p)),
+                       lost_at_q = std::abs(lost + orient2d(a, b, q));
+    const bool p_is_far = input.is_far(p), q_is_far = input.is_far(q);
+    const auto takes_q =
+        static_cast<std::int32_t>(p_is_far | (!q_is_far & (lost_at_q < lost_at_p)));
+    out = {p.x + takes_q * (q.x - p.x), p.y + takes_q * (q.y - p.y)};
+    return !(p_is_far & q_is_far);
+  }
+
+  // Among the lattice points around the position at this fraction from a to b, returns the nearest
+  // one that lies on the void's side of the edge, at most a step from the input segment, and in the
+  // circumcircle of the triangle, so that the mesh stays Delaunay.
+  std::optional<LatticePoint> split_outside(std::uint32_t t, const Segment& input, LatticePoint a,
+                                            LatticePoint b, double fraction) const {
+    const LatticePoint from = input.from, to = input.to;
+    const double farthest = edge_length(from, to);
+    const double x = fraction * (static_cast<double>(b.x) - a.x),
+                 y = fraction * (static_cast<double>(b.y) - a.y);
+    const double low_x = floor_of(x), low_y = floor_of(y);
+    const LatticePoint low{a.x + static_cast<std::int32_t>(low_x),
+                           a.y + static_cast<std::int32_t>(low_y)};
+    // The four points are the steps right and up from `low`; there is no step along an axis on
+    // which the position is on the lattice already. The loop has no branches, because which of the
+    // four are allowed is unpredictable.
+    const std::array<std::int32_t, 2> right{0, x > low_x ? 1 : 0}, up{0, y > low_y ? 1 : 0};
+    const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y,
+                       input_dx = std::int64_t{to.x} - from.x,
+                       input_dy = std::int64_t{to.y} - from.y;
+    const std::int64_t side = orient2d(a, b, low), input_side = orient2d(from, to, low);
+    const std::int64_t ax = std::int64_t{a.x} - low.x, ay = std::int64_t{a.y} - low.y,
+                       bx = std::int64_t{b.x} - low.x, by = std::int64_t{b.y} - low.y;
+    std::array<LatticePoint, 4> positions;
+    std::array<double, 4> far{};
+    constexpr std::array kForbidden{1e300, 0.0};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::int32_t i = right[k / 2], j = up[k % 2];
+      const double off_x = low_x + i - x, off_y = low_y + j - y;
+      const bool is_allowed =
+          (side + j * dx - i * dy < 0) & ((ax - i) * (bx - i) + (ay - j) * (by - j) < 0) &
+          (static_cast<double>(input_side + j * input_dx - i * input_dy) >= -farthest);
+      positions[k] = {low.x + i, low.y + j};
+      far[k] = off_x * off_x + off_y * off_y + kForbidden[is_allowed ? 1 : 0];
+    }
+    while (true) {
+      const std::size_t low_least = far[1] < far[0] ? 1 : 0, high_least = far[3] < far[2] ? 3 : 2;
+      const std::size_t is_high = far[high_least] < far[low_least] ? 1 : 0,
+                        least = low_least + is_high * (high_least - low_least);
+      if (far[least] >= kForbidden[0]) return std::nullopt;
+      if (mesh_.circumcircle_contains(t, positions[least])) return positions[least];
+      far[least] = kForbidden[0];
+    }
+  }
+  // std::floor() of a number within the lattice's bounds, without a function call.
+  static double floor_of(double x) {
+    const auto whole = static_cast<std::int32_t>(x);
+    return whole - static_cast<std::int32_t>(whole > x);
+  }
+
+  // Splits an edge of the outline at the fraction `wanted`, or at the best position if it is 0.
+  // False if it cannot be split.
+  bool split_edge(EdgeId s, double wanted = 0) {
+    if (has_shared_) {
+      if (const EdgeId beyond = shared_.beyond(s, mesh_, outline_); beyond != kNoEdge)
+        return split_shared_edge(s, beyond);
+    }
+    const auto [ia, ib] = mesh_.ends(s);
+    const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s));
+    if (distance2(a, b) < 4 * kMinEdge_steps * kMinEdge_steps) return false;
+    const std::uint32_t segment = mesh_.beyond(s) ^ kOutline;
+    const bool has_shells = outline_.has_shells(segment);
+    const Segment input = segment_at(segment);
+    const auto find_position = [&](double fraction, LatticePoint& p) {
+      return find_split_position(triangle_of(s), segment, input, {a, b, c}, fraction, p);
+    };
+    const auto evaluate_at = [&](double fraction) {
+      LatticePoint p;
+      return find_position(fraction, p) && evaluate_split(s, p, best_);
+    };
+    if (has_shells || wanted > 0) {
+      if (!evaluate_at(wanted > 0 && !has_shells
+                           ? wanted
+                           : outline_.shell_fraction(segment, a, b, mesh_.points)))
+        return false;
+    } else {
+      std::size_t k = 0;
+      while (!evaluate_at(kSplits[k])) {
+        if (++k == kSplits.size()) return false;
+      }
+      if (best_.flaws > 0) {
+        Positions positions;
+        Four is_allowed_position{};
+        positions.fill(best_.p);
+        for (std::size_t i = 0; i < 4; ++i)
+          is_allowed_position[i] =
+              -static_cast<std::int32_t>(find_position(kSplits[i + 1], positions[i]) & (i >= k));
+        const InsertionTrial::Fewest best = InsertionTrial::fewest_of(
+            insertion_.flaws_of<PointKind::kSplit>(positions, best_.cavity), is_allowed_position);
+        if (best.flaws < best_.flaws && evaluate_split(s, positions[best.position], trial_) &&
+            trial_.growth < best_.growth)
+          std::swap(best_, trial_);
+      }
+    }
+    if (!insert(best_, {static_cast<std::int32_t>(segment)}, s)) return false;
+    if (keep_area_) outline_.lost_of_loop(segment) += orient2d(a, b, best_.p);
+    queue_encroached_edges(best_);
+    return true;
+  }
+  // Queues the edges that the split has encroached upon, after its insertion.
+  [[gnu::always_inline]] void queue_encroached_edges(const Candidate& split) {
+    InsertionTrial::for_each_edge(split.cavity, &BoundaryQuad::is_blocked, [&](std::size_t k) {
+      queue_encroached_edges(split.cavity.fresh_triangle(k));
+    });
+  }
+
+  // ---- splitting edges that two regions share ----
+
+  // Evaluates a split of the shared edge at p, in the meshes on both sides.
+  bool evaluate_shared_split(EdgeId s, EdgeId t, LatticePoint p, Candidate& here,
+                             Candidate& there) {
+    const auto is_open_loop = [](const InsertionCavity& c) {
+      return c.boundary().size() == c.size() + 1;
+    };
+    return may_split_either_way(mesh_, s, p) && may_split_either_way(mesh_, t, p) &&
+           evaluate_split(s, p, here) && evaluate_split(t, p, there) && is_open_loop(here.cavity) &&
+           is_open_loop(there.cavity);
+  }
+
+  // Splits a shared edge at one point for both sides; false if there is none. (Without the
+  // attributes here and below, slices without shared edges were 2 % slower.)
+  [[gnu::noinline]] bool split_shared_edge(EdgeId s, EdgeId t) {
+    const auto [ia, ib] = mesh_.ends(s);
+    const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s)), d = at(mesh_.apex(t));
+    if (distance2(a, b) < 4 * kMinEdge_steps * kMinEdge_steps) return false;
+    const std::uint32_t segment = mesh_.beyond(s) ^ kOutline, twin = mesh_.beyond(t) ^ kOutline;
+    const bool has_shells = outline_.has_shells(segment);
+    const Segment input = segment_at(segment);
+    bool is_found = false;
+    std::optional<LatticePoint> better;
+    int fewest = 0;
+    for (std::size_t k = 0; k < (has_shells ? 1 : kSplits.size()); ++k) {
+      const double fraction =
+          has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
+      for (const std::optional<LatticePoint>& p :
+           shared_split_points(a, b, c, d, fraction, outline_.lost_of_loop(segment))) {
+        if (!p || input.is_far(*p)) continue;
+        if (!is_found) {
+          is_found = evaluate_shared_split(s, t, *p, best_, best_beyond_);
+          fewest = best_.flaws + best_beyond_.flaws;
+          if (is_found) break;
+        } else {
+          const Positions position{*p, *p, *p, *p};
+          const int flaws =
+              insertion_.flaws_of<PointKind::kSplit>(position, best_.cavity)[0] +
+              insertion_.flaws_of<PointKind::kSplit>(position, best_beyond_.cavity)[0];
+          if (flaws < fewest) fewest = flaws, better = p;
+        }
+      }
+      if (is_found && fewest == 0) break;
+    }
+    if (!is_found) return false;
+    if (better && evaluate_shared_split(s, t, *better, trial_, trial_beyond_) &&
+        trial_.growth + trial_beyond_.growth < best_.growth + best_beyond_.growth) {
+      std::swap(best_, trial_);
+      std::swap(best_beyond_, trial_beyond_);
+    }
+    const auto v = static_cast<std::uint32_t>(mesh_.points.size());
+    insert(best_, {static_cast<std::int32_t>(segment)}, s);
+    queue_encroached_edges(best_);
+    insert(best_beyond_, {static_cast<std::int32_t>(twin)}, t);
+    queue_encroached_edges(best_beyond_);
+    shared_.add_copies(v, v + 1);
+    outline_.lost_of_loop(segment) += orient2d(a, b, best_.p);
+    outline_.lost_of_loop(twin) -= orient2d(a, b, best_.p);
+    return true;
+  }
+
+  [[gnu::always_inline]] bool insert(Candidate& candidate, VertexOrigin origin, EdgeId split) {
+    if (!mesh_.fill_cavity(candidate.cavity, candidate.p, split)) return false;
+    origins_.push_back(origin);
+    if (has_shared_) {
+      for (std::size_t k = 0; k < candidate.cavity.boundary().size(); ++k)
+        shared_.note(mesh_, candidate.cavity.fresh_triangle(k));
+    }
+    InsertionTrial::for_each_edge(candidate.cavity, &BoundaryQuad::is_bad, [&](std::size_t k) {
+      const std::uint32_t t = candidate.cavity.fresh_triangle(k);
+      queue(t, true, shortest2(mesh_.triangles[t]));
+    });
+    return true;
+  }
+
+  RefinementMesh& mesh_;
+  RefinementOutline& outline_;
+  RefinementQueue& bad_;
+  std::vector<VertexOrigin>& origins_;
+  std::vector<EncroachedEdge>& encroached_;
+  Candidate &best_, &trial_;
+  std::uint32_t max_vertices_;
+  TriangleBounds bounds_;
+  InsertionTrial insertion_;
+
+ private:
+  SharedEdges& shared_;
+  Candidate &best_beyond_, &trial_beyond_;
+  bool keep_area_, has_shared_;
+  double max_distance2_;
+};
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The borders between several materials, with the points that refinement inserted.
+// Tests: tests/pipeline/triangulation/regions_test.cpp
+#pragma once
+
+#include <span>
+
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/contour/label_borders.h"
+
+namespace trocar::pipeline {
+
+/// Returns the borders with the points by which refinement split their edges. `outlines` are their
+/// material_outlines(), `stored` the same outlines refined: ring by ring from the same vertex, as
+/// check_shared_borders() (formats/geometry/shared_borders.h) proves. O(n log n).
+LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
+                             std::span<const Pslg> stored);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Delaunay refinement to a minimum angle and a largest area: Ruppert (1995) with Uengoer's
+// off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the rule of
+// Miller, Pav and Walkington (2003) that a short edge across a small input angle is left alone.
+// Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
+// of several allowed positions that leaves the fewest bad triangles (similar to Erten and Uengoer's
+// locally optimal Steiner points, 2009). If the largest area requires many triangles, a lattice of
+// equilateral ones fills the inside first.
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/triangulation/triangulation.h"
+
+namespace trocar::pipeline {
+
+/// An input angle that exceeds the wanted one by less than this is treated as if it were below it,
+/// because rounding to the lattice decides the angle of a small triangle at the corner.
+inline constexpr double kLatticeAllowance_deg = 1.5;
+
+/// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it
+/// splits.
+inline constexpr double kMaxDistanceFromOutline_steps = 3;
+
+/// Up to this angle refinement terminates in practice, for any input.
+inline constexpr double kSafeAngle_deg = 33;
+
+/// The area bound is raised if it would require more triangles than this in one slice. Such a slice
+/// has about 1.5 million vertices and takes half a GB until it is encoded.
+inline constexpr double kMaxTrianglesByArea = 2e6;
+
+struct RefinementOptions {
+  double min_angle_deg = 30;
+  double max_area_mm2 = 50;  ///< raised if it requires more than kMaxTrianglesByArea triangles
+  /// Refinement stops, and keeps the mesh that it has, when the mesh would grow beyond this many
+  /// vertices. 0 derives a budget from input and area or, for angles above kSafeAngle_deg, from the
+  /// size of the mesh refined to that angle.
+  std::uint32_t max_vertices = 0;
+  /// Rounds the points on boundary edges to whichever side keeps the area within each closed
+  /// boundary. Otherwise they are always rounded to the material's side.
+  bool keep_area = false;
+  /// Splits outline edges that coincide in opposite directions together (regions.h).
+  bool shared_borders = false;
+  /// A split at this distance from the input segment or farther, in lattice steps, is not made.
+  double max_distance_steps = kMaxDistanceFromOutline_steps;
+  /// Largest area of a triangle with its centroid at the given point, mm^2, besides max_area_mm2.
+  /// Values below min_area_mm2 > 0 are raised to it, so that refinement terminates as it does
+  /// with that area everywhere.
+  std::function<double(LatticePoint)> area_mm2_at = {};
+  double min_area_mm2 = 0;
+};
+
+enum class RefinementOutcome {
+  /// All triangles are within bounds except where small input angles forbid it.
+  kRefined,
+  /// The same, but bad triangles a few lattice steps wide were left as they are.
+  kLatticeTooCoarse,
+  /// The wanted angle, above kSafeAngle_deg, needs more vertices than allowed. All triangles are
+  /// within bounds for the smaller angle Refined::angle_deg.
+  kAngleNotReached,
+  /// Refinement stopped at max_vertices. The mesh is valid, but not within bounds.
+  kVertexBudget,
+};
+
+/// The origin of a vertex of a refined mesh.
+struct VertexOrigin {
+  static constexpr std::int32_t kFree = -1;    ///< a Steiner point in the material
+  static constexpr std::int32_t kCorner = -2;  ///< a vertex of the input
+  std::int32_t segment = kFree;                ///< the input segment that it splits, or as above
+};
+
+struct Refined {
+  SliceMesh mesh;
+  std::vector<VertexOrigin> origins;  ///< origin of each vertex
+  /// A segment of the input.
+  struct Segment {
+    std::uint32_t from, to;    ///< its start and end as vertices of `mesh`
+    std::int32_t previous;     ///< the segment that ends at this one's start
+    double angle_at_from_deg;  ///< angle between the two in the material; 360 for 90 and more
+  };
+  std::vector<Segment> segments;
+  RefinementOutcome outcome = RefinementOutcome::kRefined;
+  double angle_deg = 0;                   ///< the bound on the smallest angle that was used
+  double max_area_mm2 = 0;                ///< the bound on the area that was used
+  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles that no lattice point improves
+};
+
+/// Is the smallest angle of the triangle below the angle whose squared sine is given? The answer is
+/// exact except for rounding in the last digits. Refinement, report and tests share this function.
+bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2);
+
+/// Refines a triangulation. The result is valid and constrained Delaunay, like that of
+/// triangulate(). Each boundary edge of the input becomes a chain of edges whose inner vertices lie
+/// on it or, if no lattice point does, on its material side less than `max_distance_steps` away
+/// (each split rounds by less than 1.5 steps and inherits a part of the deviation of the edge that
+/// it splits). With keep_area, points of edges with enough void next to them may also lie up to one
+/// step on the void's side, so that each loop of the boundary keeps its area except for about one
+/// rounding. If the outline is moved by lattice steps or rotated by right angles, the mesh moves
+/// and rotates with it, unless a rotation maps the outline onto itself.
+Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
+
+}  // namespace trocar::pipeline

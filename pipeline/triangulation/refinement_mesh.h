@@ -1,0 +1,396 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The mesh during refinement: flat arrays, and insertion by cavities (Bowyer; Watson, 1981).
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "formats/geometry/triangle_edge.h"
+#include "pipeline/triangulation/cavity_boundary.h"
+#include "pipeline/triangulation/triangulation.h"
+
+namespace trocar::pipeline {
+
+/// If an edge is on the outline, its `beyond` is this flag and the input segment's number instead
+/// of an EdgeId.
+inline constexpr std::uint32_t kOutline = 0x80000000;
+
+/// A triangle's circumcircle, prepared for tests of many points: the determinant of in_circle(),
+/// expanded by the point. It is exact; 64 bits suffice if all differences are below kMaxDifference,
+/// which nearly all are.
+class Circumcircle {
+ public:
+  Circumcircle() = default;
+  Circumcircle(LatticePoint a, LatticePoint b, LatticePoint c) {
+    const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
+    const std::int64_t cx = std::int64_t{c.x} - a.x, cy = std::int64_t{c.y} - a.y;
+    if (!(is_near_origin(bx, by) && is_near_origin(cx, cy))) return;
+    origin_ = a;
+    const std::int64_t b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
+    x_ = b2 * cy - c2 * by;
+    y_ = c2 * bx - b2 * cx;
+    area2_ = bx * cy - by * cx;
+  }
+
+  /// Do 64 bits suffice for contains(p)?
+  bool is_near(LatticePoint p) const {
+    return is_near_origin(std::int64_t{p.x} - origin_.x, std::int64_t{p.y} - origin_.y);
+  }
+  /// Does p lie strictly inside? Returns 1 or 0, without a comparison that a compiler might turn
+  /// into a branch. The value has no meaning unless is_near(p).
+  std::uint32_t contains(LatticePoint p) const {
+    const auto dx = static_cast<std::uint64_t>(std::int64_t{p.x} - origin_.x),
+               dy = static_cast<std::uint64_t>(std::int64_t{p.y} - origin_.y);
+    const std::uint64_t outside =
+        (dx * dx + dy * dy) * static_cast<std::uint64_t>(area2_) -
+        (dx * static_cast<std::uint64_t>(x_) + dy * static_cast<std::uint64_t>(y_));
+    return static_cast<std::uint32_t>(outside >> 63);
+  }
+
+ private:
+  // If differences are below M: |x|, |y| < 4 M^3, area2 < 2 M^2, so all sums stay below 12 M^4 <
+  // 2^63.
+  static constexpr std::int64_t kMaxDifference = 1 << 14;
+  static bool is_near_origin(std::int64_t x, std::int64_t y) {
+    return (static_cast<std::uint64_t>(x + kMaxDifference) |
+            static_cast<std::uint64_t>(y + kMaxDifference)) < 2 * kMaxDifference;
+  }
+
+  std::int64_t x_ = 0, y_ = 0, area2_ = 0;
+  // The default lies beyond the lattice, so that no point is near the circle of too large a
+  // triangle.
+  LatticePoint origin_{std::numeric_limits<std::int32_t>::max(),
+                       std::numeric_limits<std::int32_t>::max()};
+};
+
+/// A triangle, in one cache line.
+struct alignas(64) WorkingTriangle {
+  Circumcircle circle;
+  std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
+  std::array<std::uint32_t, 3> beyond{};  ///< EdgeId, or kOutline | segment
+  std::uint32_t visit = 0;                ///< number of the last search that visited it
+  std::uint32_t generation : 31 = 0;      ///< incremented when the triangle is replaced
+  std::uint32_t is_bad : 1 = 0;           ///< has to be improved
+};
+
+/// The triangles that the star of a new point replaces, and the boundary around them.
+class InsertionCavity {
+ public:
+  struct BoundaryEdge {
+    std::uint32_t a, b;    ///< the cavity is on the left
+    std::uint32_t beyond;  ///< EdgeId, or kOutline | segment
+    EdgeId inside;         ///< the edge as one of the cavity's triangle
+    bool is_outline() const { return (beyond & kOutline) != 0; }
+  };
+
+  std::span<const BoundaryEdge> boundary() const { return {boundary_.data(), edges_}; }
+  /// The same edges in groups of four.
+  std::span<const BoundaryQuad> quads() const { return {quads_.data(), (edges_ + 3) / 4}; }
+  std::span<BoundaryQuad> quads() { return {quads_.data(), (edges_ + 3) / 4}; }
+  /// The ends of the four edges, as vertices.
+  const BoundaryEdge* edges_of_quad(std::size_t k) const { return boundary_.data() + 4 * k; }
+  std::uint32_t size() const { return triangles_; }
+  /// The new triangle on edge k of the boundary, after fill_cavity().
+  std::uint32_t fresh_triangle(std::size_t k) const { return triangle_of(entries_[k]); }
+  int bad_triangles() const { return bad_; }
+  /// Does the boundary lie within kMaxBoundaryOffset of the origin?
+  bool is_near_origin() const { return is_near_origin_; }
+
+  LatticePoint origin;  ///< the new point
+
+ private:
+  friend class RefinementMesh;
+
+  std::size_t capacity() const { return capacity_; }
+  // Grows the arrays. They have a few more elements than capacity_, which one step may write.
+  [[gnu::noinline]] void grow() {
+    capacity_ = 2 * capacity_ + 64;
+    entries_.resize(capacity_ + 3), sides_.resize(capacity_ + 3), boundary_.resize(capacity_ + 3);
+    quads_.resize(capacity_ / 4 + 1);
+  }
+
+  std::size_t capacity_ = 0;
+  std::uint32_t triangles_ = 0, edges_ = 0;
+  int bad_ = 0;
+  bool is_near_origin_ = false;
+  std::vector<EdgeId> entries_;  // by triangle: the edge through which the search entered it
+  std::vector<std::uint64_t>
+      sides_;  // by boundary edge: BoundaryEdge::beyond and, below it, BoundaryEdge::inside
+  std::vector<BoundaryEdge> boundary_;
+  std::vector<BoundaryQuad> quads_;
+};
+
+class RefinementMesh {
+ public:
+  std::vector<LatticePoint> points;
+  std::vector<WorkingTriangle> triangles;
+
+  /// Starts with a new triangulation and keeps the memory. `segment(a, b)` returns the number of
+  /// the input segment that is the outline's edge from a to b.
+  template <typename Segment>
+  void assign(const Triangulation& from, Segment segment) {
+    // Long outlines grow to about this multiple. Reserving it avoids copies; unused pages cost
+    // nothing.
+    constexpr std::size_t kGrowth = 2;
+    points.reserve(kGrowth * from.mesh.vertices.size());
+    star_.reserve(kGrowth * from.mesh.vertices.size());
+    triangles.reserve(kGrowth * from.mesh.triangles.size());
+    points.assign(from.mesh.vertices.begin(), from.mesh.vertices.end());
+    triangles.resize(from.mesh.triangles.size());
+    for (std::uint32_t t = 0; t < triangles.size(); ++t) {
+      set(t, from.mesh.triangles[t], from.beyond[t]);
+      triangles[t].visit = triangles[t].generation = triangles[t].is_bad = 0;
+    }
+    // Number the edges on the outline. They are first listed without branches for a block of
+    // triangles, because their positions are unpredictable.
+    constexpr std::uint32_t kBlock = 64;
+    std::array<EdgeId, 3 * kBlock + 1> outline;
+    for (std::uint32_t first = 0; first < triangles.size(); first += kBlock) {
+      const auto end = std::min(first + kBlock, static_cast<std::uint32_t>(triangles.size()));
+      std::size_t edges = 0;
+      for (std::uint32_t t = first; t < end; ++t) {
+        for (std::uint32_t i = 0; i < 3; ++i) {
+          outline[edges] = edge_id(t, i);
+          edges += from.beyond[t][i] == kNoEdge ? 1 : 0;
+        }
+      }
+      for (std::size_t k = 0; k < edges; ++k) {
+        const auto [a, b] = ends(outline[k]);
+        triangles[triangle_of(outline[k])].beyond[index_of(outline[k])] = kOutline | segment(a, b);
+      }
+    }
+    visits_ = 0;
+    star_.assign(points.size(), 0);
+  }
+
+  std::uint32_t beyond(EdgeId e) const { return triangles[triangle_of(e)].beyond[index_of(e)]; }
+  std::pair<std::uint32_t, std::uint32_t> ends(EdgeId e) const {
+    const WorkingTriangle& t = triangles[triangle_of(e)];
+    return {t.v[index_of(e)], t.v[next_corner(index_of(e))]};
+  }
+  std::uint32_t apex(EdgeId e) const {
+    return triangles[triangle_of(e)].v[previous_corner(index_of(e))];
+  }
+
+  /// Is p strictly inside the circumcircle of triangle t? Exact.
+  bool circumcircle_contains(std::uint32_t t, LatticePoint p) const {
+    const WorkingTriangle& tri = triangles[t];
+    return tri.circle.is_near(p) ? tri.circle.contains(p) != 0 : far_circle_contains(tri, p);
+  }
+
+  static constexpr std::uint32_t kNone = 0xffffffff;
+  /// The triangle that contains p, found by a walk from `start`; kNone if the outline blocks the
+  /// walk.
+  std::uint32_t find(std::uint32_t start, LatticePoint p) const {
+    std::uint32_t t = start;
+    for (int step = 0; step < 64; ++step) {
+      const WorkingTriangle& tri = triangles[t];
+      std::uint32_t i = 0;
+      while (i < 3 && orient2d(points[tri.v[i]], points[tri.v[next_corner(i)]], p) >= 0)
+        ++i;
+      if (i == 3) return t;
+      if ((tri.beyond[i] & kOutline) != 0) return kNone;
+      t = triangle_of(tri.beyond[i]);
+    }
+    return kNone;
+  }
+
+  /// Finds the cavity of p: `start`, all triangles connected with it whose circumcircles contain p,
+  /// and the edges around them. p lies in `start` or in its circumcircle. Whether a neighbour
+  /// belongs to the cavity is unpredictable, so no branch depends on it.
+  void find_cavity(std::uint32_t start, LatticePoint p, InsertionCavity& cavity) {
+    find<false>(start, kNoEdge, p, cavity);
+  }
+  /// The same for a point that splits an edge of the outline. That edge is not listed.
+  void find_split_cavity(EdgeId split, LatticePoint p, InsertionCavity& cavity) {
+    find<true>(triangle_of(split), split, p, cavity);
+  }
+
+  /// Replaces the cavity by the star of a new vertex p that lies to the left of all edges of the
+  /// boundary. The boundary is a closed loop or, if p splits an edge on the outline, open at that
+  /// edge (`split`, else kNoEdge). Edge k of the boundary becomes edge 0 of
+  /// cavity.fresh_triangle(k). Returns false and changes nothing if the boundary is not one loop.
+  bool fill_cavity(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
+    return split == kNoEdge ? fill<false>(cavity, p, split) : fill<true>(cavity, p, split);
+  }
+
+ private:
+  template <bool kIsSplit>
+  [[gnu::noinline]] void find(std::uint32_t start, EdgeId split, LatticePoint p,
+                              InsertionCavity& cavity) {
+    // Each edge is written before it is known whether it counts, so the arrays always have space
+    // for the edges of one more triangle.
+    constexpr std::size_t kMargin = 3;
+    if (cavity.capacity() < kMargin + 1) cavity.grow();
+    const std::uint32_t visit = ++visits_;
+    WorkingTriangle* const all = triangles.data();
+    EdgeId* entries = cavity.entries_.data();
+    std::uint64_t* sides = cavity.sides_.data();
+    std::size_t reached = 1, edges = 0;
+    const auto inspect_beyond = [&](std::uint32_t t, std::uint32_t i) {
+      const std::uint32_t beyond = all[t].beyond[i];
+      const std::uint32_t is_outline = beyond >> 31, outline_mask = -is_outline;
+      WorkingTriangle& next = all[(t & outline_mask) | (triangle_of(beyond) & ~outline_mask)];
+      std::uint32_t is_in = next.circle.contains(p);
+      if (!next.circle.is_near(p)) [[unlikely]]
+        is_in = far_circle_contains(next, p) ? 1 : 0;
+      is_in &= ~is_outline;
+      const std::uint32_t is_new = is_in & static_cast<std::uint32_t>(next.visit != visit);
+      entries[reached] = beyond;
+      sides[edges] = std::uint64_t{beyond} << 32 | edge_id(t, i);
+      reached += is_new;
+      edges += is_in ^ 1;
+      next.visit = visit;  // a triangle outside the cavity is marked too: its test is repeated
+    };
+    all[start].visit = visit;
+    entries[0] = edge_id(start, 0);
+    int bad = all[start].is_bad;
+    const std::uint32_t first = kIsSplit ? index_of(split) : 0;
+    if (!kIsSplit) inspect_beyond(start, 0);
+    inspect_beyond(start, (first - 1) >> 31);
+    inspect_beyond(start, 2 - (first >> 1));
+    for (std::size_t k = 1; k < reached; ++k) {
+      if (std::max(reached, edges) + kMargin > cavity.capacity()) [[unlikely]] {
+        cavity.grow();
+        entries = cavity.entries_.data();
+        sides = cavity.sides_.data();
+      }
+      const std::uint32_t t = triangle_of(entries[k]), from = index_of(entries[k]);
+      bad += all[t].is_bad;
+      inspect_beyond(t, (from - 1) >> 31);  // 1 if from is 0, else 0
+      inspect_beyond(t, 2 - (from >> 1));   // 1 if from is 2, else 2
+    }
+    cavity.triangles_ = static_cast<std::uint32_t>(reached);
+    cavity.edges_ = static_cast<std::uint32_t>(edges);
+    cavity.bad_ = bad;
+    cavity.origin = p;
+    if (edges == 0) return;
+    list_boundary<kIsSplit>(split, cavity);
+  }
+
+  template <bool kIsSplit>
+  [[gnu::noinline]] bool fill(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
+    // A closed boundary of n triangles has n + 2 edges, an open one n + 1.
+    constexpr std::uint32_t kMore = kIsSplit ? 1 : 2;
+    const std::uint32_t kept = cavity.size(), n = kept + kMore;
+    if (cavity.boundary().size() != n) return false;
+    const InsertionCavity::BoundaryEdge* const boundary = cavity.boundary().data();
+    std::uint32_t open = 0, first = 0, last = 0;
+    if (kIsSplit) open = beyond(split), std::tie(last, first) = ends(split);
+    const auto v = static_cast<std::uint32_t>(points.size());
+    points.push_back(p);
+    star_.push_back(0);
+    for (std::uint32_t k = 0; k < kMore; ++k) {
+      cavity.entries_[kept + k] = edge_id(static_cast<std::uint32_t>(triangles.size()), 0);
+      triangles.emplace_back();
+    }
+    const LatticePoint* const at = points.data();
+    WorkingTriangle* const all = triangles.data();
+    std::uint32_t* const star = star_.data();
+    for (std::uint32_t k = 0; k < n; ++k) {
+      const InsertionCavity::BoundaryEdge& r = boundary[k];
+      const std::uint32_t t = cavity.fresh_triangle(k);
+      WorkingTriangle& tri = all[t];
+      tri.circle = {at[r.a], at[r.b], p};
+      tri.v = {r.a, r.b, v};
+      ++tri.generation;
+      tri.is_bad = 0;
+      star[r.a] = t;
+      // The triangle beyond the edge gets the new triangle as its neighbour. An edge on the outline
+      // has none: its own triangle takes the write, and the assignment to tri.beyond undoes it.
+      const std::uint32_t is_outline = r.beyond >> 31,
+                          target = (r.beyond & (is_outline - 1)) | (edge_id(t, 0) & -is_outline);
+      all[triangle_of(target)].beyond[index_of(target)] = edge_id(t, 0);
+      tri.beyond = {r.beyond, open, open};
+    }
+    // Join the triangle of each edge to that of the next edge. An open boundary is joined as if it
+    // were closed, and separated again.
+    if (kIsSplit) star[last] = star[first];
+    for (std::uint32_t k = 0; k < n; ++k) {
+      const std::uint32_t t = cavity.fresh_triangle(k), next = star[boundary[k].b];
+      all[t].beyond[1] = edge_id(next, 2);
+      all[next].beyond[2] = edge_id(t, 1);
+    }
+    if (kIsSplit) {
+      std::uint32_t& closed = all[star[first]].beyond[2];
+      all[triangle_of(closed)].beyond[1] = open;
+      closed = open;
+    }
+    return true;
+  }
+
+  // Fills in the boundary from the sides that were found. `split` is the edge of the outline that
+  // is to be split, or kNoEdge.
+  template <bool kIsSplit>
+  [[gnu::always_inline]] void list_boundary(EdgeId split, InsertionCavity& cavity) const {
+    const std::uint32_t n = cavity.edges_;
+    std::uint32_t from = 0, to = 0;
+    if (kIsSplit) std::tie(from, to) = ends(split);
+    const LatticePoint* const at = points.data();
+    const WorkingTriangle* const all = triangles.data();
+    const LatticePoint o = cavity.origin;
+    std::uint64_t* const sides = cavity.sides_.data();
+    InsertionCavity::BoundaryEdge* boundary = cavity.boundary_.data();
+    BoundaryQuad* quad = cavity.quads_.data();
+    for (std::uint32_t k = 0; k < 3; ++k)
+      sides[n + k] = sides[n - 1];
+    Four is_beyond{};
+    for (std::uint32_t k = 0; k < n; k += 4, boundary += 4, ++quad) {
+      for (std::uint32_t i = 0; i < 4; ++i) {
+        const std::uint64_t side = sides[k + i];
+        const std::uint32_t corner = index_of(static_cast<EdgeId>(side));
+        const WorkingTriangle& tri = all[triangle_of(static_cast<EdgeId>(side))];
+        boundary[i].a = tri.v[corner];
+        boundary[i].b = tri.v[next_corner(corner)];
+        boundary[i].beyond = static_cast<std::uint32_t>(side >> 32);
+        boundary[i].inside = static_cast<EdgeId>(side);
+      }
+      quad->a = narrowed(from_origin(at[boundary[0].a], at[boundary[1].a], o),
+                         from_origin(at[boundary[2].a], at[boundary[3].a], o));
+      quad->b = narrowed(from_origin(at[boundary[0].b], at[boundary[1].b], o),
+                         from_origin(at[boundary[2].b], at[boundary[3].b], o));
+      is_beyond |= is_beyond_max_offset(quad->a) | is_beyond_max_offset(quad->b);
+      const auto left = static_cast<std::int32_t>(n - k);
+      quad->is_edge = Four{0, 1, 2, 3} < four_of(left);
+      quad->is_outline = Four{static_cast<std::int32_t>(boundary[0].beyond),
+                              static_cast<std::int32_t>(boundary[1].beyond),
+                              static_cast<std::int32_t>(boundary[2].beyond),
+                              static_cast<std::int32_t>(boundary[3].beyond)} < 0;
+      if (kIsSplit) {
+        const auto equal = [](std::uint32_t p, std::uint32_t q, std::uint32_t r, std::uint32_t s,
+                              std::uint32_t v) {
+          using Unsigned = std::uint32_t __attribute__((vector_size(16)));
+          return Unsigned{p, q, r, s} == Unsigned{v, v, v, v};
+        };
+        quad->is_before =
+            equal(boundary[0].b, boundary[1].b, boundary[2].b, boundary[3].b, from) & quad->is_edge;
+        quad->is_after =
+            equal(boundary[0].a, boundary[1].a, boundary[2].a, boundary[3].a, to) & quad->is_edge;
+      }
+    }
+    cavity.is_near_origin_ = !is_any(is_beyond);
+  }
+
+  [[gnu::noinline]] bool far_circle_contains(const WorkingTriangle& t, LatticePoint p) const {
+    return in_circle(points[t.v[0]], points[t.v[1]], points[t.v[2]], p) > 0;
+  }
+
+  void set(std::uint32_t t, const std::array<std::uint32_t, 3>& v,
+           const std::array<std::uint32_t, 3>& beyond) {
+    triangles[t].circle = {points[v[0]], points[v[1]], points[v[2]]};
+    triangles[t].v = v;
+    triangles[t].beyond = beyond;
+  }
+
+  std::uint32_t visits_ = 0;
+  std::vector<std::uint32_t> star_;  // by vertex: the new triangle that starts there (fill_cavity)
+};
+
+}  // namespace trocar::pipeline

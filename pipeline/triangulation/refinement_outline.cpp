@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/triangulation/refinement_outline.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
+
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/segment_split.h"
+#include "formats/geometry/triangle_shape.h"
+#include "pipeline/contour/segment_grid.h"
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr double kSmallInputAngle_deg = 60;
+// Two segments farther apart than this, in lattice steps, do not meet if each bulges by one step.
+constexpr std::int32_t kClearance_steps = 4;
+
+// Returns the radius of a shell around a corner that lies well inside (near, far). The candidates,
+// in this order, are the same for every segment: the powers of two, the geometric mean of two
+// successive powers, then repeated halves of the intervals. (Shells in the ratio sqrt(2) leave no
+// angle below 32 degrees between segments that meet under 30 or more; the ratio 2 leaves 26.)
+double shell_between(double near, double far) {
+  const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
+  double power = 1;
+  while (power * 2 <= high)
+    power *= 2;
+  if (power >= low) return power;
+  double from = power, to = 2 * power, middle = power * std::numbers::sqrt2;
+  for (int depth = 0; depth < 20; ++depth) {
+    if (middle >= low && middle <= high) return middle;
+    (middle < low ? from : to) = middle;
+    middle = 0.5 * (from + to);
+  }
+  return 0.5 * (near + far);
+}
+
+// Squared distance from p to the segment ab.
+double distance2_to(LatticePoint a, LatticePoint b, LatticePoint p) {
+  if (diametral_dot(b, p, a) <= 0) return static_cast<double>(distance2(a, p));
+  if (diametral_dot(a, p, b) <= 0) return static_cast<double>(distance2(b, p));
+  const auto area = static_cast<double>(orient2d(a, b, p));
+  return area * area / static_cast<double>(distance2(a, b));
+}
+
+// Are two segments that do not cross within kClearance_steps of each other?
+bool are_near(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  return std::min({distance2_to(a, b, c), distance2_to(a, b, d), distance2_to(c, d, a),
+                   distance2_to(c, d, b)}) <= double{kClearance_steps} * kClearance_steps;
+}
+
+}  // namespace
+
+void RefinementOutline::clear(std::size_t vertices) {
+  segments_.clear();
+  segments_.reserve(vertices);
+  twins_.clear();
+  into_.assign(vertices, -1);
+  angle_deg_.assign(vertices, 360);
+}
+
+std::uint32_t RefinementOutline::add(std::uint32_t from, std::uint32_t to) {
+  const auto s = static_cast<std::uint32_t>(segments_.size());
+  segments_.push_back({from, to, -1, 360});
+  into_[to] = static_cast<std::int32_t>(s);
+  return s;
+}
+
+void RefinementOutline::close(const std::vector<LatticePoint>& points) {
+  for (Refined::Segment& s : segments_) {
+    s.previous = into_[s.from];
+    const LatticePoint v = points[s.from], n = points[s.to],
+                       p = points[segments_[static_cast<std::size_t>(s.previous)].from];
+    const std::int64_t cross = orient2d(v, n, p), dot = diametral_dot(n, p, v);
+    if (cross <= 0 || dot <= 0) continue;
+    s.angle_at_from_deg =
+        std::atan2(static_cast<double>(cross), static_cast<double>(dot)) * 180 / std::numbers::pi;
+    angle_deg_[s.from] = s.angle_at_from_deg;
+  }
+}
+
+void RefinementOutline::find_twins(const std::vector<LatticePoint>& points) {
+  const auto n = static_cast<std::uint32_t>(segments_.size());
+  struct Item {
+    LatticePoint low, high;
+    std::uint32_t segment;
+    auto ends() const { return std::pair{low, high}; }
+  };
+  std::vector<Item> items;
+  items.reserve(n);
+  for (std::uint32_t s = 0; s < n; ++s) {
+    const auto [low, high] = std::minmax(points[segments_[s].from], points[segments_[s].to]);
+    items.push_back({low, high, s});
+  }
+  std::sort(items.begin(), items.end(),
+            [](const Item& a, const Item& b) { return a.ends() < b.ends(); });
+  twins_.assign(n, kNoTwin);
+  for (std::uint32_t k = 0; k + 1 < n; ++k) {
+    const std::uint32_t s = items[k].segment, t = items[k + 1].segment;
+    if (items[k].ends() == items[k + 1].ends()) twins_[s] = t, twins_[t] = s;
+  }
+}
+
+// Do this segment and its predecessor have the same region, or void, beyond them? Two shared
+// segments do if they are neighbours on the other side too.
+bool RefinementOutline::is_one_loop_with_previous(std::uint32_t segment) const {
+  const std::uint32_t here = twin(segment),
+                      before = twin(static_cast<std::uint32_t>(segments_[segment].previous));
+  if (here == kNoTwin || before == kNoTwin) return here == before;
+  return segments_[before].previous == static_cast<std::int32_t>(here);
+}
+
+void RefinementOutline::find_loops() {
+  const auto n = static_cast<std::uint32_t>(segments_.size());
+  constexpr std::uint32_t kNone = 0xffffffff;
+  loop_.assign(n, kNone);
+  lost_.clear();
+  for (std::uint32_t first = 0; first < n; ++first) {
+    if (loop_[first] != kNone) continue;
+    const auto loop = static_cast<std::uint32_t>(lost_.size());
+    lost_.push_back(0);
+    std::uint32_t s = first;
+    loop_[s] = loop;
+    while (twins_.empty() || is_one_loop_with_previous(s)) {
+      s = static_cast<std::uint32_t>(segments_[s].previous);
+      if (loop_[s] != kNone) break;
+      loop_[s] = loop;
+    }
+    // If the walk ran into a loop that an earlier walk entered in its middle, this part belongs to
+    // it.
+    for (std::uint32_t t = first; loop_[s] != loop && loop_[t] == loop;
+         t = static_cast<std::uint32_t>(segments_[t].previous))
+      loop_[t] = loop_[s];
+  }
+}
+
+void RefinementOutline::find_clearance(const std::vector<LatticePoint>& points) {
+  const std::size_t n = segments_.size();
+  has_clearance_.assign(n, 1);
+  const auto previous = [this](std::size_t s) {
+    return static_cast<std::size_t>(segments_[s].previous);
+  };
+  std::vector<LatticeSegment> ends;
+  ends.reserve(n);
+  for (std::size_t s = 0; s < n; ++s) {
+    const LatticePoint a = points[segments_[s].from], b = points[segments_[s].to];
+    ends.push_back({a, b});
+    // The void must not be acute at a corner, since the two segments are near each other there.
+    const LatticePoint p = points[segments_[previous(s)].from];
+    if (orient2d(p, a, b) < 0 && diametral_dot(p, b, a) > 0)
+      has_clearance_[s] = has_clearance_[previous(s)] = 0;
+  }
+  SegmentGrid(ends, kClearance_steps).for_each_pair([&](std::size_t s, std::size_t t) {
+    if (has_clearance_[s] == 0 && has_clearance_[t] == 0) return;
+    const auto& [a, b] = ends[s];
+    const auto& [c, d] = ends[t];
+    LatticeBox box = box_around(a, b);
+    box.low = {box.low.x - kClearance_steps, box.low.y - kClearance_steps};
+    box.high = {box.high.x + kClearance_steps, box.high.y + kClearance_steps};
+    if (!apart(box, box_around(c, d)) && previous(s) != t && previous(t) != s &&
+        are_near(a, b, c, d))
+      has_clearance_[s] = has_clearance_[t] = 0;
+  });
+}
+
+bool RefinementOutline::is_acute(std::uint32_t vertex) const {
+  return angle_deg_[vertex] < kAcuteCorner_deg;
+}
+
+std::uint32_t RefinementOutline::small_corner_of_two(std::int32_t s, std::int32_t t) const {
+  const Refined::Segment &from_s = segments_[static_cast<std::size_t>(s)],
+                         &from_t = segments_[static_cast<std::size_t>(t)];
+  if (from_s.previous == t && from_s.angle_at_from_deg < kSmallInputAngle_deg) return from_s.from;
+  if (from_t.previous == s && from_t.angle_at_from_deg < kSmallInputAngle_deg) return from_t.from;
+  return kNoCorner;
+}
+
+double RefinementOutline::shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
+                                         const std::vector<LatticePoint>& points) const {
+  double fraction = 0.5, nearest = std::numeric_limits<double>::max();
+  for (const bool is_from : {true, false}) {
+    if (!(is_from ? is_acute_from(segment) : is_acute_to(segment))) continue;
+    const std::uint32_t corner = is_from ? segments_[segment].from : segments_[segment].to;
+    const double da = edge_length(a, points[corner]), db = edge_length(b, points[corner]);
+    const double near = std::min(da, db), far = std::max(da, db);
+    if (near >= nearest) continue;
+    nearest = near;
+    fraction = (shell_between(near, far) - near) / (far - near);
+    if (db < da) fraction = 1 - fraction;
+  }
+  return fraction;
+}
+
+}  // namespace trocar::pipeline

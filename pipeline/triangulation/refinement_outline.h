@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The input of refinement: its segments, the angles between them, and the positions of splits near
+// an acute angle (concentric shells: Ruppert, 1995; Shewchuk).
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "pipeline/triangulation/refinement.h"
+
+namespace trocar::pipeline {
+
+class RefinementOutline {
+ public:
+  static constexpr std::uint32_t kNoCorner = 0xffffffff, kNoTwin = 0xffffffff;
+
+  /// Removes all segments and keeps the memory. Segments are numbered in the order of add().
+  void clear(std::size_t vertices);
+  std::uint32_t add(std::uint32_t from, std::uint32_t to);
+  /// Measures the angles between the segments. Call it once, after the last add().
+  void close(const std::vector<LatticePoint>& points);
+
+  /// Finds the segments that two regions share, after close(). If it is not called, there are none.
+  void find_twins(const std::vector<LatticePoint>& points);
+  /// The segment with the same ends in the other order, or kNoTwin.
+  std::uint32_t twin(std::uint32_t segment) const {
+    return twins_.empty() ? kNoTwin : twins_[segment];
+  }
+
+  /// Finds the loops that the segments form. If regions share borders, each part of a loop with the
+  /// same material, or void, beyond it counts as a loop of its own.
+  void find_loops();
+  /// Finds the segments that may be split up to a lattice step on the void's side.
+  void find_clearance(const std::vector<LatticePoint>& points);
+  /// Can no other part of the outline meet this segment even if each point of both moves up to one
+  /// step to the void's side and up to three to the material's? Valid after find_clearance().
+  bool has_clearance(std::uint32_t segment) const { return has_clearance_[segment] != 0; }
+  /// Twice the area that splits have removed from the segment's loop so far. Valid after
+  /// find_loops().
+  std::int64_t& lost_of_loop(std::uint32_t segment) { return lost_[loop_[segment]]; }
+
+  const std::vector<Refined::Segment>& segments() const { return segments_; }
+  /// The angle of an input vertex in the material; 360 for 90 and more.
+  double angle_deg(std::uint32_t vertex) const { return angle_deg_[vertex]; }
+
+  /// The corner where two segments (as in VertexOrigin: negative for none) meet under an angle
+  /// below 60 degrees in the material, or kNoCorner.
+  std::uint32_t small_corner(std::int32_t s, std::int32_t t) const {
+    return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
+  }
+
+  /// Does a segment end in an acute corner (kAcuteCorner_deg), so that its splits belong on shells?
+  /// For a shared segment, a corner that is acute on one of the two sides suffices.
+  bool has_shells(std::uint32_t segment) const {
+    return is_acute_from(segment) || is_acute_to(segment);
+  }
+  /// The position, as a fraction of the way from a to b, at which to split the edge ab of a segment
+  /// that has shells: edges of the two segments that meet in the nearer acute corner then end at
+  /// equal distances from it.
+  double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
+                        const std::vector<LatticePoint>& points) const;
+
+ private:
+  bool is_acute(std::uint32_t vertex) const;
+  bool is_acute_from(std::uint32_t segment) const {
+    return is_acute(segments_[segment].from) ||
+           (twin(segment) != kNoTwin && is_acute(segments_[twin(segment)].to));
+  }
+  bool is_acute_to(std::uint32_t segment) const {
+    return is_acute(segments_[segment].to) ||
+           (twin(segment) != kNoTwin && is_acute(segments_[twin(segment)].from));
+  }
+  bool is_one_loop_with_previous(std::uint32_t segment) const;
+  std::uint32_t small_corner_of_two(std::int32_t s, std::int32_t t) const;
+
+  std::vector<Refined::Segment> segments_;
+  std::vector<std::int32_t> into_;  // by input vertex: the segment that ends there
+  std::vector<std::uint32_t> twins_;
+  std::vector<double> angle_deg_;
+  std::vector<char> has_clearance_;
+  std::vector<std::uint32_t> loop_;
+  std::vector<std::int64_t> lost_;  // by loop: see lost_of_loop()
+};
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The triangles to be improved, ordered by the square of their shortest edge in buckets of a
+// quarter of a power of two; within a bucket the newest comes first. Entries whose triangles have
+// been replaced since are dropped when they are popped.
+// Tests: tests/pipeline/triangulation/meshing_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <vector>
+
+namespace trocar::pipeline {
+
+class RefinementQueue {
+ public:
+  /// A reference to a triangle. It becomes stale when the triangle is replaced.
+  struct Entry {
+    std::uint32_t triangle, generation;
+  };
+
+  void clear() {
+    for (std::vector<Entry>& bucket : buckets_)
+      bucket.clear();
+    first_ = buckets_.size();
+  }
+
+  /// `shortest2` is the squared length of the shortest edge, from 1 to below 2^64.
+  void push(double shortest2, Entry entry) {
+    // A double's exponent and first two digits: four buckets for each power of two.
+    const auto digits = std::bit_cast<std::uint64_t>(shortest2) >> 50;
+    const std::size_t k = (digits - (1023U << 2)) & (buckets_.size() - 1);
+    buckets_[k].push_back(entry);
+    first_ = std::min(first_, k);
+  }
+
+  /// Puts the first entry for which is_valid() holds into `out`; false if there is none.
+  template <typename IsValid>
+  bool pop(Entry& out, IsValid is_valid) {
+    for (; first_ < buckets_.size(); ++first_) {
+      std::vector<Entry>& bucket = buckets_[first_];
+      while (!bucket.empty()) {
+        out = bucket.back();
+        bucket.pop_back();
+        if (is_valid(out)) return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  std::array<std::vector<Entry>, 256> buckets_;
+  std::size_t first_ = 256;
+};
+
+}  // namespace trocar::pipeline

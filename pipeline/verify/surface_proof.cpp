@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/verify/surface_proof.h"
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Polygon_mesh_processing/self_intersections.h>
+#include <CGAL/Surface_mesh.h>
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+namespace trocar::pipeline {
+
+std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surface) {
+  using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+  using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+  Mesh mesh;
+  std::vector<Mesh::Vertex_index> vertices;
+  vertices.reserve(surface.vertices.size());
+  for (const SpacePoint& p : surface.vertices)
+    vertices.push_back(mesh.add_vertex(Kernel::Point_3(p[0], p[1], p[2])));
+  for (const auto& t : surface.triangles)
+    mesh.add_face(vertices[t[0]], vertices[t[1]], vertices[t[2]]);
+
+  std::vector<std::pair<Mesh::Face_index, Mesh::Face_index>> pairs;
+  CGAL::Polygon_mesh_processing::self_intersections(mesh, std::back_inserter(pairs));
+  std::vector<std::size_t> out;
+  for (const auto& [a, b] : pairs) {
+    out.push_back(a.idx());
+    out.push_back(b.idx());
+  }
+  std::sort(out.begin(), out.end());
+  out.erase(std::unique(out.begin(), out.end()), out.end());
+  return out;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Self-intersections of a triangle surface, by CGAL's exact predicates.
+// Tests: tests/pipeline/surface/display_surface_test.cpp
+#pragma once
+
+#include <vector>
+
+#include "formats/geometry/triangle_surface.h"
+
+namespace trocar::pipeline {
+
+/// The triangles that intersect another one beyond a common vertex or edge, ascending and each
+/// once; empty if the surface has no self-intersection. Coordinates are integers, so nothing is
+/// rounded. All indices must be in range. O(n log n) for most surfaces.
+std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surface);
+
+}  // namespace trocar::pipeline

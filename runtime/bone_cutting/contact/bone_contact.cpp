@@ -1,0 +1,415 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/contact/bone_contact.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+
+#include "runtime/bone_cutting/contact/admissible_region.h"
+#include "runtime/bone_cutting/material/slabs.h"
+#include "runtime/contact/overlap.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kAhead_m = 3e-3;  // smallest depth below the tip that is evaluated
+constexpr int kMinSheetsAhead = 3;
+constexpr std::int32_t kNewOutline_steps =
+    4;  // motion of a corner after which a sheet is evaluated again
+constexpr double kMostlyMaterial = 0.5;
+constexpr double kMinCoverage = 1e-3;  // with less coverage there is no hole
+constexpr double kNewRegion_m = 2e-4;
+constexpr int kCheckedInTick = 2;  // sheets around the shaft that a tick evaluates
+constexpr double kTwist_s = 0.02;
+constexpr double kWidening = 0.25;  // step in which a yielded wall is cut, in radii
+
+bool has_moved(const LatticeOutline& a, const LatticeOutline& b) noexcept {
+  if (a.size != b.size) return true;
+  for (int i = 0; i < a.size; ++i) {
+    if (std::abs(a.points[i].x - b.points[i].x) > kNewOutline_steps ||
+        std::abs(a.points[i].y - b.points[i].y) > kNewOutline_steps)
+      return true;
+  }
+  return false;
+}
+
+class BoneContactTick {
+ public:
+  BoneContactTick(const BoneVolume& bone, std::span<const Sheet* const> sheets,
+                  const Pose& T_device_tool, std::span<SheetTrack> tracks,
+                  BoneContactState& state) noexcept
+      : bone_(bone), sheets_(sheets), tool_(T_device_tool), tracks_(tracks), state_(state) {
+    tip_m_ = -(T_device_tool * bone.tool.tip_plate_m).z();
+    if (bone.twists)
+      slice_push_ = slice_push(bone.shape, state.twist_rad_per_s, state.feed_m_per_s);
+  }
+
+  // Evaluates the sheets from the front, or from the tip above it, to some distance below the tip.
+  void evaluate_below() noexcept {
+    const double front_m = state_.law.stretch_m > 0 ? state_.front_m : tip_m_;
+    const int count = static_cast<int>(sheets_.size());
+    int first = 0;
+    while (first < count && bone_.sheets[first].bottom_m < front_m - 1e-6)
+      ++first;
+    int end = first;
+    while (end < count &&
+           (end - first < kMinSheetsAhead || bone_.sheets[end].top_m < tip_m_ + kAhead_m))
+      ++end;
+    // A shell's strength depends on how far below the material ends.
+    int seen = end;
+    while (seen < count &&
+           bone_.sheets[seen].top_m < bone_.sheets[end - 1].bottom_m + bone_.shell_m)
+      ++seen;
+    for (int i = std::max(0, first - 1); i < std::min(count, seen + 1); ++i)
+      refresh(i);
+    for (int i = std::max(0, first - 1); i < std::min(count, end + 1); ++i) {
+      SheetInContact& own = state_.sheets[i];
+      own.strength_N = own.has_hu ? bone_.sheets[i].strength_N(bone_.shape, own.hu, slice_push_)
+                                  : bone_.sheets[i].nominal_N;
+    }
+    for (int i = first; i < end; ++i)
+      set_strength(i);
+    if (state_.law.stretch_m <= 0 && first < count)
+      state_.options.tip_N_per_m = bone_.sheets[first].tip_N_per_m;
+  }
+
+  // Evaluates some of the sheets around the shaft in turn: the admissible region beside material, and the cuts
+  // where a wall yielded.
+  void evaluate_around() noexcept {
+    const int count = static_cast<int>(sheets_.size());
+    for (int checked = 0, passed = 0; checked < kCheckedInTick && passed < count; ++passed) {
+      const int i = state_.next_checked = (state_.next_checked + 1) % count;
+      if (bone_.sheets[i].top_m > tip_m_ || bone_.sheets[i].bottom_m <= bone_.sheets[i].top_m)
+        continue;
+      ++checked;
+      if (state_.sheets[i].is_beside) find_free(i, kNewRegion_m);
+      cut_yielded(i);
+    }
+  }
+
+  void request_passed() noexcept {
+    const CuttingResult& result = state_.result;
+    for (int k = result.passed_from; k < result.passed_to; ++k) {
+      const int i = bone_.sheet_of_slab[k];
+      const BoneSheet& sheet = bone_.sheets[i];
+      if (k + 1 < sheet.first_slab + sheet.slabs) continue;  // the sheet's slab has more parts
+      if (!(state_.sheets[i].share > kMinCoverage)) continue;
+      request(i, outline_at(i, state_.law.T_device_proxy), true);
+    }
+  }
+
+  bool backlog() const noexcept { return backlog_; }
+
+ private:
+  LatticeOutline outline_at(int i, const Pose& T_device_tool) const noexcept {
+    return outline_on_lattice(bone_.tool, T_device_tool, sheets_[i]->transform, sheets_[i]->z_m);
+  }
+
+  void refresh(int i) noexcept {
+    SheetInContact& own = state_.sheets[i];
+    const SheetTrack& track = tracks_[i];
+    const LatticeOutline outline = outline_at(i, tool_);
+    const bool same_place = own.is_known && !has_moved(outline, own.outline);
+    if (same_place && own.cuts == sheets_[i]->cuts && own.cuts_requested == track.cuts_requested)
+      return;
+    own.share =
+        overlap(*sheets_[i], bone_.tool, outline,
+                std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)))
+            .coverage;
+    own.cuts = sheets_[i]->cuts;
+    own.cuts_requested = track.cuts_requested;
+    if (same_place) return;
+    own.outline = outline;
+    own.is_known = true;
+    const Eigen::Vector3d at_m = axis_at(bone_.tool, tool_, sheets_[i]->z_m);
+    const SliceField::Mean under =
+        sheets_[i]->field->mean(sheets_[i]->transform, at_m.head<2>(), bone_.radius_m);
+    own.grip = under.share;
+    own.is_presented = under.share >= kMostlyMaterial;
+    own.hu = under.hu;
+    own.has_hu = under.share > 0;
+  }
+
+  // Thickness of material between the i-th sheet's slab and the point where the tool entered it, or where it will
+  // leave it.
+  double material_above_m(int i) const noexcept {
+    double sum = 0;
+    for (; bone_.sheets[i].meets_above && sum < bone_.shell_m; --i) {
+      if (!state_.sheets[i - 1].is_presented) return sum;
+      sum += bone_.sheets[i - 1].bottom_m - bone_.sheets[i - 1].top_m;
+    }
+    return sum;
+  }
+  double material_below_m(int i) const noexcept {
+    double sum = 0;
+    for (; bone_.sheets[i].meets_below && sum < bone_.shell_m; ++i) {
+      if (!state_.sheets[i + 1].is_presented) return sum;
+      sum += bone_.sheets[i + 1].bottom_m - bone_.sheets[i + 1].top_m;
+    }
+    return sum;
+  }
+
+  void set_strength(int i) noexcept {
+    const BoneSheet& sheet = bone_.sheets[i];
+    SheetInContact& own = state_.sheets[i];
+    own.is_beside = own.share < kMostlyMaterial && !own.has_cut;
+    const double N = own.strength_N;
+    std::array<double, 2> ends{N, N};
+    if (sheet.meets_above || sheet.meets_below) {
+      const bool above = sheet.meets_above && state_.sheets[i - 1].is_presented,
+                 below = sheet.meets_below && state_.sheets[i + 1].is_presented;
+      ends = strength_ends(N, above ? state_.sheets[i - 1].strength_N : N,
+                           above ? sheets_[i - 1]->z_m - sheets_[i]->z_m : 0,
+                           below ? state_.sheets[i + 1].strength_N : N,
+                           below ? sheets_[i]->z_m - sheets_[i + 1]->z_m : 0,
+                           sheet.bottom_m - sheet.top_m);
+    }
+    const bool has_shell = bone_.shell_m > 0 && own.is_presented;
+    const double above_m = has_shell ? material_above_m(i) : 0,
+                 below_m = has_shell ? material_below_m(i) : 0;
+    const double slope =
+        sheet.bottom_m > sheet.top_m ? (ends[1] - ends[0]) / (sheet.bottom_m - sheet.top_m) : 0;
+    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k) {
+      CuttingSlab& slab = state_.slabs[k];
+      const double down_m = slab.top_m - sheet.top_m, up_m = sheet.bottom_m - slab.bottom_m;
+      constexpr double kRounding_m = 1e-9;
+      const double length_m = slab.bottom_m - slab.top_m;
+      const bool is_shell =
+          has_shell && (above_m + down_m + length_m <= bone_.shell_m + kRounding_m ||
+                        below_m + up_m + length_m <= bone_.shell_m + kRounding_m);
+      slab.friction_N_per_m = own.grip * bone_.slabs[k].friction_N_per_m;
+      slab.viscous_N_s_per_m2 = own.grip * bone_.slabs[k].viscous_N_s_per_m2;
+      slab.strength_top_N = own.share * (is_shell ? sheet.shell_N : ends[0] + slope * down_m);
+      slab.strength_bottom_N =
+          own.share * (is_shell ? sheet.shell_N : ends[0] + slope * (down_m + length_m));
+    }
+    // When the tool reaches a sheet, its admissible region beside the material is needed at once.
+    if (own.is_beside && sheet.bottom_m > sheet.top_m) find_free(i, kNewRegion_m);
+  }
+
+  // In a sheet that the shaft fills: the point at which the tool touches the wall that it presses on, or its axis
+  // if it presses on none.
+  Eigen::Vector2d touching(int i) const noexcept {
+    const CuttingState& law = state_.law;
+    Eigen::Vector2d at_m = axis_in(i, law.has_begun ? law.T_device_proxy : tool_);
+    const Slot* wall = wall_of(i);
+    if (wall == nullptr) return at_m;
+    const Slot::Reach reach = wall->reach(at_m);
+    return at_m - reach.distance_m * reach.away;
+  }
+  // Null: the shaft does not fill the sheet.
+  const Slot* wall_of(int i) const noexcept {
+    const CuttingState& law = state_.law;
+    if (law.hole < 0 || !law.has_begun) return nullptr;
+    const CuttingHoleSlab& slab = law.holes[law.hole].slabs[bone_.sheets[i].first_slab];
+    return slab.embedded_m > 0 && slab.walls[0].is_open() ? &slab.walls[0] : nullptr;
+  }
+
+  Eigen::Vector2d axis_in(int i, const Pose& T_device_tool) const noexcept {
+    return axis_at(bone_.tool, T_device_tool, sheets_[i]->z_m).head<2>();
+  }
+
+  void find_free(int i, double moved_m) noexcept {
+    SheetInContact& own = state_.sheets[i];
+    const BoneSheet& sheet = bone_.sheets[i];
+    const Eigen::Vector2d at_m = touching(i);
+    CuttingSlab& first = state_.slabs[sheet.first_slab];
+    if (first.free != nullptr && (at_m - own.free_at_m).norm() < moved_m) return;
+    own.free = admissible_region(*sheets_[i], at_m, bone_.radius_m);
+    own.free_at_m = at_m;
+    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k) {
+      state_.slabs[k].free = &own.free;
+      ++state_.slabs[k].free_version;
+    }
+  }
+
+  // A wall yields where it is pressed at its strength: there the slot of the axis has grown.
+  void cut_yielded(int i) noexcept {
+    SheetInContact& own = state_.sheets[i];
+    if (wall_of(i) == nullptr) return;
+    const Eigen::Vector2d wall_m = touching(i);
+    if (bone_.sheets[i].bottom_m > state_.front_m) return;  // the front is still in it
+    if (own.has_cut && (wall_m - own.cut_at_m).norm() < kWidening * bone_.radius_m) return;
+    if (!own.has_cut && own.share > kMinCoverage) return;
+    SheetTrack& track = tracks_[i];
+    if (track.pending_count == kMaxPendingHoles) return;
+    Pose moved = state_.law.T_device_proxy;
+    moved.p_m.head<2>() += wall_m - axis_in(i, state_.law.T_device_proxy);
+    const LatticeOutline outline = outline_at(i, moved);
+    const double share =
+        overlap(*sheets_[i], bone_.tool, outline,
+                std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)))
+            .coverage;
+    const double least = own.is_beside ? 0.5 * kWidening : 0.1 * kWidening;
+    if (share < least) return;
+    request(i, outline, false);
+    own.cut_at_m = wall_m;
+  }
+
+  void request(int i, const LatticeOutline& outline, bool is_front) noexcept {
+    SheetTrack& track = tracks_[i];
+    SheetInContact& own = state_.sheets[i];
+    if (track.pending_count == kMaxPendingHoles || state_.cuts.size() == state_.cuts.capacity()) {
+      backlog_ = true;
+      return;
+    }
+    track.pending[track.pending_count++] = outline;
+    state_.cuts.push_back(
+        {static_cast<std::int32_t>(i), ++track.cuts_requested, outline, is_front});
+    if (!is_front) return;
+    own.has_cut = true;
+    own.cut_at_m = axis_in(i, state_.law.T_device_proxy);
+  }
+
+  const BoneVolume& bone_;
+  std::span<const Sheet* const> sheets_;
+  const Pose& tool_;
+  std::span<SheetTrack> tracks_;
+  BoneContactState& state_;
+  double tip_m_ = 0, slice_push_ = 0;
+  bool backlog_ = false;
+};
+
+// Over about kTwist_s, so that single steps of an encoder do not count.
+void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
+                  BoneContactState& state) noexcept {
+  const Twist way = displacement(state.T_device_plate, T_device_plate);
+  const Eigen::Vector3d inward = T_device_plate.q * -bone.tool.axis_plate;
+  const Eigen::Vector3d tip_way =
+      T_device_plate * bone.tool.tip_plate_m - state.T_device_plate * bone.tool.tip_plate_m;
+  const double share = std::min(1.0, interval_s / kTwist_s);
+  state.twist_rad_per_s += share * (way.tail<3>().dot(inward) / interval_s - state.twist_rad_per_s);
+  state.feed_m_per_s += share * (tip_way.dot(inward) / interval_s - state.feed_m_per_s);
+}
+
+// The tool has left its hole or entered another one. The meshes keep the cuts.
+void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
+  for (std::size_t i = 0; i < state.sheets.size(); ++i) {
+    state.sheets[i].has_cut = false;
+    const BoneSheet& sheet = bone.sheets[i];
+    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k)
+      state.slabs[k].free = nullptr;
+  }
+}
+
+}  // namespace
+
+BoneContactState make_bone_contact_state(const BoneVolume& bone) {
+  BoneContactState state;
+  state.law = make_cutting_state(bone.slabs.size(), kMaxRememberedHoles, bone.layers.size());
+  for (SoftLayerState& layer : state.law.layers)
+    layer.holes.resize(kMaxRememberedHoles);
+  state.slabs = bone.slabs;
+  state.sheets.resize(bone.sheets.size());
+  for (std::size_t i = 0; i < bone.sheets.size(); ++i)
+    state.sheets[i].strength_N = bone.sheets[i].nominal_N;
+  state.cuts.reserve(2 * bone.sheets.size());
+  state.options = bone.options;
+  state.options.layers = bone.layers;
+  return state;
+}
+
+void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
+                         const Pose& T_device_plate, const Pose& T_device_evaluated,
+                         double pose_interval_s, std::span<SheetTrack> tracks,
+                         BoneContactState& state, ContactOutput& output) noexcept {
+  output = ContactOutput{};
+  output.tip_device_m = T_device_plate * bone.tool.tip_plate_m;
+  output.not_upright = !is_upright(bone.tool, T_device_evaluated);
+  if (output.not_upright) return;
+  for (std::size_t i = 0; i < sheets.size(); ++i)
+    drop_published(*sheets[i], tracks[i]);
+  state.cuts.clear();
+  if (pose_interval_s > 0) state.options.interval_s = pose_interval_s;
+
+  state.must_lift = false;
+  if (bone.twists && state.has_plate && pose_interval_s > 0)
+    follow_twist(bone, T_device_plate, pose_interval_s, state);
+  BoneContactTick tick(bone, sheets, T_device_evaluated, tracks, state);
+  tick.evaluate_below();
+  tick.evaluate_around();
+  const bool was_loaded = state.law.stretch_m > 0;
+  const double front_before_m = state.front_m;
+  cutting_tick(state.options, T_device_evaluated, state.slabs, state.law, state.result);
+  const CuttingResult& result = state.result;
+  if (state.last_hole >= 0 && state.law.hole != state.last_hole) forget_hole(bone, state);
+  state.last_hole = state.law.hole;
+  tick.request_passed();
+  output.backlog = tick.backlog();
+
+  // The energy account: work of the last tick's wrench over the plate's displacement since.
+  BoneEnergyAccount& energy = state.energy;
+  if (state.has_plate && pose_interval_s > 0)
+    energy.absorbed_J -=
+        state.wrench_device.dot(displacement(state.T_device_plate, T_device_plate));
+  if (pose_interval_s > 0 || !state.has_plate) state.T_device_plate = T_device_plate;
+  state.has_plate = true;
+  state.T_device_evaluated = T_device_evaluated;
+  state.wrench_device = result.wrench_device;
+  energy.cut_J += result.cut_J;
+  energy.stored_J = result.stored_J;
+  energy.released_max_J = std::max(energy.released_max_J, -energy.absorbed_J);
+
+  output.cut_list = state.cuts;
+  output.punctured_now = std::any_of(state.cuts.begin(), state.cuts.end(),
+                                     [](const CutRequest& cut) { return cut.is_puncture; });
+  output.wrench_device = result.wrench_device;
+  output.local.stored_J = result.stored_J;
+  output.force_N = result.tip_N + result.layer_N;
+  for (int k = result.passed_from; k < result.passed_to; ++k)
+    output.trial_force_N = std::max(
+        {output.trial_force_N, state.slabs[k].strength_top_N, state.slabs[k].strength_bottom_N});
+  const double tip_m = -output.tip_device_m.z();
+  const double front_m = state.front_m = result.front_m;
+  if (output.punctured_now && was_loaded)
+    output.penetration_m = std::max(0.0, tip_m - front_before_m);
+  else if (result.tip_N > 0)
+    output.penetration_m = std::max(0.0, tip_m - front_m);
+  const auto at_front = std::lower_bound(
+      bone.sheets.begin(), bone.sheets.end(), front_m - 1e-9,
+      [](const BoneSheet& sheet, double depth_m) { return sheet.bottom_m < depth_m; });
+  const auto above_tip = std::upper_bound(
+      bone.sheets.begin(), bone.sheets.end(), tip_m,
+      [](double depth_m, const BoneSheet& sheet) { return depth_m < sheet.top_m; });
+  constexpr double kAir_HU = -1000;
+  const auto front_sheet = static_cast<std::size_t>(at_front - bone.sheets.begin());
+  const bool is_in_material = at_front != bone.sheets.end() && state.sheets[front_sheet].has_hu;
+  state.front_HU = is_in_material ? state.sheets[front_sheet].hu : kAir_HU;
+  if (result.tip_N > 0 && at_front != bone.sheets.end()) {
+    output.phase = ContactPhase::kContact;
+    output.active_sheet = static_cast<std::int32_t>(at_front - bone.sheets.begin());
+  } else if (result.layer_N > 0) {
+    output.phase = ContactPhase::kContact;
+  } else if (above_tip != bone.sheets.begin()) {
+    output.active_sheet = static_cast<std::int32_t>(above_tip - bone.sheets.begin()) - 1;
+    output.phase = state.sheets[output.active_sheet].has_cut ? ContactPhase::kPunctured
+                                                             : ContactPhase::kMissed;
+  }
+}
+
+void reset_motion(BoneContactState& state) noexcept {
+  if (state.law.stretch_m > 0) {
+    state.must_lift = true;
+    state.lift_to_m = state.front_m;
+  }
+  for (const SoftLayerState& layer : state.law.layers) {
+    if (!(layer.stretch_m > 0)) continue;
+    state.lift_to_m = state.must_lift ? std::min(state.lift_to_m, layer.cut_m) : layer.cut_m;
+    state.must_lift = true;
+  }
+  state.twist_rad_per_s = state.feed_m_per_s = 0;
+  release(state.law);
+  state.has_plate = false;
+  state.wrench_device.setZero();
+  state.result = {};
+}
+
+double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
+                          const BoneContactState& state) noexcept {
+  if (!state.must_lift) return 0;
+  const double tip_m = -(T_device_plate * bone.tool.tip_plate_m).z();
+  return std::max(0.0, tip_m - state.lift_to_m);
+}
+
+}  // namespace trocar::runtime

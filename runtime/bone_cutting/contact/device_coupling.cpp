@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/contact/device_coupling.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/kinematics.h"
+#include "runtime/mechanism/torque_allocation.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kMaxPredicted = 0.5;  // K T^2 / M
+constexpr double kMuch_N = 1e4, kMuch_Nm = 1e3;
+
+struct Stiffness {
+  double translation_N_per_m = 0, rotation_Nm_per_rad = 0;
+};
+
+double damping_share(const Jacobian& G, double joint_Nms_per_rad, const Stiffness& K, double T_s) {
+  const Eigen::Matrix<double, 6, 6> B = joint_Nms_per_rad * G.transpose() * G;
+  Eigen::Matrix<double, 6, 1> per;
+  per << Eigen::Vector3d::Constant(1 / std::sqrt(K.translation_N_per_m * T_s / 2)),
+      Eigen::Vector3d::Constant(1 / std::sqrt(K.rotation_Nm_per_rad * T_s / 2));
+  const Eigen::Matrix<double, 6, 6> scaled = per.asDiagonal() * B * per.asDiagonal();
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>>(scaled, Eigen::EigenvaluesOnly)
+      .eigenvalues()
+      .minCoeff();
+}
+
+}  // namespace
+
+DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
+                               const DeviceDescription& device, const Pose& T_device_plate,
+                               double rate_Hz) {
+  DeviceCoupling out;
+  CuttingCoupling& coupling = out.coupling;
+  coupling = bone.options.coupling;
+  const double T_s = 1 / rate_Hz, scale = law.force_scale;
+  const double tissue_N_per_m =
+      std::max({bone.along_N_per_m, bone.across_N_per_m, bone.viscous_N_s_per_m / T_s});
+  const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
+  const Stiffness most{
+      kMaxPredicted * device.plate_mass_kg / (T_s * T_s * scale),
+      kMaxPredicted *
+          *std::min_element(device.plate_inertia_kg_m2.begin(), device.plate_inertia_kg_m2.end()) /
+          (T_s * T_s * scale)};
+  coupling.is_rigid =
+      law.axis == ToolAxis::kRigid ||
+      (law.axis == ToolAxis::kAuto && tissue_N_per_m <= coupling.translation_N_per_m);
+  const Stiffness K =
+      coupling.is_rigid
+          ? Stiffness{scale * tissue_N_per_m, scale * tissue_N_per_m * lever_m * lever_m}
+          : Stiffness{scale * coupling.translation_N_per_m, scale * coupling.rotation_Nm_per_rad};
+
+  const InverseResult joints = inverse_kinematics(device, T_device_plate);
+  const JacobianResult motion =
+      joints.status ? jacobian(device, T_device_plate, joints.joints) : JacobianResult{};
+  const bool is_known = joints.status && motion.status;
+  if (is_known) {
+    out.damping_share = damping_share(motion.G, device.joint_viscous_friction_Nms_per_rad, K, T_s);
+    const auto given = [&](const Wrench& wrench) {
+      return allocate_torques(motion.G, wrench, device.motor_peak_torque_Nm).scale;
+    };
+    const Eigen::Vector3d up = T_device_plate.q * bone.tool.axis_plate;
+    Wrench wrench = Wrench::Zero();
+    wrench.head<3>() = kMuch_N * up;
+    out.most_N = kMuch_N * given(wrench) / scale;
+    coupling.most_force_N = out.most_N;
+    for (int i = 0; i < 3; ++i) {
+      wrench.setZero();
+      wrench[3 + i] = kMuch_Nm;
+      coupling.most_moment_Nm = std::min(coupling.most_moment_Nm, kMuch_Nm * given(wrench) / scale);
+    }
+  }
+  out.predicts_pose = law.prediction == PosePrediction::kOn ||
+                      (law.prediction == PosePrediction::kAuto && out.damping_share < 1);
+  if (out.predicts_pose) {
+    coupling.translation_N_per_m = std::min(coupling.translation_N_per_m, most.translation_N_per_m);
+    coupling.rotation_Nm_per_rad = std::min(coupling.rotation_Nm_per_rad, most.rotation_Nm_per_rad);
+    // The tissue must be softer than the coupling as it is now.
+    if (law.axis != ToolAxis::kRigid && tissue_N_per_m > coupling.translation_N_per_m)
+      coupling.is_rigid = false;
+  }
+  return out;
+}
+
+std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
+  std::array<char, 256> text;
+  std::string out = "tool axis rigid";
+  if (!chosen.coupling.is_rigid) {
+    std::snprintf(text.data(), text.size(), "tool axis coupled, %.4g N/m and %.4g Nm/rad",
+                  chosen.coupling.translation_N_per_m, chosen.coupling.rotation_Nm_per_rad);
+    out = text.data();
+  }
+  std::snprintf(text.data(), text.size(), ", at most %.4g N of tissue at force scale %.4g",
+                chosen.most_N, law.force_scale);
+  out += text.data();
+  std::snprintf(text.data(), text.size(), "; the device's damping holds %.3g of that stiffness: %s",
+                chosen.damping_share,
+                chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
+  return out + text.data();
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/law/cutting_law.h"
+
+#include <algorithm>
+
+#include "runtime/bone_cutting/law/equilibrium.h"
+#include "runtime/bone_cutting/law/front.h"
+#include "runtime/bone_cutting/law/holes.h"
+#include "runtime/bone_cutting/law/potential.h"
+#include "runtime/bone_cutting/law/soft_layers.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector3d;
+
+// The stiffness goes with the limit. What grows keeps its force, so that its energy falls.
+void hold_tip(Tick& tick) noexcept {
+  CuttingState& state = tick.state;
+  tick.tip_friction_N =
+      tick.options.tip_friction * tick.options.tip_N_per_m * std::max(state.stretch_m, 0.0);
+  const double stiffness = tick.tip_friction_N / std::max(tick.options.tip_presliding_m, 1e-9);
+  if (stiffness > state.tip_friction_N_per_m)
+    state.tip_slip_m *= state.tip_friction_N_per_m / stiffness;
+  state.tip_friction_N_per_m = stiffness;
+  if (stiffness <= 0) state.tip_slip_m.setZero();
+  tick.limit_tip_slip();
+}
+
+void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
+  out.wrench_device = e.coupling;
+  out.stored_J = e.V - e.friction_J - e.wall_J - e.viscous_J - e.tip_friction_J;
+  // Friction that has slid keeps its new rest position.
+  if (tick.state.friction_N_per_m > 0) {
+    tick.state.presliding_m += e.slide;
+    const double length = tick.state.presliding_m.norm();
+    if (length > tick.options.presliding_m)
+      tick.state.presliding_m *= tick.options.presliding_m / length;
+    out.stored_J += 0.5 * tick.state.friction_N_per_m * tick.state.presliding_m.squaredNorm();
+  } else {
+    tick.state.presliding_m.setZero();
+  }
+  if (tick.tip_friction_N > 0) {
+    tick.state.tip_slip_m += e.tip_slide;
+    tick.limit_tip_slip();
+    out.stored_J += 0.5 * tick.state.tip_friction_N_per_m * tick.state.tip_slip_m.squaredNorm();
+  }
+  const Vector3d tip = e.X * tick.options.tool.tip_plate_m,
+                 axis = e.X.q * tick.options.tool.inward_plate;
+  out.stored_J += e.walls_yield ? yield_walls(tick, tip, axis) : e.wall_J;
+  out.tip_N = tick.is_free ? 0 : e.tip_N;
+  tick.state.stretch_m += e.slide[0];
+  // Remove the rounding error of a tip that touches nothing.
+  if (tick.is_free) tick.state.stretch_m = std::min(tick.state.stretch_m, 0.0);
+  tick.state.T_device_proxy = e.X;
+  out.front_m = tick.front_m;
+  out.embedded_m = tick.embedded_m;
+  finish_layers(tick, e.slide[0], out);
+  if (tick.front_m > tick.first_front_m) record_cut(tick, tip, axis, out);
+  if (tick.options.coupling.is_rigid) {
+    // The derivative of what is stored now, with the shaft as it is now.
+    tick.start_at(e.X);
+    if (tick.tip_friction_N > 0) tick.limit_tip_slip();
+    Evaluation now;
+    evaluate(tick, e.X, false, now, out);
+    const double viscous_N = tick.viscous_N_s_per_m * e.slide[0] / tick.options.interval_s;
+    out.wrench_device = -now.g - viscous_N * now.along;
+  }
+}
+
+void run(Tick& tick, CuttingResult& out) noexcept {
+  ++tick.state.tick;
+  choose_hole(tick);
+  find_front(tick);
+  find_layers(tick);
+  if (tick.options.tip_friction > 0) hold_tip(tick);
+  enter_or_leave(tick);
+  embed(tick);
+  Evaluation e;
+  if (tick.options.coupling.is_rigid) {
+    evaluate(tick, tick.plate, false, e, out);
+    const Advance a = scan(tick, e.tip_N, tick.options.tip_N_per_m);
+    if (a.length_m > 0) {
+      take(tick, a, out);
+      evaluate(tick, tick.plate, false, e, out);
+    }
+    for (int k = 0; k < kMaxLayerAdvances; ++k) {
+      const LayerAdvance layer = scan_layers(tick, e.slide[0], e.tip_N, 1);
+      if (layer.layer < 0) break;
+      take(tick, layer, out);
+      evaluate(tick, tick.plate, false, e, out);
+    }
+  } else {
+    evaluate(tick, tick.start, false, e, out);
+    settle(tick, e, out);
+  }
+  finish(tick, e, out);
+}
+
+}  // namespace
+
+CuttingState make_cutting_state(std::size_t slabs, std::size_t holes, std::size_t layers) {
+  CuttingState state;
+  state.holes.resize(holes);
+  for (CuttingHole& hole : state.holes)
+    hole.slabs.resize(slabs);
+  state.wall_points.resize(slabs * kMaxWallPoints);
+  state.layers.resize(layers);
+  for (SoftLayerState& layer : state.layers)
+    layer.holes.resize(holes);
+  return state;
+}
+
+void release(CuttingState& state) noexcept {
+  if (state.hole >= 0) {
+    CuttingHole& hole = state.holes[static_cast<std::size_t>(state.hole)];
+    for (int i = state.embedded_from; i < state.embedded_to; ++i)
+      hole.slabs[static_cast<std::size_t>(i)].embedded_m = 0;
+  }
+  state.has_begun = false;
+  state.stretch_m = 0;
+  state.friction_N_per_m = 0;
+  state.presliding_m.setZero();
+  state.tip_friction_N_per_m = 0;
+  state.tip_slip_m.setZero();
+  for (SoftLayerState& layer : state.layers)
+    layer.stretch_m = std::min(layer.stretch_m, 0.0);
+  state.hole = -1;
+  state.embedded_from = state.embedded_to = 0;
+}
+
+void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
+                  std::span<const CuttingSlab> slabs, CuttingState& state,
+                  CuttingResult& result) noexcept {
+  result = {};
+  if (!state.has_begun) {
+    state.has_begun = true;
+    state.T_device_proxy = T_device_plate;
+  }
+  Tick tick{.options = options,
+            .plate = T_device_plate,
+            .slabs = slabs,
+            .state = state,
+            .layers = options.layers.first(std::min(options.layers.size(), state.layers.size()))};
+  tick.start_at(state.T_device_proxy);
+  run(tick, result);
+}
+
+}  // namespace trocar::runtime

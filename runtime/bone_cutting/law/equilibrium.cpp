@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/law/equilibrium.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "runtime/bone_cutting/law/block_inverse.h"
+#include "runtime/bone_cutting/law/front.h"
+#include "runtime/bone_cutting/law/soft_layers.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+using Vector6 = Evaluation::Vector6;
+using Matrix6 = Evaluation::Matrix6;
+
+constexpr double kRounding_J = 1e-15;
+
+Pose moved(const Pose& X, const Vector6& step) noexcept {
+  return {X.p_m + step.head<3>(), (from_rotation_vector(step.tail<3>()) * X.q).normalized()};
+}
+
+double size_of(const Vector6& g) noexcept {
+  // A moment counts as its force at 0.1 m.
+  return std::max(g.head<3>().cwiseAbs().maxCoeff(), g.tail<3>().cwiseAbs().maxCoeff() / 0.1);
+}
+double allowed(const Tick& tick, const Evaluation& e) noexcept {
+  return tick.options.tolerance * std::max(1.0, e.coupling_N);
+}
+
+// One step of Newton's method that lowers the potential; false if none was found. Where the
+// tangent leads astray, beyond the limits of many elements, the majorising parabola's does not.
+bool step(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  Evaluation next;
+  constexpr double kMinDecrease = 1e-4;
+  constexpr int kMaxHalvings = 10;
+  for (const bool majorise : {false, true}) {
+    if (majorise) evaluate(tick, e.X, true, e, out);
+    BlockInverse inverse;
+    if (!inverse.of(e.H)) continue;
+    const Vector6 towards = inverse.times(e.g);
+    const double slope = -e.g.dot(towards);
+    if (!(slope < 0)) continue;
+    double share = 1;
+    for (int k = 0; k < (majorise ? kMaxHalvings : 2); ++k, share *= 0.25) {
+      evaluate(tick, moved(e.X, -share * towards), false, next, out);
+      // Close to the minimum the potential cannot tell better from worse; the gradient can.
+      if (next.V <= e.V + kMinDecrease * share * slope ||
+          (next.V <= e.V + kRounding_J && size_of(next.g) < size_of(e.g))) {
+        e = next;
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+void minimise(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  while (true) {
+    out.has_converged = size_of(e.g) <= allowed(tick, e);
+    if (out.has_converged || out.steps >= tick.options.most_steps) return;
+    ++out.steps;
+    if (!step(tick, e, out)) {
+      // The potential is as low as rounding permits.
+      out.has_converged = size_of(e.g) <= 1e3 * allowed(tick, e);
+      return;
+    }
+  }
+}
+
+// The linear model of one evaluation: how all but the front moves for a force along the shaft,
+// and how fast the tip's force falls as the front advances.
+struct Model {
+  Vector6 along = Vector6::Zero();
+  double K_s = 0;
+};
+Model model_of(const Tick& tick, const Evaluation& e, const BlockInverse& inverse) noexcept {
+  Model m{inverse.times(e.along), tick.options.tip_N_per_m};
+  if (e.tip_N > 0)
+    m.K_s = std::clamp(m.K_s * (1 - m.K_s * e.along.dot(m.along)), 1e-9 * m.K_s, m.K_s);
+  return m;
+}
+
+// Newton's step `-towards`. Friction that is elastic, but would slide in that step, is taken as
+// sliding: it is so in most ticks in which the tool moves.
+bool newton(const Tick& tick, const Evaluation& e, BlockInverse& inverse,
+            Vector6& towards) noexcept {
+  if (!inverse.of(e.H)) return false;
+  towards = inverse.times(e.g);
+  if (tick.state.friction_N_per_m <= 0) return true;
+  const Vector2d w = tick.state.presliding_m + e.slide;
+  const double length = w.norm();
+  if (length > tick.options.presliding_m) return true;
+  const Vector2d next = w - Vector2d(e.along.dot(towards), e.around.dot(towards.tail<3>()));
+  const double next_length = next.norm();
+  if (next_length <= tick.options.presliding_m) return true;
+  const Vector2d unit = next / next_length;
+  Vector6 j = unit[0] * e.along;
+  j.tail<3>() += unit[1] * e.around;
+  const Matrix6 H = e.H - tick.state.friction_N_per_m * j * j.transpose();
+  BlockInverse sliding;
+  if (!sliding.of(H)) return true;
+  inverse = sliding;
+  towards = sliding.times(e.g + (tick.friction_N - tick.state.friction_N_per_m * w.dot(unit)) * j);
+  return true;
+}
+
+// Steps of proxy and front together, by the force that the linear model predicts for the tip.
+// False where it does not hold; then e and the front are as before the front's last step.
+bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  Evaluation before = e;
+  FrontMemory was = remember(tick, out);
+  double least_N = 0;  // of the tip, if the front's last step did not go too far
+  while (true) {
+    out.has_converged = size_of(e.g) <= allowed(tick, e);
+    if (out.has_converged && e.tip_N <= 0) return true;
+    BlockInverse inverse;
+    Vector6 towards;
+    if (!newton(tick, e, inverse, towards)) return false;
+    const Model m = model_of(tick, e, inverse);
+    const double R = e.tip_N - tick.options.tip_N_per_m * e.along.dot(towards);
+    if (least_N > 0 && R < least_N - std::max(allowed(tick, e), 1e-9 * least_N)) {
+      take_back(tick, was, out);
+      e = before;
+      return false;
+    }
+    Advance a;
+    if (e.tip_N > 0 && R > 0) a = scan(tick, R, m.K_s);
+    // Less than Newton's method leaves undetermined.
+    if (m.K_s * a.length_m <= allowed(tick, e)) {
+      if (out.has_converged) return true;
+      a = {};
+    } else if (e.is_saturated) {
+      return false;
+    }
+    if (out.steps >= tick.options.most_steps) {
+      out.has_converged = false;
+      return true;
+    }
+    ++out.steps;
+    const double V = e.V;
+    const Pose X = moved(e.X, tick.options.tip_N_per_m * a.length_m * m.along - towards);
+    if (a.length_m > 0) {
+      before = e;
+      was = remember(tick, out);
+      least_N = a.strength_N;
+      take(tick, a, out);
+    }
+    evaluate(tick, X, false, e, out);
+    if (!(e.V + a.work_J <= V + kRounding_J)) {
+      take_back(tick, was, out);
+      e = before;
+      return false;
+    }
+  }
+}
+
+// Newton's method at a fixed front, and steps of the front by the tip's force then.
+void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  minimise(tick, e, out);
+  constexpr int kMaxAdvances = 24;
+  for (int k = 0; k < kMaxAdvances && e.tip_N > 0; ++k) {
+    // A coupling at its limit lets the front run at a force that does not fall, until it is not
+    // at its limit any more: its secant falls short of that place, its tangent would miss it. The
+    // same for a tool that is about to tilt over, whose tangent has no inverse.
+    BlockInverse inverse;
+    bool has_model = !e.is_saturated && inverse.of(e.H);
+    if (!has_model) {
+      evaluate(tick, e.X, true, e, out);
+      has_model = inverse.of(e.H);
+    }
+    Model m;
+    m.K_s = tick.options.tip_N_per_m;
+    if (has_model) m = model_of(tick, e, inverse);
+    Advance a = scan(tick, e.tip_N, m.K_s);
+    if (a.length_m <= 0) return;
+    const Evaluation before = e;
+    const FrontMemory was = remember(tick, out);
+    constexpr int kMaxTries = 3;
+    for (int tries = 0;; ++tries) {
+      if (tries == kMaxTries || out.steps >= tick.options.most_steps || !has_model) {
+        // If the proxy keeps its position, the tip's force falls fastest, so the front never advances too far.
+        a = scan(tick, before.tip_N, tick.options.tip_N_per_m);
+        take(tick, a, out);
+        evaluate(tick, before.X, false, e, out);
+        minimise(tick, e, out);
+        break;
+      }
+      take(tick, a, out);
+      ++out.steps;
+      evaluate(tick, moved(before.X, tick.options.tip_N_per_m * a.length_m * m.along), false, e,
+               out);
+      minimise(tick, e, out);
+      const double slack = std::max(allowed(tick, e), 1e-9 * before.tip_N);
+      const bool too_far = a.strength_N > 0 && e.tip_N < a.strength_N - slack;
+      if (!too_far && e.V + a.work_J <= before.V + kRounding_J) break;
+      const double secant = (before.tip_N - e.tip_N) / a.length_m;
+      take_back(tick, was, out);
+      a = scan(tick, before.tip_N, std::clamp(secant, m.K_s, tick.options.tip_N_per_m));
+      e = before;
+    }
+    if (m.K_s * a.length_m <= allowed(tick, e))
+      return;  // less than Newton's method leaves undetermined
+    if (out.steps >= tick.options.most_steps) {
+      out.has_converged =
+          out.has_converged && scan(tick, e.tip_N, m.K_s).length_m * m.K_s <= allowed(tick, e);
+      return;
+    }
+  }
+}
+
+void settle_front(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  if (!step_together(tick, e, out)) step_in_turn(tick, e, out);
+}
+
+// A step of the front of the soft layer that the tip presses on; false if it stays. The tip follows
+// by the linear model; where that raises the potential, the front goes with the tip where it is,
+// which never does.
+bool advance_layer(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  if (pressed_layer(tick, e.slide[0]) < 0) return false;
+  constexpr double kMinFalling = 1e-3;
+  double falling = 1;
+  Vector6 along = Vector6::Zero();
+  BlockInverse inverse;
+  if (!e.is_saturated && inverse.of(e.H)) {
+    along = inverse.times(e.along);
+    falling = std::clamp(1 - e.pressed_N_per_m * e.along.dot(along), kMinFalling, 1.0);
+  }
+  LayerAdvance a = scan_layers(tick, e.slide[0], e.tip_N, falling);
+  if (a.layer < 0) return false;
+  if (!a.ends_layer && falling * a.stiffness_N_per_m * a.length_m <= allowed(tick, e)) return false;
+  SoftLayerState& state = tick.state.layers[static_cast<std::size_t>(a.layer)];
+  const double stretch_m = state.stretch_m, cut_m = state.cut_m, cut_J = out.layer_cut_J;
+  take(tick, a, out);
+  Evaluation next;
+  const double follows_N = a.ends_layer ? 0 : a.stiffness_N_per_m * a.length_m;
+  evaluate(tick, moved(e.X, follows_N * along), false, next, out);
+  if (!(next.V + a.work_J <= e.V + kRounding_J)) {
+    state.stretch_m = stretch_m;
+    state.cut_m = cut_m;
+    out.layer_cut_J = cut_J;
+    a = scan_layers(tick, e.slide[0], e.tip_N, 1);
+    take(tick, a, out);
+    evaluate(tick, e.X, false, next, out);
+  }
+  e = next;
+  return true;
+}
+
+}  // namespace
+
+void settle(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
+  settle_front(tick, e, out);
+  for (int k = 0; k < kMaxLayerAdvances && advance_layer(tick, e, out); ++k)
+    settle_front(tick, e, out);
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/law/front.h"
+
+#include <algorithm>
+
+#include "runtime/bone_cutting/law/holes.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kRounding_m = 1e-9;
+
+}  // namespace
+
+void find_front(Tick& tick) noexcept {
+  const double tip_m = -tick.tip.z();
+  if (tick.state.stretch_m > 0) {
+    double front_m = tip_m - tick.state.stretch_m * tick.down;
+    // Rounding must not carry it over a sheet of no thickness that bears the tip.
+    const int i = tick.slab_at(front_m - kRounding_m);
+    if (i < tick.slab_count() && tick.slab(i).bottom_m <= tick.slab(i).top_m &&
+        tick.slab(i).top_m < front_m + kRounding_m)
+      front_m = tick.slab(i).top_m;
+    tick.front_m = tick.first_front_m = front_m;
+    return;
+  }
+  tick.front_m = std::numeric_limits<double>::infinity();
+  for (int i = tick.slab_at(tip_m - kRounding_m); i < tick.slab_count(); ++i) {
+    const CuttingSlab& slab = tick.slab(i);
+    if (std::max(slab.strength_top_N, slab.strength_bottom_N) <= 0) continue;
+    const double cut = cut_of(tick, i);
+    if (cut >= slab.bottom_m) continue;
+    if (slab.share <= 0 && slab.share_to_m >= slab.bottom_m) continue;
+    tick.front_m = std::max({slab.top_m, cut, tip_m});
+    if (slab.share <= 0) tick.front_m = std::max(tick.front_m, slab.share_to_m);
+    tick.front_m = std::min(tick.front_m, slab.bottom_m);
+    break;
+  }
+  tick.first_front_m = tick.front_m;
+  tick.state.stretch_m = std::min((tip_m - tick.front_m) / tick.down, 0.0);
+}
+
+namespace {
+
+Advance to_rest(Advance a, double R, double K_s) noexcept {
+  a.length_m = std::max(a.length_m, R / K_s);
+  a.strength_N = 0;
+  a.ends_free = true;
+  return a;
+}
+
+}  // namespace
+
+Advance scan(const Tick& tick, double R, double K_s) noexcept {
+  Advance a;
+  double at = tick.front_m;
+  // Beside a boundary the slab below it counts.
+  for (int i = tick.slab_at(tick.front_m); i < tick.slab_count(); ++i) {
+    const CuttingSlab& slab = tick.slab(i);
+    const double thickness = slab.bottom_m - slab.top_m;
+    if (thickness > 0 && slab.bottom_m <= at) continue;
+    const double cut = cut_of(tick, i);
+    if (cut >= slab.bottom_m) continue;
+    const double slope_depth =
+        thickness > 0 ? (slab.strength_bottom_N - slab.strength_top_N) / thickness : 0;
+    // Above and below the depth to which other holes have taken a share.
+    for (const bool shared : {true, false}) {
+      const double top = shared ? slab.top_m : std::max(slab.top_m, slab.share_to_m);
+      const double bottom = shared ? std::min(slab.bottom_m, slab.share_to_m) : slab.bottom_m;
+      if (top > bottom || (thickness > 0 && bottom <= at)) continue;
+      if (!shared && thickness <= 0) continue;  // a sheet is passed once
+      const double share = shared ? slab.share : 1;
+      const double from = std::max({top, cut, at});
+      if (thickness > 0 && from >= bottom) continue;
+      if (from > at) {  // nothing to cut up to there
+        const double gap = (from - at) / tick.down;
+        if (R - K_s * (a.length_m + gap) <= 0) return to_rest(a, R, K_s);
+        a.length_m += gap;
+        at = from;
+      }
+      const double Y = share * (slab.strength_top_N + slope_depth * (at - slab.top_m));
+      const double slope = share * slope_depth * tick.down;
+      const double excess = R - K_s * a.length_m - Y;
+      if (excess <= 0) return a;
+      const double length = (bottom - at) / tick.down;
+      double dl = length;
+      if (K_s + slope > 0) dl = std::min(excess / (K_s + slope), length);
+      a.work_J += dl * (Y + 0.5 * slope * dl);
+      a.strength_N = Y + slope * dl;
+      a.length_m += dl;
+      if (dl < length) return a;
+      at = bottom;
+    }
+  }
+  return to_rest(a, R, K_s);
+}
+
+void take(Tick& tick, const Advance& a, CuttingResult& out) noexcept {
+  out.cut_J += a.work_J;
+  tick.state.stretch_m -= a.length_m;
+  tick.front_m += a.length_m * tick.down;
+  tick.is_free = a.ends_free;
+}
+
+FrontMemory remember(const Tick& tick, const CuttingResult& out) noexcept {
+  return {tick.state.stretch_m, tick.front_m, out.cut_J, tick.is_free};
+}
+
+void take_back(Tick& tick, const FrontMemory& was, CuttingResult& out) noexcept {
+  tick.state.stretch_m = was.stretch_m;
+  tick.front_m = was.front_m;
+  out.cut_J = was.cut_J;
+  tick.is_free = was.is_free;
+}
+
+}  // namespace trocar::runtime

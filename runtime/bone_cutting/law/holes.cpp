@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/law/holes.h"
+
+#include <algorithm>
+
+#include "runtime/bone_cutting/law/soft_layers.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// True if the axis meets a slab within or beside the region of the hole there.
+bool is_near(const Tick& tick, const CuttingHoleSlab& slab, std::size_t i) noexcept {
+  return slab.walls[0].is_open() &&
+         slab.walls[0]
+                 .reach(crossing(tick.tip, tick.axis,
+                                 gauss_depth(tick.slabs[i], 0, tick.options.wall_points)))
+                 .distance_m <= tick.options.same_hole_m;
+}
+
+void enter(Tick& tick, int slab) noexcept {
+  if (tick.hole < 0 && !tick.state.holes.empty()) {
+    const auto oldest =
+        std::min_element(tick.state.holes.begin(), tick.state.holes.end(),
+                         [](const auto& a, const auto& b) { return a.last_used < b.last_used; });
+    tick.hole = static_cast<int>(oldest - tick.state.holes.begin());
+    oldest->first = slab;
+    for (CuttingHoleSlab& s : oldest->slabs) {
+      s.cut_m = -kInfinity;
+      s.embedded_m = 0;
+      s.free_version = 0;
+      for (Slot& wall : s.walls)
+        wall.close();
+    }
+  }
+  if (tick.hole < 0) return;
+  tick.state.hole = tick.hole;
+  CuttingHole& hole = tick.state.holes[static_cast<std::size_t>(tick.hole)];
+  hole.first = std::min(hole.first, slab);
+  hole.last_used = tick.state.tick;
+}
+
+// Renews the walls of a slab that the shaft now fills: walls that begin, get stiffer, or have a new admissible
+// region. They keep their force.
+void renew_walls(const Tick& tick, std::size_t i, double before_m, double stiffness,
+                 bool has_new_free, CuttingHoleSlab& s) noexcept {
+  const CuttingSlab& slab = tick.slabs[i];
+  // A rigid tool's wrench is the wall's own: held over the tick, it would not know another wall.
+  if (has_new_free && before_m > 0 && tick.options.coupling.is_rigid) {
+    for (std::size_t g = 0; g < tick.options.wall_points; ++g)
+      has_new_free = has_new_free &&
+                     s.walls[g].reach(crossing(tick.tip, tick.axis, s.depth_m[g])).distance_m <= 0;
+  }
+  if (before_m > 0 && stiffness <= s.wall_N_per_m && !has_new_free) return;
+  // A tool that comes back beside its hole has left it: it is where the tool is now.
+  const bool is_new = before_m <= 0 && !is_near(tick, s, i);
+  if (is_new) s.cut_m = std::min(slab.top_m + s.embedded_m, slab.bottom_m);
+  for (std::size_t g = 0; g < tick.options.wall_points; ++g) {
+    s.depth_m[g] = gauss_depth(slab, g, tick.options.wall_points);
+    const Vector2d at = crossing(tick.tip, tick.axis, s.depth_m[g]);
+    Slot& wall = s.walls[g];
+    if (is_new || has_new_free) {
+      const double pressed = before_m > 0 ? wall.reach(at).distance_m : 0;
+      if (has_new_free)
+        wall = *slab.free;
+      else
+        wall.open(at, slab.clearance_m);
+      const Slot::Reach r = wall.reach(at);
+      if (r.distance_m > pressed) wall.include(at - r.away * pressed);
+    }
+    if (before_m <= 0) {
+      wall.include(at);
+    } else {
+      const Slot::Reach r = wall.reach(at);
+      wall.include(at - r.away * (r.distance_m * s.wall_N_per_m / stiffness));
+    }
+  }
+  if (has_new_free) s.free_version = slab.free_version;
+}
+
+void embed(const Tick& tick, std::size_t i, double low, CuttingHoleSlab& s) noexcept {
+  const CuttingSlab& slab = tick.slabs[i];
+  const double before = s.embedded_m;
+  s.embedded_m = slab.bottom_m > slab.top_m
+                     ? std::clamp(low - slab.top_m, 0.0, slab.bottom_m - slab.top_m)
+                 : low > slab.top_m ? slab.hole_m
+                                    : 0;
+  const double per_point = 1.0 / static_cast<double>(tick.options.wall_points);
+  s.wall_most_N = per_point * slab.wall_strength_N_per_m * s.embedded_m;
+  const double stiffness = per_point * slab.wall_N_per_m2 * s.embedded_m;
+  const bool has_new_free = slab.free != nullptr && s.free_version != slab.free_version;
+  if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m || has_new_free))
+    renew_walls(tick, i, before, stiffness, has_new_free, s);
+  s.wall_N_per_m = stiffness;
+}
+
+}  // namespace
+
+// tick.hole: that the tool is in, or would enter.
+void choose_hole(Tick& tick) noexcept {
+  tick.hole = tick.state.hole;
+  if (tick.hole >= 0) return;
+  const int next = tick.slab_at(-tick.tip.z());
+  for (std::size_t h = 0; h < tick.state.holes.size(); ++h) {
+    const CuttingHole& hole = tick.state.holes[h];
+    if (hole.first < 0) continue;
+    // At the slab below the tip, or at the sheet above it, of no thickness, that it has passed.
+    for (const int slab : {std::max(next, hole.first), next - 1}) {
+      if (slab < hole.first || slab >= tick.slab_count()) continue;
+      const auto i = static_cast<std::size_t>(slab);
+      if (!is_near(tick, hole.slabs[i], i)) continue;
+      tick.hole = static_cast<int>(h);
+      return;
+    }
+  }
+}
+
+double cut_of(const Tick& tick, int slab) noexcept {
+  if (tick.hole < 0) return -kInfinity;
+  const auto i = static_cast<std::size_t>(slab);
+  const CuttingHoleSlab& s = tick.state.holes[static_cast<std::size_t>(tick.hole)].slabs[i];
+  return s.embedded_m > 0 || is_near(tick, s, i) ? s.cut_m : -kInfinity;
+}
+
+void enter_or_leave(Tick& tick) noexcept {
+  const double low = std::min(tick.front_m, -tick.tip.z());
+  if (tick.state.hole >= 0) {
+    CuttingHole& hole = tick.hole_in_use();
+    if (low > tick.slabs[static_cast<std::size_t>(hole.first)].top_m) {
+      hole.last_used = tick.state.tick;
+      return;
+    }
+    for (int i = tick.state.embedded_from; i < tick.state.embedded_to; ++i)
+      hole.slabs[static_cast<std::size_t>(i)].embedded_m = 0;
+    tick.state.embedded_from = tick.state.embedded_to = 0;
+    tick.state.hole = -1;
+    return;
+  }
+  const int slab = tick.slab_at(low);
+  if (slab < tick.slab_count() && low > tick.slab(slab).top_m) {
+    enter(tick, slab);
+  } else if (tick.hole >= 0 && slab > 0 && low > tick.slab(slab - 1).top_m) {
+    enter(tick, slab - 1);  // below a sheet of no thickness
+  }
+}
+
+void embed(Tick& tick) noexcept {
+  const double low = std::min(tick.front_m, -tick.tip.z());
+  double friction = 0, viscous = 0;
+  int from = 0, to = 0;
+  if (tick.state.hole >= 0) {
+    CuttingHole& hole = tick.hole_in_use();
+    from = hole.first;
+    to = from;
+    while (to < tick.slab_count() && tick.slab(to).top_m < low)
+      ++to;
+    for (int i = from; i < std::max(to, tick.state.embedded_to); ++i)
+      embed(tick, static_cast<std::size_t>(i), low, hole.slabs[static_cast<std::size_t>(i)]);
+    for (int i = from; i < to; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      tick.embedded_m += hole.slabs[k].embedded_m;
+      friction += tick.slabs[k].friction_N_per_m * hole.slabs[k].embedded_m;
+      viscous += tick.slabs[k].viscous_N_s_per_m2 * hole.slabs[k].embedded_m;
+    }
+  }
+  tick.state.embedded_from = from;
+  tick.state.embedded_to = to;
+  tick.embedded_m /= tick.down;
+  tick.friction_N = friction / tick.down;
+  tick.viscous_N_s_per_m = viscous / tick.down;
+  if (!tick.layers.empty()) tick.friction_N += friction_of_layers(tick);
+  const double stiffness = tick.friction_N / std::max(tick.options.presliding_m, 1e-9);
+  if (stiffness > tick.state.friction_N_per_m)
+    tick.state.presliding_m *= tick.state.friction_N_per_m / stiffness;
+  tick.state.friction_N_per_m = stiffness;
+}
+
+double yield_walls(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexcept {
+  double stored = 0;
+  tick.walls.forget();
+  CuttingHole& hole = tick.hole_in_use();
+  for (int i = tick.state.embedded_from; i < tick.state.embedded_to; ++i) {
+    CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];
+    if (s.wall_N_per_m <= 0) continue;
+    const double kept = s.wall_most_N / s.wall_N_per_m;
+    for (std::size_t g = 0; g < tick.options.wall_points; ++g) {
+      const Vector2d at = crossing(tip, axis, s.depth_m[g]);
+      Slot::Reach r = s.walls[g].reach(at);
+      if (r.distance_m > kept) {
+        s.walls[g].include(at - kept * r.away);
+        r.distance_m = kept;
+      }
+      stored += 0.5 * s.wall_N_per_m * r.distance_m * r.distance_m;
+    }
+  }
+  return stored;
+}
+
+void record_cut(Tick& tick, const Vector3d& tip, const Vector3d& axis,
+                CuttingResult& out) noexcept {
+  for (int i = tick.slab_at(tick.first_front_m); i < tick.slab_count(); ++i) {
+    const CuttingSlab& slab = tick.slab(i);
+    if (slab.top_m >= tick.front_m) break;
+    if (tick.state.hole < 0) enter(tick, i);
+    if (tick.state.hole < 0) return;
+    CuttingHoleSlab& s = tick.hole_in_use().slabs[static_cast<std::size_t>(i)];
+    if (s.embedded_m <= 0 && !is_near(tick, s, static_cast<std::size_t>(i))) {
+      s.cut_m = -kInfinity;
+      for (std::size_t g = 0; g < tick.options.wall_points; ++g)
+        s.walls[g].open(crossing(tip, axis, gauss_depth(slab, g, tick.options.wall_points)),
+                        slab.clearance_m);
+    }
+    const double passed = slab.bottom_m - 1e-9;  // by rounding the front may stop just above
+    const bool was_passed = s.cut_m >= passed;
+    s.cut_m = std::max(s.cut_m, std::min(tick.front_m, slab.bottom_m));
+    if (!was_passed && s.cut_m >= passed) {
+      if (out.passed_from == out.passed_to) out.passed_from = i;
+      out.passed_to = i + 1;
+    }
+  }
+}
+
+}  // namespace trocar::runtime

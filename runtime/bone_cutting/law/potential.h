@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The potential that the proxy minimises, with its first and second derivatives by the proxy's displacement
+// (translation, and rotation about the plate's origin, in {B}).
+// Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
+#pragma once
+
+#include "runtime/bone_cutting/law/tick.h"
+
+namespace trocar::runtime {
+
+/// The potential and its derivatives at one pose.
+struct Evaluation {
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+  Pose X;
+  double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0, viscous_J = 0, layer_J = 0,
+         tip_friction_J = 0;
+  double pressed_N_per_m = 0;  ///< stiffness of tip and layers
+  double tip_N = 0, coupling_N = 0;
+  Eigen::Vector2d slide =
+      Eigen::Vector2d::Zero();  ///< slides since the start of the tick, along and around the shaft
+  Vector6 along = Vector6::Zero();                   ///< derivative of slide[0]
+  Eigen::Vector3d around = Eigen::Vector3d::Zero();  ///< derivative of slide[1] by rotations
+  Eigen::Vector3d tip_slide =
+      Eigen::Vector3d::Zero();  ///< slide across the axis since the start of the tick
+  Vector6 coupling = Vector6::Zero();
+  Vector6 g = Vector6::Zero();
+  Matrix6 H = Matrix6::Zero();
+  bool walls_yield = false, is_saturated = false;  ///< is_saturated: the coupling is at its limits
+};
+
+/// If `majorise` is set, H is the second derivative of a parabola that lies above the potential where elements
+/// yield.
+void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
+              CuttingResult& out) noexcept;
+
+}  // namespace trocar::runtime

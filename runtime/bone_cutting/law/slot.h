@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// The slot of a hole: the region in one plane in which the tool's axis does not press on the hole's wall. It
+// is convex and only widens, so that pushing the wall aside can only cost energy. (A region that moved with
+// the tool would close again behind it.)
+//
+// Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
+//  1. reach().distance_m is the distance to the convex hull of the corners, less the clearance, at least 0.
+//  2. include(p) extends the region by p and removes nothing: no distance grows. The result is the convex
+//     hull of both. If the corners are used up, the hull's shortest edge is replaced by the intersection of
+//     its neighbours' lines, which only adds to the region.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cstdint>
+
+namespace trocar::runtime {
+
+class Slot {
+ public:
+  static constexpr int kMaxCorners = 8;
+
+  /// Sets the region to the disc around `at_m` whose radius is the clearance.
+  void open(const Eigen::Vector2d& at_m, double clearance_m) noexcept;
+  bool is_open() const noexcept { return size_ > 0; }
+  void close() noexcept { size_ = 0; }
+
+  /// Position of a point relative to the region.
+  struct Reach {
+    double distance_m = 0;
+    Eigen::Vector2d away =
+        Eigen::Vector2d::Zero();  ///< unit vector away from the region; zero inside
+    /// Distance divided by the radius of curvature of the equidistant curve: 1 next to a corner without
+    /// clearance, 0 next to an edge. It is the second derivative of distance^2 / 2 across `away`.
+    double bend = 0;
+  };
+  Reach reach(const Eigen::Vector2d& p_m) const noexcept;
+
+  /// Vector from the nearest point of the hull to `p_m`, without subtracting the clearance; zero inside.
+  /// The search starts at the result for the previous point.
+  struct Offset {
+    double x_m = 0, y_m = 0;
+    bool beside_corner = false;
+  };
+  Offset offset(const Eigen::Vector2d& p_m) const noexcept {
+    if (size_ == 1) return {p_m.x() - corners_[0].x(), p_m.y() - corners_[0].y(), true};
+    if (size_ == 2) {
+      const Eigen::Vector2d edge = corners_[1] - corners_[0], to = p_m - corners_[0];
+      const double along = to.dot(edge) / edge.squaredNorm();
+      // This order of min and max maps 0 / 0, of corners that rounding has merged, to 0.
+      const double part = std::min(1.0, std::max(0.0, along));
+      return {to.x() - part * edge.x(), to.y() - part * edge.y(), part != along};
+    }
+    if ((p_m - middle_m_).squaredNorm() < disc_m_ * disc_m_) return {};
+    return offset_of_many(p_m);
+  }
+
+  /// Finds the one feature of the hull that is nearest to all points within `reach_m` of `p_m`, and calls
+  /// corner(offset) or edge(offset, edge, squared length of the edge) with the vector from the feature to
+  /// `p_m`; returns the result of that call. Returns true without a call if all these points are inside.
+  /// Returns false if several features are nearest, or if a search would be necessary.
+  template <class Corner, class Edge>
+  bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
+               Edge&& edge) const noexcept {
+    if (size_ == 1) return corner(p_m - corners_[0]);
+    if (size_ == 2) {
+      const Eigen::Vector2d to = p_m - corners_[0], side = corners_[1] - corners_[0];
+      const double along = to.dot(side), length2 = side.squaredNorm(), beyond = along - length2,
+                   reach2 = reach_m * reach_m * length2;
+      if (along * along < reach2 || beyond * beyond < reach2) return false;
+      if (along <= 0) return corner(to);
+      if (beyond >= 0) return corner(to - side);
+      return edge(to - (along / length2) * side, side, length2);
+    }
+    const Nearest n = nearest_of_many(p_m, reach_m);
+    if (n.part == Nearest::kCorner) return corner(n.offset_m);
+    if (n.part == Nearest::kEdge) return edge(n.offset_m, n.edge_m, n.edge_m.squaredNorm());
+    return n.part == Nearest::kInside;
+  }
+  double clearance_m() const noexcept { return clearance_m_; }
+
+  /// Extends the region (contract 2).
+  void include(const Eigen::Vector2d& p_m) noexcept;
+
+  int corners() const noexcept { return size_; }
+  const Eigen::Vector2d& corner(int i) const noexcept {
+    return corners_[static_cast<std::size_t>(i)];
+  }
+
+ private:
+  Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
+  /// The feature nearest to the previous point, if it is still the nearest one.
+  struct Nearest {
+    enum { kInside, kCorner, kEdge, kSeveral } part = kSeveral;
+    Eigen::Vector2d offset_m = Eigen::Vector2d::Zero(), edge_m = Eigen::Vector2d::Zero();
+  };
+  Nearest nearest_of_many(const Eigen::Vector2d& p_m, double reach_m) const noexcept;
+  void find_disc() noexcept;
+
+  // Slots of one or two corners need only the first members: they share a cache line.
+  int size_ = 0;
+  mutable int last_edge_ = 0;  // edge, or its first corner, nearest to the previous point
+  double clearance_m_ = 0;
+  Eigen::Vector2d middle_m_ = Eigen::Vector2d::Zero();
+  double disc_m_ = 0;  // radius of a disc around middle_m_ inside the hull
+  std::array<Eigen::Vector2d, kMaxCorners> corners_;  // counter-clockwise
+};
+
+}  // namespace trocar::runtime

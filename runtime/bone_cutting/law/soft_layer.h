@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Soft tissue over the bone: a skin, a ligament, the dura. Before its puncture a layer is a stiffening
+// spring; afterwards it is cut at a constant force and rubs along the shaft (Okamura, Simone and O'Leary,
+// IEEE Trans. Biomed. Eng. 51, 2004).
+//
+// Each layer is an element of its own between the tip and the layer's front, parallel to the tip's element
+// in the bone: the layer stretches by millimetres, the bone by micrometres. Its incremental potential is
+//   W(z) = a1 z^2 / 2 + a2 z^3 / 3,  z = max(0, stretch + slide of the tip in this tick),
+// which is convex in the slide because a1, a2 >= 0. Its internal variables are the puncture, which changes
+// no energy, and the front, which only moves down: this shortens z, so W only decreases.
+//
+// Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
+//  1. The energy inequality of cutting_law.h (1.) holds with `layer_cut_J` added on its left side.
+//  2. Until the puncture, the layer's force is a1 z + a2 z^2 at the depth z below the surface.
+//  3. The tip presses on the uppermost layer that it has not cut through, and on all lower layers only
+//     through that one. Only that layer is punctured or cut, by the sum of their forces. A thin layer close
+//     behind a strong one therefore tears together with it if it is stretched enough by then.
+//  4. A punctured layer is cut at `cutting_N` down to its bottom; from then on this hole is free of it. The
+//     hole outlives withdrawal: a tool that comes within its radius of the hole enters it again. Elsewhere
+//     the layer is whole.
+//  5. The stretch of a loaded layer is carried from tick to tick. It is computed from geometry only while
+//     the layer is unloaded.
+//  6. No allocation; at most kMaxLayerAdvances front steps in a tick. Remaining steps follow in the next
+//     tick.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+namespace trocar::runtime {
+
+inline constexpr int kMaxLayerAdvances = 12;
+
+struct SoftLayer {
+  double top_m = 0, bottom_m = 0;  ///< depth, at rest
+  double stiffness_N_per_m = 0;    ///< a1, at the surface
+  double stiffening_N_per_m2 = 0;  ///< a2
+  double puncture_N =
+      0;  ///< force of everything that the tip presses on, at which the layer is punctured
+  double cutting_N = 0;         ///< force after the puncture, at most puncture_N
+  double friction_N_per_m = 0;  ///< friction of the shaft per cut depth
+};
+
+/// Force, energy and stiffness of a layer that is stretched by z.
+struct SoftSpring {
+  double energy_J = 0, force_N = 0, stiffness_N_per_m = 0;
+};
+inline SoftSpring soft_spring(const SoftLayer& layer, double z_m) noexcept {
+  if (z_m <= 0) return {};
+  const double a1 = layer.stiffness_N_per_m, a2 = layer.stiffening_N_per_m2;
+  return {z_m * z_m * (0.5 * a1 + z_m * a2 / 3), z_m * (a1 + z_m * a2), a1 + 2 * z_m * a2};
+}
+/// The stretch at which a layer has this force (at least 0); infinite if it has no stiffness.
+double stretch_at(const SoftLayer& layer, double force_N) noexcept;
+
+struct SoftHole {
+  Eigen::Vector2d at_m = Eigen::Vector2d::Zero();  ///< position at the layer's top, x and y in {B}
+  double cut_m = 0;                                ///< depth down to which the hole is cut
+  std::uint64_t last_used = 0;                     ///< tick of the last use; 0: there is no hole
+};
+
+struct SoftLayerState {
+  double stretch_m = 0;       ///< distance of the tip beyond the front, along the shaft
+  bool is_punctured = false;  ///< at the tool's position
+  double cut_m = 0;           ///< depth of the front at the tool's position
+  bool is_in = false;         ///< the tip is below the layer's top
+  Eigen::Vector2d at_m = Eigen::Vector2d::Zero();  ///< position of the puncture
+  std::vector<SoftHole> holes;  ///< fixed capacity; the oldest hole is forgotten first
+};
+
+}  // namespace trocar::runtime

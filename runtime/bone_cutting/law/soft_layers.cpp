@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/law/soft_layers.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+
+bool is_whole_below(const SoftLayer& layer, const SoftLayerState& s) noexcept {
+  return s.cut_m < layer.bottom_m;
+}
+
+// Into the hole that is near, or over whole tissue.
+void enter(const Tick& tick, const SoftLayer& layer, SoftLayerState& s) noexcept {
+  s.is_punctured = false;
+  s.cut_m = layer.top_m;
+  const Vector2d at = crossing(tick.tip, tick.axis, layer.top_m);
+  double nearest = tick.options.tool.radius_m;
+  for (SoftHole& hole : s.holes) {
+    if (hole.last_used == 0) continue;
+    const double distance = (hole.at_m - at).norm();
+    if (distance > nearest) continue;
+    nearest = distance;
+    s.is_punctured = true;
+    s.cut_m = hole.cut_m;
+    s.at_m = hole.at_m;
+  }
+}
+
+void leave(const Tick& tick, SoftLayerState& s) noexcept {
+  if (!s.is_punctured || s.holes.empty()) return;
+  SoftHole* to = s.holes.data();
+  for (SoftHole& hole : s.holes) {
+    if (hole.last_used != 0 && hole.at_m == s.at_m) {
+      to = &hole;
+      break;
+    }
+    if (hole.last_used < to->last_used) to = &hole;
+  }
+  *to = {s.at_m, s.cut_m, tick.state.tick};
+}
+
+}  // namespace
+
+double stretch_at(const SoftLayer& layer, double force_N) noexcept {
+  const double a1 = layer.stiffness_N_per_m, a2 = layer.stiffening_N_per_m2;
+  if (force_N <= 0) return 0;
+  const double root = a1 + std::sqrt(a1 * a1 + 4 * a2 * force_N);
+  return root > 0 ? 2 * force_N / root : std::numeric_limits<double>::infinity();
+}
+
+void find_layers(Tick& tick) noexcept {
+  const double tip_m = -tick.tip.z();
+  for (std::size_t i = 0; i < tick.layers.size(); ++i) {
+    const SoftLayer& layer = tick.layers[i];
+    SoftLayerState& s = tick.state.layers[i];
+    if (s.stretch_m > 0) {
+      s.is_in = true;
+      continue;
+    }
+    const bool is_in = tip_m > layer.top_m;
+    if (s.is_in && !is_in) leave(tick, s);
+    if (!s.is_in || !is_in) enter(tick, layer, s);
+    s.is_in = is_in;
+    // A layer above the tip that has not been cut was reached from the side: it is not stretched.
+    s.stretch_m = std::min((tip_m - s.cut_m) / tick.down, 0.0);
+  }
+}
+
+SoftSpring spring_of_layers(const Tick& tick, double slide_m) noexcept {
+  SoftSpring sum;
+  for (std::size_t i = 0; i < tick.layers.size(); ++i) {
+    const SoftLayerState& s = tick.state.layers[i];
+    if (!is_whole_below(tick.layers[i], s)) continue;
+    const SoftSpring one = soft_spring(tick.layers[i], s.stretch_m + slide_m);
+    sum.energy_J += one.energy_J;
+    sum.force_N += one.force_N;
+    sum.stiffness_N_per_m += one.stiffness_N_per_m;
+  }
+  return sum;
+}
+
+double friction_of_layers(const Tick& tick) noexcept {
+  const double tip_m = -tick.tip.z();
+  double sum = 0;
+  for (std::size_t i = 0; i < tick.layers.size(); ++i) {
+    const SoftLayer& layer = tick.layers[i];
+    const double low = std::min({tick.state.layers[i].cut_m, tip_m, layer.bottom_m});
+    sum += layer.friction_N_per_m * std::max(low - layer.top_m, 0.0);
+  }
+  return sum / tick.down;
+}
+
+int pressed_layer(const Tick& tick, double slide_m) noexcept {
+  for (std::size_t i = 0; i < tick.layers.size(); ++i) {
+    const SoftLayerState& s = tick.state.layers[i];
+    if (is_whole_below(tick.layers[i], s) && s.stretch_m + slide_m > 0) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept {
+  LayerAdvance a;
+  const int pressed = pressed_layer(tick, slide_m);
+  if (pressed < 0) return a;
+  const auto i = static_cast<std::size_t>(pressed);
+  const SoftLayer& layer = tick.layers[i];
+  SoftLayerState& s = tick.state.layers[i];
+  const double z = s.stretch_m + slide_m;
+  const SoftSpring own = soft_spring(layer, z);
+  // All layers above are cut through or not reached.
+  const double on_it = spring_of_layers(tick, slide_m).force_N + bone_N;
+  if (!s.is_punctured) {
+    if (on_it <= layer.puncture_N) return a;
+    s.is_punctured = true;
+    s.at_m = crossing(tick.tip, tick.axis, layer.top_m);
+  }
+  const double Y = layer.cutting_N, below = on_it - own.force_N;
+  if (on_it <= Y * (1 + 1e-12)) return a;
+  a.layer = pressed;
+  a.stiffness_N_per_m = own.stiffness_N_per_m;
+  const double room = std::max((layer.bottom_m - s.cut_m) / tick.down, 0.0);
+  if (below >= Y) {
+    a.length_m = room;  // pressed on what lies below, it is cut through
+  } else if (falling >= 1) {
+    a.length_m = std::min(z - stretch_at(layer, Y - below), room);
+  } else {
+    // The tangent falls faster than the spring itself: this is not too far.
+    a.length_m = std::min((on_it - Y) / (falling * own.stiffness_N_per_m), room);
+  }
+  a.ends_layer = a.length_m >= room;
+  if (falling < 1 && below <= 0 && !a.ends_layer) {
+    a.work_J = Y * a.length_m;  // the tip follows: the force is at least Y up to the end
+    return a;
+  }
+  // If the layer's own force is less than its cutting force, the elements below supply the rest: only the layer's
+  // own energy is counted.
+  const double end = std::clamp(z - a.length_m, 0.0, z);
+  const double enough = std::clamp(stretch_at(layer, Y), end, z);
+  a.work_J =
+      Y * (z - enough) + soft_spring(layer, enough).energy_J - soft_spring(layer, end).energy_J;
+  return a;
+}
+
+void take(Tick& tick, const LayerAdvance& advance, CuttingResult& out) noexcept {
+  if (advance.layer < 0) return;
+  const auto i = static_cast<std::size_t>(advance.layer);
+  SoftLayerState& s = tick.state.layers[i];
+  s.stretch_m -= advance.length_m;
+  s.cut_m += advance.length_m * tick.down;
+  if (advance.ends_layer) s.cut_m = tick.layers[i].bottom_m;
+  out.layer_cut_J += advance.work_J;
+}
+
+void finish_layers(Tick& tick, double slide_m, CuttingResult& out) noexcept {
+  for (std::size_t i = 0; i < tick.layers.size(); ++i) {
+    SoftLayerState& s = tick.state.layers[i];
+    const bool is_whole = is_whole_below(tick.layers[i], s);
+    if (is_whole) out.layer_N += soft_spring(tick.layers[i], s.stretch_m + slide_m).force_N;
+    s.stretch_m = is_whole ? s.stretch_m + slide_m : std::min(s.stretch_m + slide_m, 0.0);
+  }
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sums the forces and stiffnesses of the walls of the hole that the tool is in, over their Gauss points. While
+// the shaft stays close to a reference position and a wall does not yield, the same corner or edge of each
+// point's slot is the nearest, so the point's energy is a quadratic function of the shaft's displacement. So
+// is the sum of these energies. A tick therefore visits all points once, and Newton's further steps visit
+// only the few remaining points.
+//
+// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): apart from rounding, add_walls() adds the sum over
+// all points, independent of earlier poses.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+
+namespace trocar::runtime {
+
+struct Tick;
+struct Evaluation;
+
+/// The shaft's axis: it intersects the plane at a depth at `at_m + depth * per_depth`.
+struct ShaftLine {
+  Eigen::Vector2d at_m = Eigen::Vector2d::Zero(), per_depth = Eigen::Vector2d::Zero();
+  Eigen::Vector2d crossing(double depth_m) const noexcept { return at_m + depth_m * per_depth; }
+};
+
+/// Energies, and forces and stiffnesses multiplied by powers of the depth. The derivatives by the proxy's
+/// six coordinates are computed from these.
+class WallSums {
+ public:
+  double energy_J = 0;
+
+  void add_force(double depth_m, const Eigen::Vector2d& force_N) noexcept {
+    force_[0] += force_N;
+    force_[1] += depth_m * force_N;
+  }
+  void add_in_all_directions(double depth_m, double k) noexcept {
+    k_[0] += k;
+    k_[1] += depth_m * k;
+    k_[2] += depth_m * depth_m * k;
+  }
+  /// Adds `k` times the products of the vector's coordinates.
+  void add_along(double depth_m, double k, const Eigen::Vector2d& v) noexcept {
+    const Eigen::Vector2d scaled = k * v, squares = scaled.cwiseProduct(v);
+    const double mixed = scaled.x() * v.y(), depth2 = depth_m * depth_m;
+    squares_[0] += squares;
+    squares_[1] += depth_m * squares;
+    squares_[2] += depth2 * squares;
+    mixed_[0] += mixed;
+    mixed_[1] += depth_m * mixed;
+    mixed_[2] += depth2 * mixed;
+  }
+  /// The sums after a motion of the shaft, for points of constant stiffness.
+  WallSums moved(const ShaftLine& by) const noexcept {
+    const Eigen::Matrix2d S1 = stiffness(1);
+    const Eigen::Vector2d more = stiffness(0) * by.at_m + S1 * by.per_depth,
+                          more_below = S1 * by.at_m + stiffness(2) * by.per_depth;
+    WallSums out = *this;
+    out.energy_J +=
+        (force_[0] + 0.5 * more).dot(by.at_m) + (force_[1] + 0.5 * more_below).dot(by.per_depth);
+    out.force_[0] += more;
+    out.force_[1] += more_below;
+    return out;
+  }
+
+  /// Sum of forces times depth to the power of 0 or 1.
+  const Eigen::Vector2d& force(std::size_t power) const noexcept { return force_[power]; }
+  /// Sum of stiffnesses times depth to the power of 0, 1 or 2.
+  Eigen::Matrix2d stiffness(std::size_t power) const noexcept {
+    const Eigen::Vector2d& squares = squares_[power];
+    Eigen::Matrix2d S;
+    S << k_[power] + squares.x(), mixed_[power], mixed_[power], k_[power] + squares.y();
+    return S;
+  }
+
+ private:
+  std::array<double, 3> k_{}, mixed_{};
+  std::array<Eigen::Vector2d, 2> force_{Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero()};
+  std::array<Eigen::Vector2d, 3> squares_{Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(),
+                                          Eigen::Vector2d::Zero()};
+};
+
+/// Cache of the points whose energy is quadratic while the shaft stays within a radius of the position at
+/// which all points were last visited. The radius, CuttingState::wall_radius_m, follows the motion of the
+/// shaft in a tick: a larger one leaves more points to visit one by one, a smaller one causes more visits of
+/// all points.
+class WallModel {
+ public:
+  /// Call this when a wall has changed.
+  void forget() noexcept { is_known_ = false; }
+  /// The sums of these points with the shaft at `line`. Afterwards the first others() entries of
+  /// CuttingState::wall_points are the remaining points, numbered kMaxWallPoints * slab + Gauss point.
+  WallSums at(const Tick& tick, const ShaftLine& line) noexcept;
+  std::size_t others() const noexcept { return others_; }
+
+ private:
+  void learn(const Tick& tick, const ShaftLine& line) noexcept;
+
+  bool is_known_ = false;
+  ShaftLine line_;
+  double reach_m_ = 0, top_m_ = 0, bottom_m_ = 0;  // depths of the first and the last point
+  WallSums sums_;
+  std::size_t others_ = 0;
+};
+
+/// Adds the walls to energy, gradient and second derivatives. `lever`: vector from the plate's origin to the
+/// tip.
+void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
+               const Eigen::Vector3d& lever, bool majorise, Evaluation& e) noexcept;
+
+}  // namespace trocar::runtime

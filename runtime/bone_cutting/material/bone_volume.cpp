@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/bone_cutting/material/bone_volume.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+
+namespace trocar::runtime {
+namespace {
+
+// A sheet of no thickness holds the shaft as if it were this thick: the figures of its hole are
+// those of the whole sheet.
+constexpr double kSheetHole_m = 1e-3;
+// So strong that nothing of a session breaks it.
+constexpr double kUnbreakable_N = 1e9;
+constexpr double kMinPart_m = 1e-6;
+
+// The radius of the disc with the area of the tool's cross-section.
+double radius_of(const Tool& tool) {
+  double area_m2 = 0;
+  for (int i = 0; i < tool.sides; ++i) {
+    const Eigen::Vector3d a = tool.corner_plate_m[i] - tool.tip_plate_m,
+                          b = tool.corner_plate_m[(i + 1) % tool.sides] - tool.tip_plate_m;
+    area_m2 += 0.5 * a.cross(b).dot(tool.axis_plate);
+  }
+  return std::sqrt(area_m2 / std::numbers::pi);
+}
+
+Result<void> set_bone(const Sheet& sheet, const BoneByHu& bone, BoneSheet& out) {
+  const std::string where = "slice " + std::to_string(sheet.slice_index) + ": ";
+  out.law = find_bone_law(bone.law);
+  if (out.law == nullptr) {
+    std::string names;
+    for (const BoneLaw& law : bone_laws())
+      names.append(names.empty() ? "" : ", ").append(law.name);
+    return refused(where + "no bone law is called \"" + bone.law + "\"; there are " + names);
+  }
+  out.calibration.per_HU = bone.per_HU;
+  out.calibration.at_0_HU = bone.at_0_HU;
+  out.calibration.kind = bone.density == "apparent" ? DensityKind::kApparent
+                         : bone.density == "ash"    ? DensityKind::kAsh
+                                                    : DensityKind::kQct;
+  out.calibration.is_assumed = !bone.calibration_is_given;
+  if (!out.law->strength_MPa)
+    return refused(where + "the bone law " + bone.law + " has a modulus only, no strength");
+  if (out.law->kind != out.calibration.kind)
+    return refused(where + "the bone law " + bone.law + " is for " +
+                   std::string(name_of(out.law->kind)) + ", the calibration gives " +
+                   std::string(name_of(out.calibration.kind)));
+  if (!sheet.field->has_hu())
+    return refused(where +
+                   "its tissue takes the strength from HU, which the asset does not have; " +
+                   "give strength_MPa, or mesh it again with --hu");
+  return {};
+}
+
+// `outline_share`: the length of the tool's outline over that of the disc of its area.
+Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double outline_share,
+                          double shell_factor, BoneSheet& out) {
+  const Tissue& tissue = sheet.tissue;
+  out.tip_N_per_m = tissue.stiffness_N_per_m;
+  out.is_of_the_tool = !tissue.cut;
+  out.nominal_N = tissue.threshold_N;
+  if (tissue.cut) {
+    const CutTissue& cut = *tissue.cut;
+    out.pressure_over_yield = cut.pressure_over_yield;
+    out.friction_coefficient = cut.friction_coefficient;
+    CutMaterial& material = out.material;
+    material.tearing_N_per_m = cut.tearing_N_per_m;
+    material.face_friction = cut.friction_coefficient;
+    material.modulus_Pa = cut.modulus_MPa * 1e6;
+    material.wall_Pa_per_m = cut.foundation_N_per_mm3 * 1e9;
+    material.lateral_strength_Pa = cut.lateral_strength_MPa * 1e6;
+    material.strength_Pa = cut.pressure_over_yield * cut.strength_MPa.value_or(0) * 1e6;
+    if (cut.bone) {
+      if (auto ok = set_bone(sheet, *cut.bone, out); !ok) return ok;
+      material.strength_Pa = out.pressure_Pa(sheet.field->mean_hu());
+    }
+    material.friction_Pa =
+        outline_share * (cut.friction_kPa * 1e3 + cut.friction_coefficient * material.strength_Pa);
+    // A flat tip tears along its outline, others along their own edges.
+    if (shape.half_angle_rad >= std::numbers::pi / 2) material.tearing_N_per_m *= outline_share;
+    out.nominal_N = tool_in_tissue(shape, material).strength_N;
+    if (cut.modulus_MPa > 0) out.tip_N_per_m = tool_in_tissue(shape, material).tip_N_per_m;
+  }
+  out.shell_N = shell_factor * (out.law != nullptr ? out.strength_N(shape, sheet.field->dense_hu())
+                                                   : out.nominal_N);
+  return {};
+}
+
+// Sets the values of a hole in a slab of this thickness.
+void set_hole(const Tissue& tissue, const BoneSheet& sheet, const ToolShape& shape,
+              double thickness_m, CuttingSlab& slab) {
+  const bool is_sheet = thickness_m <= 0;
+  const double length_m = is_sheet ? kSheetHole_m : thickness_m;
+  slab.hole_m = is_sheet ? kSheetHole_m : 0;
+  slab.friction_N_per_m = tissue.shaft.dry_friction_N / length_m;
+  slab.viscous_N_s_per_m2 = tissue.shaft.viscous_friction_N_s_per_m / length_m;
+  if (tissue.shaft.rim_stiffness_N_per_m > 0) {
+    slab.wall_N_per_m2 = tissue.shaft.rim_stiffness_N_per_m / length_m;
+    slab.wall_strength_N_per_m = kUnbreakable_N;
+  }
+  CutMaterial material = sheet.material;
+  if (sheet.is_of_the_tool) {
+    if (is_sheet || tissue.shaft.rim_stiffness_N_per_m > 0) return;
+    const double area_m2 = std::numbers::pi * shape.outer_radius_m * shape.outer_radius_m;
+    material.wall_Pa_per_m = tissue.stiffness_N_per_m / area_m2;
+    material.lateral_strength_Pa = tissue.threshold_N / area_m2;
+  }
+  const ToolInTissue in = tool_in_tissue(shape, material);
+  slab.friction_N_per_m += in.friction_N_per_m;
+  slab.wall_N_per_m2 += in.wall_N_per_m2;
+  slab.wall_strength_N_per_m += in.wall_strength_N_per_m;
+}
+
+// Depths at which a sheet's slab is divided, from its top to its bottom.
+std::vector<double> parts_of(double thickness_m, double shell_m) {
+  std::vector<double> ends{0, thickness_m};
+  if (shell_m > 0 && thickness_m > 0) {
+    const double rest = std::fmod(shell_m, thickness_m);
+    for (const double at : {rest, thickness_m - rest})
+      ends.push_back(at);
+  }
+  std::sort(ends.begin(), ends.end());
+  std::vector<double> out;
+  for (const double end : ends)
+    if (out.empty() || end - out.back() > kMinPart_m) out.push_back(end);
+  if (out.size() < 2) out = {0, thickness_m};
+  out.back() = thickness_m;
+  return out;
+}
+
+// Contract 1: of the i-th of `depth_m`, which are those of one body.
+// `meets_above` and `meets_below` are known.
+void set_extent(std::span<const double> depth_m, std::size_t i, double spacing_m, BoneSheet& out) {
+  const double above = out.meets_above ? depth_m[i] - depth_m[i - 1] : 0,
+               below = out.meets_below ? depth_m[i + 1] - depth_m[i] : 0;
+  const double half = spacing_m / 2;
+  const double up = out.meets_above ? above / 2 : out.meets_below ? below / 2 : half;
+  const double down = out.meets_below ? below / 2 : out.meets_above ? above / 2 : half;
+  out.top_m = depth_m[i] - up;
+  out.bottom_m = depth_m[i] + down;
+}
+
+}  // namespace
+
+double BoneSheet::pressure_Pa(double hu) const noexcept {
+  return pressure_over_yield * 1e6 * value_of(*law->strength_MPa, density_of(calibration, hu));
+}
+
+double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_push) const noexcept {
+  if (is_of_the_tool || (law == nullptr && slice_push == 0)) return nominal_N;
+  CutMaterial here = material;
+  if (law != nullptr) here.strength_Pa = pressure_Pa(hu);
+  return tool_in_tissue(shape, here, 1, slice_push).strength_N;
+}
+
+Result<ToolShape> tool_shape(const SceneTool& tool, double outer_radius_m) {
+  ToolShape shape;
+  shape.outer_radius_m = outer_radius_m;
+  shape.inner_radius_m = tool.inner_radius_m;
+  shape.half_angle_rad =
+      tool.kind.empty() ? std::numbers::pi / 2 : tool.half_angle_deg * std::numbers::pi / 180;
+  if (!tool.kind.empty()) {
+    const std::optional<ToolKind> kind = find_tool_kind(tool.kind);
+    if (!kind) {
+      std::string names;
+      for (const ToolKind each : {ToolKind::kNeedleBevel, ToolKind::kNeedleConical,
+                                  ToolKind::kNeedleDiamond, ToolKind::kTrocar, ToolKind::kJamshidi})
+        names.append(names.empty() ? "" : ", ").append(name_of(each));
+      return refused("/tool/kind: no tool is called \"" + tool.kind + "\"; there are " + names);
+    }
+    shape.kind = *kind;
+  }
+  if (const auto error = error_of(shape)) return refused("/tool: " + std::string(*error));
+  return shape;
+}
+
+Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets) {
+  BoneVolume bone;
+  bone.tool = make_tool(scene.tool);
+  bone.radius_m = radius_of(bone.tool);
+  Result<ToolShape> shape = tool_shape(scene.tool, bone.radius_m);
+  if (!shape) return shape.error();
+  bone.shape = *shape;
+  double outline_m = 0;
+  for (int i = 0; i < bone.tool.sides; ++i)
+    outline_m +=
+        (bone.tool.corner_plate_m[(i + 1) % bone.tool.sides] - bone.tool.corner_plate_m[i]).norm();
+  const double outline_share = outline_m / (2 * std::numbers::pi * bone.radius_m);
+  bone.twists = scene.force_law.twist;
+  bone.shell_m = scene.body ? scene.body->shell_m : 0;
+  const double shell_factor = scene.body ? scene.body->shell_factor : 1;
+
+  CuttingOptions& options = bone.options;
+  options.tool = {bone.tool.tip_plate_m, -bone.tool.axis_plate, bone.radius_m};
+  options.presliding_m = sheets.front()->tissue.shaft.presliding_m;
+  options.tip_friction = scene.force_law.tip_friction;
+  options.coupling.translation_N_per_m = scene.force_law.coupling_N_per_m;
+  options.coupling.rotation_Nm_per_rad = scene.force_law.coupling_Nm_per_rad;
+
+  // Runs of sheets that are one body.
+  bone.sheets.resize(sheets.size());
+  std::vector<double> depth_m;
+  for (const Sheet* sheet : sheets)
+    depth_m.push_back(-sheet->z_m);
+  for (std::size_t from = 0; from < sheets.size();) {
+    std::size_t to = from + 1;
+    double spacing_m = 1;
+    for (; to < sheets.size(); ++to) {
+      const double gap_m = depth_m[to] - depth_m[to - 1];
+      if (!scene.body && gap_m > kMaxSlabGap_m + kSlabGapRounding_m) break;
+      spacing_m = std::min(spacing_m, gap_m);
+    }
+    // Slices of a bone volume that are not adjacent in the asset have empty slices between them.
+    const auto meets = [&](std::size_t above) {
+      return !scene.body ||
+             std::abs(sheets[above]->slice_index - sheets[above + 1]->slice_index) == 1;
+    };
+    const std::span<const double> run(depth_m.data() + from, to - from);
+    for (std::size_t i = 0; i < run.size(); ++i) {
+      BoneSheet& out = bone.sheets[from + i];
+      out.top_m = out.bottom_m = run[i];
+      out.meets_above = i > 0 && meets(from + i - 1);
+      out.meets_below = i + 1 < run.size() && meets(from + i);
+      if (run.size() > 1) set_extent(run, i, spacing_m, out);
+      if (out.meets_above) out.top_m = bone.sheets[from + i - 1].bottom_m;  // to the bit
+    }
+    from = to;
+  }
+
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    BoneSheet& out = bone.sheets[i];
+    if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, shell_factor, out); !ok)
+      return ok.error();
+    out.first_slab = static_cast<int>(bone.slabs.size());
+    const std::vector<double> ends = parts_of(out.bottom_m - out.top_m, bone.shell_m);
+    for (std::size_t k = 0; k + 1 < ends.size(); ++k) {
+      CuttingSlab slab;
+      slab.top_m = out.top_m + ends[k];
+      slab.bottom_m = k + 2 == ends.size() ? out.bottom_m : out.top_m + ends[k + 1];
+      slab.strength_top_N = slab.strength_bottom_N = out.nominal_N;
+      set_hole(sheets[i]->tissue, out, bone.shape, out.bottom_m - out.top_m, slab);
+      const double length_m = slab.bottom_m - slab.top_m + slab.hole_m;
+      bone.across_N_per_m += slab.wall_N_per_m2 * length_m;
+      bone.viscous_N_s_per_m += slab.viscous_N_s_per_m2 * length_m;
+      bone.along_N_per_m += slab.friction_N_per_m * length_m / std::max(options.presliding_m, 1e-9);
+      bone.slabs.push_back(slab);
+      bone.sheet_of_slab.push_back(static_cast<int>(i));
+    }
+    out.slabs = static_cast<int>(bone.slabs.size()) - out.first_slab;
+  }
+  double tip_N_per_m = 0;
+  for (const BoneSheet& sheet : bone.sheets)
+    tip_N_per_m = std::max(tip_N_per_m, sheet.tip_N_per_m);
+  options.tip_N_per_m = bone.sheets.front().tip_N_per_m;
+  bone.along_N_per_m += tip_N_per_m;
+  for (const SceneLayer& layer : scene.layers) {
+    SoftLayer soft;
+    soft.top_m = -layer.top_z_m;
+    soft.bottom_m = soft.top_m + layer.thickness_m;
+    soft.stiffness_N_per_m = layer.stiffness_N_per_m;
+    soft.stiffening_N_per_m2 = layer.stiffening_N_per_m2;
+    soft.puncture_N = layer.puncture_N;
+    soft.cutting_N = layer.cutting_N;
+    soft.friction_N_per_m = layer.friction_N_per_m;
+    bone.layers.push_back(soft);
+    // At its puncture it is as stiff as it gets.
+    bone.along_N_per_m += soft_spring(soft, stretch_at(soft, soft.puncture_N)).stiffness_N_per_m;
+  }
+  return bone;
+}
+
+}  // namespace trocar::runtime

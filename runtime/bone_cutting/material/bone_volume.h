@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bone volume of a scene, for one tool: its slabs, the sheet that each slab belongs to, and what each
+// opposes to the tool. Slices at most kMaxSlabGap_m apart, or those of the scene's `body`, are slabs that
+// extend half-way to their neighbours. Any other slice is a shell of no thickness.
+//
+// Contract (tests/runtime/bone_cutting/material/bone_volume_test.cpp):
+//  1. The slabs of neighbours in a bone volume meet half-way, whatever their distance. The first slab extends
+//     as far above its slice as below it, and the last one likewise. Where slices without material lie in
+//     between, slabs end at half the volume's smallest spacing, and the gap holds no slab.
+//  2. For a tissue with CutTissue, the values are those of tool_in_tissue.h. A tissue without it states what
+//     the scene's tool feels: threshold and stiffness hold for the tip as given, and the same pressures act
+//     sideways over the tool's width.
+//  3. A cortical shell lies where the tool enters and where it leaves the bone: up to `shell_m` from there,
+//     slabs have the shell's strength. A slab is divided into chunks of constant strength for this, so that
+//     slabs never change.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "formats/session/scene.h"
+#include "runtime/bone_cutting/law/cutting_law.h"
+#include "runtime/bone_cutting/material/bone_strength.h"
+#include "runtime/bone_cutting/material/tool_in_tissue.h"
+#include "runtime/contact/sheet.h"
+#include "runtime/contact/tool.h"
+
+namespace trocar::runtime {
+
+inline constexpr double kMaxSlabGap_m = 3e-3;
+inline constexpr double kSlabGapRounding_m = 1e-9;
+/// Number of holes that a session remembers.
+inline constexpr std::size_t kMaxRememberedHoles = 32;
+
+/// A sheet's resistance to the tool at full coverage.
+struct BoneSheet {
+  double nominal_N = 0;  ///< strength of the front at the slice's mean HU
+  double shell_N = 0;    ///< strength of its cortical shell
+  double tip_N_per_m = 0;
+  /// Law for the strength from HU; null: the material's strength holds throughout.
+  const BoneLaw* law = nullptr;
+  HuCalibration calibration;
+  double pressure_over_yield = 1, friction_coefficient = 0;
+  CutMaterial material;            ///< values at the slice's mean HU
+  bool is_of_the_tool = false;     ///< nominal_N holds for the scene's tool, whatever its shape
+  int first_slab = 0, slabs = 0;   ///< the sheet's slabs, from the top
+  double top_m = 0, bottom_m = 0;  ///< depths
+  bool meets_above = false, meets_below = false;  ///< the neighbour is adjacent, without a gap
+
+  double pressure_Pa(
+      double hu) const noexcept;  ///< pressure under a flat tip; `law` must not be null
+  /// Strength of the front at an HU; `slice_push` as in tool_in_tissue().
+  double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
+};
+
+struct BoneVolume {
+  Tool tool;
+  double radius_m = 0;  ///< radius of the disc with the area of the tool's outline
+  ToolShape shape;
+  bool twists = false;     ///< SceneForceLaw::twist
+  CuttingOptions options;  ///< the coupling is the scene's, before the device limits it
+  double shell_m = 0;
+  std::vector<BoneSheet> sheets;   ///< same order as the session's: topmost first
+  std::vector<CuttingSlab> slabs;  ///< slabs with their nominal strengths
+  std::vector<int> sheet_of_slab;
+  std::vector<SoftLayer> layers;  ///< uppermost first
+  /// Largest stiffness that the tool can meet: of tip and friction along it, of walls across it.
+  double along_N_per_m = 0, across_N_per_m = 0;
+  double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft, in all slabs
+};
+
+/// The shape of a scene's tool. Refused: a kind that does not exist, an inner radius that is too large.
+Result<ToolShape> tool_shape(const SceneTool& tool, double outer_radius_m);
+
+/// `sheets` as from place_slices for a scene with the force law `cutting`. Refused: a bone law that
+/// does not exist, has no strength or is for another density; a strength by HU of a slice without.
+Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets);
+
+}  // namespace trocar::runtime

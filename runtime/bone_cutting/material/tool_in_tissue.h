@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// The values that the cutting law needs for a tool in a tissue. The tissue is known per area, perimeter and
+// wall, and the tool by its shape, so that different tools in the same bone differ as they should.
+//
+// Contract (tests/runtime/bone_cutting/material/tool_in_tissue_test.cpp):
+//  1. Tip: strength = coverage * (pressure * A * (1 + mu cot(half angle)) + tearing * torn length). A is the
+//     cross-section that is displaced: the disc, or the ring of a hollow tool. The factor is the friction of
+//     the tip's faces on material that presses with the same pressure everywhere; it is the same for a cone,
+//     a pyramid and a bevel.
+//  2. Torn length: for a flat or hollow tip the outline, because it stamps a ring out of the material. For a
+//     pointed tip the crack that the wedge opens (Shergold and Fleck, Proc. R. Soc. A 460, 2004): a diameter
+//     for a cone or bevel, a radius for each edge of a pyramid.
+//  3. Twist: with the slice-push ratio xi = twist * R / feed the tearing falls by 1 / (1 + xi^2), and needs
+//     a moment of xi / (1 + xi^2) of it times R (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004).
+//     Friction on the faces turns with the direction of slip, 1 / sqrt(1 + xi^2). The pressure does not
+//     change. xi is at most kMaxSlicePush.
+//  4. Tip stiffness: a rigid flat punch on an elastic half-space, 2 R E / (1 - nu^2).
+//  5. Friction acts on the outer wall, and for a hollow tool on its core too. Walls press on the tool's
+//     projected width, 2 R.
+#pragma once
+
+#include <optional>
+#include <string_view>
+
+namespace trocar::runtime {
+
+enum class ToolKind {
+  kNeedleBevel,
+  kNeedleConical,
+  kNeedleDiamond,  ///< a pyramid of four faces
+  kTrocar,         ///< a pyramid of three faces
+  kJamshidi,       ///< hollow with a flat edge, its stylet out
+};
+std::string_view name_of(ToolKind kind) noexcept;
+std::optional<ToolKind> find_tool_kind(std::string_view name) noexcept;
+
+struct ToolShape {
+  ToolKind kind = ToolKind::kNeedleConical;
+  double outer_radius_m = 1.525e-3;
+  double inner_radius_m = 0;  ///< radius of the bore of a hollow tool
+  /// Angle between the axis and the faces of the tip; pi / 2: flat.
+  double half_angle_rad = 0.5236;
+};
+
+struct CutMaterial {
+  double strength_Pa = 0;      ///< pressure under a flat punch at which it fails
+  double tearing_N_per_m = 0;  ///< tearing work per torn length and depth (J/m^2)
+  double face_friction = 0;    ///< friction coefficient of the tip's faces
+  double modulus_Pa = 0, poisson = 0.3;
+  double friction_Pa = 0;          ///< shear stress at which the wall slides along the shaft
+  double presliding_Pa_per_m = 0;  ///< stiffness of the friction before it slides
+  double wall_Pa_per_m = 0;        ///< lateral stiffness of the wall (Winkler foundation)
+  double lateral_strength_Pa = 0;  ///< pressure at which the wall yields
+};
+
+/// Names the first invalid value, as text without a full stop; none: all are valid.
+std::optional<std::string_view> error_of(const ToolShape& tool) noexcept;
+std::optional<std::string_view> error_of(const CutMaterial& tissue) noexcept;
+
+inline constexpr double kMaxSlicePush = 10;
+/// Slice-push ratio of the tool's outline: its rotation relative to its feed, at least 0, at most
+/// kMaxSlicePush; 0 without twist.
+double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_per_s) noexcept;
+
+double displaced_area_m2(const ToolShape& tool) noexcept;
+double torn_length_m(const ToolShape& tool) noexcept;
+
+/// Values for the fields of CuttingSlab and CuttingOptions of the same names.
+struct ToolInTissue {
+  double strength_N = 0;  ///< strength of the front
+  double twist_Nm = 0;    ///< moment that the twist needs for the tearing at that strength
+  double tip_N_per_m = 0;
+  double friction_N_per_m = 0, presliding_m = 0;
+  double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;
+};
+
+/// `share`: the coverage, which is the part of the outline over material not yet cut. The tool and tissue must be without
+/// error.
+ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
+                            double slice_push = 0) noexcept;
+
+/// Outer radius of a needle by its gauge (Birmingham wire gauge, ISO 9626); none: not in the table.
+std::optional<double> gauge_radius_m(int gauge) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/dry_run.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "runtime/session/tick_rate.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// The sheet of a row's active slice, which in contact lies above the tip by the penetration. A
+/// scene may have the same slice at several heights.
+std::size_t active_sheet(const RecordingRow& row,
+                         const std::vector<std::unique_ptr<const Sheet>>& sheets) {
+  const double z_m = row.tool_m[2] + row.penetration_m;
+  std::size_t nearest = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    const double distance_m = std::abs(sheets[i]->z_m - z_m);
+    if (sheets[i]->slice_index != row.active_slice || !(distance_m < least)) continue;
+    least = distance_m;
+    nearest = i;
+  }
+  return nearest;
+}
+
+/// Evaluates every tick of a dry run.
+class DryRunObserver final : public TickObserver {
+ public:
+  DryRunObserver(const std::vector<std::unique_ptr<const Sheet>>& sheets, DryRun& dry_run)
+      : sheets_(sheets), dry_run_(dry_run) {}
+
+  void on_tick(const TickView& tick) noexcept override {
+    const RecordingRow& row = tick.result.row;
+    if (dry_run_.at_fault.fault != Fault::kNone) return;  // forces are ramped down
+    if (row.fault != Fault::kNone) {
+      dry_run_.at_fault = row;
+      return;
+    }
+    dry_run_.tip_lowest_m = std::min(dry_run_.tip_lowest_m, row.tool_m[2]);
+    if (row.wrench_scale < 1 && row.authority >= 1) {
+      if (dry_run_.scale_min == 1) dry_run_.scaled_t_s = row.t_s;
+      dry_run_.scale_min = std::min(dry_run_.scale_min, row.wrench_scale);
+    }
+    const bool missed = row.phase == ContactPhase::kMissed;
+    if (!missed && row.phase != ContactPhase::kContact) return;
+    SheetDryRun& sheet = dry_run_.sheets[active_sheet(row, sheets_)];
+    sheet.missed = sheet.missed || missed;
+    if (missed) return;
+    touch(sheet, row.t_s);
+    sheet.loaded_t_s = row.t_s;
+    sheet.force_max_N = std::max(sheet.force_max_N, row.wrench_wanted[2]);
+  }
+
+  static void touch(SheetDryRun& sheet, double t_s) {
+    if (!sheet.touched) sheet.touched_t_s = t_s;
+    sheet.touched = true;
+  }
+
+ private:
+  const std::vector<std::unique_ptr<const Sheet>>& sheets_;
+  DryRun& dry_run_;
+};
+
+}  // namespace
+
+Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& description,
+                           const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                           const SessionOptions& options) {
+  Result<SimulatedDevice> device = make_simulated_device(scene, description);
+  if (!device) return device.error();
+  DryRun dry_run;
+  dry_run.session_ticks = tick_count(options.duration_s, options.rate_Hz);
+  dry_run.tip_lowest_m = std::numeric_limits<double>::infinity();
+  dry_run.sheets.resize(sheets.size());
+  DryRunObserver observer(sheets, dry_run);
+
+  SessionOptions silent;
+  silent.clock = Clock::kVirtual;
+  silent.rate_Hz = options.rate_Hz;
+  silent.duration_s =
+      static_cast<double>(std::min(dry_run.session_ticks, kMaxDryRunTicks)) / options.rate_Hz;
+  silent.handover_ticks = options.handover_ticks;
+  silent.prefetch_period_s = options.prefetch_period_s;
+  silent.limits = options.limits;
+  silent.limits.gap_max_s = 0;
+  silent.passivity = options.passivity;
+  silent.coupling = options.coupling;
+  silent.compensation = options.compensation;
+  silent.stop = options.stop;
+  silent.observers = {&observer};
+  Remesher remesher(sheets);
+  const Result<SessionReport> report = run_session(
+      scene, description, remesher, *device, [&](double dt_s) { device->advance(dt_s); }, silent);
+  if (!report) return report.error();
+
+  dry_run.ticks = report->ticks;
+  if (!report->faults.empty()) {
+    dry_run.fault = report->faults.front().detail;
+    dry_run.fault_t_s = report->faults.front().t_s;
+  }
+  dry_run.force_max_N = report->max_force_N;
+  dry_run.torque_max_Nm = report->torque_max_Nm;
+  dry_run.scaled_ticks = report->scaled_ticks;
+  for (const PunctureEvent& event : report->punctures) {
+    SheetDryRun& sheet = dry_run.sheets[static_cast<std::size_t>(event.sheet)];
+    DryRunObserver::touch(sheet, event.t_s);
+    if (sheet.punctured_t_s < 0) sheet.punctured_t_s = event.t_s;
+    sheet.force_max_N = std::max(sheet.force_max_N, event.force_N);
+  }
+  for (const CutRecord& record : remesher.records()) {
+    if (!record.error) continue;
+    dry_run.hole_error = record.error;
+    break;
+  }
+  return dry_run;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/entry_column.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <tuple>
+
+#include "formats/session/scene.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kCell_mm = 1;
+constexpr std::size_t kMaxCells = 400'000;
+
+/// A grid over the slice plane that covers the material of all slices.
+class Cells {
+ public:
+  Cells(const Asset& asset, const std::vector<Level>& levels) {
+    const MaterialBox box = material_box(asset, levels);
+    low_ = box.low_mm;
+    const double width_mm = box.high_mm[0] - low_[0], height_mm = box.high_mm[1] - low_[1];
+    cell_mm_ = std::max(kCell_mm, std::sqrt((width_mm + kCell_mm) * (height_mm + kCell_mm) /
+                                            static_cast<double>(kMaxCells)));
+    count_ = {static_cast<int>(width_mm / cell_mm_) + 1,
+              static_cast<int>(height_mm / cell_mm_) + 1};
+    const double step_mm = asset.lattice.step_mm();
+    for (const Level& level : levels)
+      material_.push_back(filled(level, step_mm));
+  }
+
+  std::size_t size() const { return static_cast<std::size_t>(count_[0]) * count_[1]; }
+  std::array<double, 2> middle_mm(std::size_t cell) const {
+    const auto i = static_cast<int>(cell);
+    const int column = i % count_[0], row = i / count_[0];
+    return {low_[0] + (column + 0.5) * cell_mm_, low_[1] + (row + 0.5) * cell_mm_};
+  }
+
+  /// Whether everything within the radius around a cell is material, for each cell.
+  std::vector<std::uint8_t> clear(std::size_t level, double radius_mm) const {
+    std::vector<std::uint8_t> out(size());
+    const int margin = static_cast<int>(std::ceil(radius_mm / cell_mm_));
+    for (int y = margin; y < count_[1] - margin; ++y) {
+      for (int x = margin; x < count_[0] - margin; ++x)
+        out[index(x, y)] = is_clear(material_[level], x, y, margin, radius_mm) ? 1 : 0;
+    }
+    return out;
+  }
+
+ private:
+  std::size_t index(int x, int y) const { return static_cast<std::size_t>(y) * count_[0] + x; }
+
+  bool is_clear(const std::vector<std::uint8_t>& material, int x, int y, int margin,
+                double radius_mm) const {
+    if (material[index(x, y)] == 0) return false;
+    for (int dy = -margin; dy <= margin; ++dy) {
+      for (int dx = -margin; dx <= margin; ++dx) {
+        if (std::hypot(dx, dy) * cell_mm_ > radius_mm + cell_mm_ / 2) continue;
+        if (material[index(x + dx, y + dy)] == 0) return false;
+      }
+    }
+    return true;
+  }
+
+  std::vector<std::uint8_t> filled(const Level& level, double step_mm) const {
+    std::vector<std::uint8_t> material(size());
+    const SliceMesh& mesh = level.slice->mesh;
+    for (const Triangle& triangle : mesh.triangles) {
+      std::array<std::array<double, 2>, 3> p;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const LatticePoint corner = mesh.vertices[triangle[k]];
+        p[k] = {(corner.x * step_mm - low_[0]) / cell_mm_,
+                (corner.y * step_mm - low_[1]) / cell_mm_};
+      }
+      const auto [y0, y1] = std::minmax({p[0][1], p[1][1], p[2][1]});
+      const auto [x0, x1] = std::minmax({p[0][0], p[1][0], p[2][0]});
+      for (int y = std::max(0, static_cast<int>(y0 - 0.5)); y < count_[1] && y + 0.5 <= y1; ++y) {
+        for (int x = std::max(0, static_cast<int>(x0 - 0.5)); x < count_[0] && x + 0.5 <= x1; ++x) {
+          const auto side = [&](std::size_t a, std::size_t b) {
+            return (p[b][0] - p[a][0]) * (y + 0.5 - p[a][1]) -
+                   (p[b][1] - p[a][1]) * (x + 0.5 - p[a][0]);
+          };
+          if (side(0, 1) >= 0 && side(1, 2) >= 0 && side(2, 0) >= 0) material[index(x, y)] = 1;
+        }
+      }
+    }
+    return material;
+  }
+
+  std::array<double, 2> low_{};
+  std::array<int, 2> count_{1, 1};
+  double cell_mm_ = kCell_mm;
+  std::vector<std::vector<std::uint8_t>> material_;  ///< one mask of cells with material per level
+};
+
+/// The thickness that each level stands for: half-way to its neighbours. At an end the distance
+/// outwards is taken to be that inwards; a single slice counts as a millimetre.
+std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm) {
+  const std::size_t n = levels.size();
+  std::vector<double> thickness_mm(n, 1);
+  for (std::size_t i = 0; n > 1 && i < n; ++i) {
+    const double above = i > 0 ? levels[i - 1].z_mm - levels[i].z_mm : 0;
+    const double below = i + 1 < n ? levels[i].z_mm - levels[i + 1].z_mm : 0;
+    thickness_mm[i] = (std::min(i > 0 ? above : below, max_gap_mm) +
+                       std::min(i + 1 < n ? below : above, max_gap_mm)) /
+                      2;
+  }
+  return thickness_mm;
+}
+
+/// The last level of the window of levels that begins with `first`.
+std::size_t window_end(const std::vector<Level>& levels, std::size_t first, double height_mm,
+                       double max_gap_mm) {
+  std::size_t last = first;
+  while (last + 1 < levels.size() && levels[first].z_mm - levels[last + 1].z_mm <= height_mm &&
+         std::abs(levels[last + 1].slice->index - levels[first].slice->index) <
+             static_cast<int>(kMaxSceneSlices) &&
+         levels[last].z_mm - levels[last + 1].z_mm <= max_gap_mm)
+    ++last;
+  return last;
+}
+
+/// Rank of a cell: thickness in a window of levels, that for a wider tool, closeness to the centre.
+using Score = std::tuple<double, double, double>;
+
+struct Best {
+  Score score{0, 0, 0};
+  std::optional<EntryColumn> column;
+};
+
+using Clearance = std::vector<std::vector<std::uint8_t>>;  ///< indexed by level and cell
+
+/// Compares the cells of the window [first, last] with the best so far.
+void search_window(const Cells& cells, const Clearance& clear, const Clearance& wide,
+                   const std::vector<double>& thickness_mm, std::size_t first, std::size_t last,
+                   Best& best) {
+  std::vector<double> thickness(cells.size()), wide_thickness(cells.size());
+  for (std::size_t i = first; i <= last; ++i) {
+    for (std::size_t c = 0; c < cells.size(); ++c) {
+      thickness[c] += clear[i][c] != 0 ? thickness_mm[i] : 0;
+      wide_thickness[c] += wide[i][c] != 0 ? thickness_mm[i] : 0;
+    }
+  }
+  std::array<double, 2> sum{};
+  double total = 0;
+  for (std::size_t c = 0; c < cells.size(); ++c) {
+    sum[0] += thickness[c] * cells.middle_mm(c)[0];
+    sum[1] += thickness[c] * cells.middle_mm(c)[1];
+    total += thickness[c];
+  }
+  for (std::size_t c = 0; total > 0 && c < cells.size(); ++c) {
+    if (!(thickness[c] > 0)) continue;
+    const std::array<double, 2> at = cells.middle_mm(c);
+    const Score score{thickness[c], wide_thickness[c],
+                      -std::hypot(at[0] - sum[0] / total, at[1] - sum[1] / total)};
+    if (best.column && !(score > best.score)) continue;
+    best.score = score;
+    best.column = EntryColumn{at, first, last, thickness[c], {}};
+    for (const auto& level : clear)
+      best.column->is_clear.push_back(level[c]);
+  }
+}
+
+}  // namespace
+
+MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels) {
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  const double step_mm = asset.lattice.step_mm();
+  MaterialBox box{{kFar, kFar}, {-kFar, -kFar}};
+  for (const Level& level : levels) {
+    for (const LatticePoint p : level.slice->mesh.vertices) {
+      const std::array<double, 2> at{p.x * step_mm, p.y * step_mm};
+      for (std::size_t k = 0; k < 2; ++k) {
+        box.low_mm[k] = std::min(box.low_mm[k], at[k]);
+        box.high_mm[k] = std::max(box.high_mm[k], at[k]);
+      }
+    }
+  }
+  return box;
+}
+
+std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
+                                             double radius_mm, double height_mm,
+                                             double max_gap_mm) {
+  const Cells cells(asset, levels);
+  Clearance clear, wide;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    clear.push_back(cells.clear(i, radius_mm));
+    wide.push_back(cells.clear(i, 3 * radius_mm));
+  }
+  const std::vector<double> thickness_mm = level_thickness(levels, max_gap_mm);
+  Best best;
+  for (std::size_t first = 0; first < levels.size(); ++first) {
+    const std::size_t last = window_end(levels, first, height_mm, max_gap_mm);
+    const bool is_part_of_an_earlier_window = first > 0 && last + 1 == levels.size() &&
+                                              best.column && best.column->last == last &&
+                                              best.column->first < first;
+    if (is_part_of_an_earlier_window) break;
+    search_window(cells, clear, wide, thickness_mm, first, last, best);
+  }
+  if (!best.column) return std::nullopt;
+  EntryColumn& found = *best.column;
+  while (found.is_clear[found.first] == 0)
+    ++found.first;
+  while (found.is_clear[found.last] == 0)
+    --found.last;
+  return best.column;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/hand_path.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "formats/base/text_line.h"
+#include "runtime/contact/overlap.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+constexpr double kStep_m = 5e-4;
+constexpr double kStep_rad = 0.5 / kDegrees;
+constexpr double kMaxSteps = 16000;
+
+Pose plate_of(const Pose& T_device_tool, const Tool& tool) noexcept {
+  return {T_device_tool.p_m - T_device_tool.q * tool.tip_plate_m, T_device_tool.q};
+}
+
+double angle_to_z(const Eigen::Vector3d& axis) noexcept {
+  return std::atan2(axis.head<2>().norm(), axis.z());
+}
+
+/// Number of steps of kStep_m or kStep_rad from keyframe a to b, not rounded.
+double steps_between(const HandKeyframe& a, const HandKeyframe& b) noexcept {
+  const double turn_rad = rotation_vector(b.T_device_tool.q * a.T_device_tool.q.conjugate()).norm();
+  return std::max((b.T_device_tool.p_m - a.T_device_tool.p_m).norm() / kStep_m,
+                  turn_rad / kStep_rad);
+}
+
+/// Calls visit(t_s, target) along the path from `from_s` to `to_s`.
+template <typename Visit>
+void walk(const HandTrajectory& path, double from_s, double to_s, Visit&& visit) {
+  const auto& keyframes = path.keyframes;
+  double steps = 0;
+  for (std::size_t i = 1; i < keyframes.size(); ++i)
+    steps += steps_between(keyframes[i - 1], keyframes[i]);
+  const double density = std::min(1.0, kMaxSteps / std::max(steps, 1.0));
+  visit(from_s, hand_target(path, from_s));
+  for (std::size_t i = 1; i < keyframes.size(); ++i) {
+    const double begin_s = std::max(keyframes[i - 1].t_s, from_s);
+    const double end_s = std::min(keyframes[i].t_s, to_s);
+    if (!(end_s > begin_s)) continue;
+    const int points =
+        1 + static_cast<int>(density * steps_between(keyframes[i - 1], keyframes[i]));
+    HandTarget target;
+    for (int k = 0; k < points; ++k) {
+      const double t_s = begin_s + (end_s - begin_s) * (k + 0.5) / points;
+      target = hand_target(path, t_s);
+      visit(t_s, target);
+    }
+    target.T_device_tool = hand_target(path, end_s).T_device_tool;  // with this segment's velocity
+    visit(end_s, target);
+  }
+}
+
+std::string describe_box(const SafetyLimits& limits, const Pose& T_device_plate) {
+  constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double at_m = T_device_plate.p_m[static_cast<Eigen::Index>(i)];
+    if (at_m >= limits.workspace_min_m[i] && at_m <= limits.workspace_max_m[i]) continue;
+    const double low_m = limits.workspace_min_m[i], high_m = limits.workspace_max_m[i];
+    return text_line("the plate is at %s %s m; its workspace is %.4f to %.4f m", kAxes[i],
+                     apart_from(at_m, at_m < low_m ? low_m : high_m, 4).c_str(), low_m, high_m);
+  }
+  return {};
+}
+
+std::string describe_joint(const DeviceDescription& device, const JointAngles& joints) {
+  const KinematicsStatus status = check_joint_limits(device, encoder_angles(joints));
+  if (status) return {};
+  const auto leg = static_cast<std::size_t>(status.leg - 1);
+  const auto joint = static_cast<std::size_t>(status.joint - 1);
+  const JointLimit& limit = device.joint_limit[joint];
+  const double low_deg = limit.min_rad * kDegrees, high_deg = limit.max_rad * kDegrees;
+  const double at_deg = joints.theta_rad[leg][joint] * kDegrees;
+  return text_line("theta%d of leg %d is at %s deg; its limits are %.1f to %.1f deg", status.joint,
+                   status.leg, apart_from(at_deg, at_deg < low_deg ? low_deg : high_deg, 1).c_str(),
+                   low_deg, high_deg);
+}
+
+std::string describe_singularity(const DeviceDescription& device, const SafetyLimits& limits,
+                                 const Pose& T_device_plate, const JointAngles& joints) {
+  const JacobianResult motion = jacobian(device, T_device_plate, joints);
+  if (!motion.status) {
+    return text_line("theta%d of leg %d is at the end of its reach", motion.status.joint,
+                     motion.status.leg);
+  }
+  const Singularity measured = measure_singularity(device, T_device_plate, joints, motion.G);
+  if (measured.nearest_branch_m < limits.branch_distance_min_m) {
+    return text_line(
+        "theta%d of leg %d is %s mm from the end of its reach; the limit is %.4g mm",
+        measured.nearest_joint, measured.nearest_leg,
+        apart_from(measured.nearest_branch_m * 1e3, limits.branch_distance_min_m * 1e3, 2).c_str(),
+        limits.branch_distance_min_m * 1e3);
+  }
+  if (measured.inverse_condition >= limits.inverse_condition_min) return {};
+  return describe_beyond("the inverse condition is", measured.inverse_condition,
+                         limits.inverse_condition_min, "", 3);
+}
+
+/// Speed of the plate's origin, and its rotation rate.
+struct PlateSpeed {
+  double m_per_s = 0, rad_per_s = 0;
+};
+PlateSpeed plate_speed(const HandTarget& target, const Pose& T_device_plate) noexcept {
+  const Eigen::Vector3d omega = target.twist_device.tail<3>();
+  const Eigen::Vector3d lever_m = T_device_plate.p_m - target.T_device_tool.p_m;
+  return {(target.twist_device.head<3>() + omega.cross(lever_m)).norm(), omega.norm()};
+}
+
+std::string describe_speed(const SafetyLimits& limits, const PlateSpeed& speed) {
+  if (speed.m_per_s > limits.speed_max_m_per_s) {
+    return describe_beyond("the plate moves at", speed.m_per_s, limits.speed_max_m_per_s, " m/s",
+                           2);
+  }
+  if (!(speed.rad_per_s > limits.rotation_rate_max_rad_per_s)) return {};
+  return describe_beyond("the plate turns at", speed.rad_per_s, limits.rotation_rate_max_rad_per_s,
+                         " rad/s", 1);
+}
+
+void note_margins(const PoseMargins& margins, PathReport& report) noexcept {
+  report.box_min_m = std::min(report.box_min_m, margins.box_m);
+  report.tilt_max_rad = std::max(report.tilt_max_rad, margins.tilt_rad);
+  report.is_reachable = report.is_reachable && margins.pose;
+  if (!margins.pose) return;
+  report.inverse_condition_min = std::min(report.inverse_condition_min, margins.inverse_condition);
+  if (margins.joint_rad < report.nearest.joint_rad) report.nearest = margins;
+}
+
+}  // namespace
+
+PoseMargins pose_margins(const DeviceDescription& device, const SafetyLimits& limits,
+                         const Tool& tool, const Pose& T_device_plate) noexcept {
+  PoseMargins margins;
+  margins.box_m = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double at_m = T_device_plate.p_m[static_cast<Eigen::Index>(i)];
+    margins.box_m = std::min(
+        {margins.box_m, at_m - limits.workspace_min_m[i], limits.workspace_max_m[i] - at_m});
+  }
+  margins.tilt_rad = angle_to_z(T_device_plate.q * Eigen::Vector3d::UnitZ());
+  margins.tool_tilt_rad = angle_to_z(T_device_plate.q * tool.axis_plate);
+  const InverseResult inverse = inverse_kinematics(device, T_device_plate);
+  margins.pose = inverse.status;
+  if (!margins.pose) return margins;
+  const JacobianResult motion = jacobian(device, T_device_plate, inverse.joints);
+  margins.pose = motion.status;
+  if (!margins.pose) return margins;
+  margins.joint_limit = check_joint_limits(device, encoder_angles(inverse.joints));
+  margins.joint_rad = std::numeric_limits<double>::infinity();
+  for (std::size_t leg = 0; leg < kLegs; ++leg) {
+    for (std::size_t joint = 0; joint < 4; ++joint) {
+      const double theta_rad = inverse.joints.theta_rad[leg][joint];
+      const JointLimit& limit = device.joint_limit[joint];
+      const double margin_rad = std::min(theta_rad - limit.min_rad, limit.max_rad - theta_rad);
+      if (!(margin_rad < margins.joint_rad)) continue;
+      margins.joint_rad = margin_rad;
+      margins.leg = static_cast<std::int8_t>(leg + 1);
+      margins.joint = static_cast<std::int8_t>(joint + 1);
+    }
+  }
+  const Singularity singularity =
+      measure_singularity(device, T_device_plate, inverse.joints, motion.G);
+  margins.inverse_condition = singularity.inverse_condition;
+  margins.branch_m = singularity.nearest_branch_m;
+  return margins;
+}
+
+// In the order of the loop's checks (haptic_loop.cpp).
+Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcept {
+  if (!margins.pose) return Fault::kPoseResidual;
+  if (!margins.joint_limit) return Fault::kJointLimit;
+  if (!(margins.inverse_condition >= limits.inverse_condition_min &&
+        margins.branch_m >= limits.branch_distance_min_m)) {
+    return Fault::kSingularity;
+  }
+  if (!(margins.box_m >= 0 && margins.tilt_rad <= limits.plate_tilt_max_rad)) {
+    return Fault::kWorkspace;
+  }
+  return margins.tool_tilt_rad * kDegrees <= kMaxTilt_deg ? Fault::kNone : Fault::kToolTilt;
+}
+
+std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
+                                const SafetyLimits& limits, const Tool& tool,
+                                const Pose& T_device_plate) {
+  const PoseMargins margins = pose_margins(device, limits, tool, T_device_plate);
+  const InverseResult inverse = inverse_kinematics(device, T_device_plate);
+  switch (fault) {
+    case Fault::kPoseResidual:
+      if (margins.pose) return {};
+      return text_line("theta%d of leg %d is %s", margins.pose.joint, margins.pose.leg,
+                       to_string(margins.pose.failure));
+    case Fault::kJointLimit:
+      return inverse.status ? describe_joint(device, inverse.joints) : std::string{};
+    case Fault::kSingularity:
+      return inverse.status ? describe_singularity(device, limits, T_device_plate, inverse.joints)
+                            : std::string{};
+    case Fault::kWorkspace:
+      if (margins.box_m < 0) return describe_box(limits, T_device_plate);
+      if (margins.tilt_rad <= limits.plate_tilt_max_rad) return {};
+      return describe_beyond("the plate is tilted by", margins.tilt_rad * kDegrees,
+                             limits.plate_tilt_max_rad * kDegrees, " deg", 1);
+    case Fault::kToolTilt:
+      if (margins.tool_tilt_rad * kDegrees <= kMaxTilt_deg) return {};
+      return describe_beyond("the tool is tilted by", margins.tool_tilt_rad * kDegrees,
+                             kMaxTilt_deg, " deg", 1);
+    default:
+      return {};
+  }
+}
+
+PathReport evaluate_path(const HandTrajectory& path, const DeviceDescription& device,
+                         const SafetyLimits& limits, const Tool& tool, double from_s, double to_s) {
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  PathReport report;
+  report.tip_min_m.setConstant(kEndless);
+  report.tip_max_m.setConstant(-kEndless);
+  report.box_min_m = report.nearest.joint_rad = report.inverse_condition_min = kEndless;
+  const auto is_new = [&](Fault fault) {
+    return fault != Fault::kNone &&
+           std::none_of(report.breaches.begin(), report.breaches.end(),
+                        [&](const PathBreach& known) { return known.fault == fault; });
+  };
+  walk(path, from_s, to_s, [&](double t_s, const HandTarget& target) {
+    const Pose T_device_plate = plate_of(target.T_device_tool, tool);
+    const Eigen::Vector3d& tip_m = target.T_device_tool.p_m;
+    report.end_s = t_s;
+    report.tip_min_m = report.tip_min_m.cwiseMin(tip_m);
+    report.tip_max_m = report.tip_max_m.cwiseMax(tip_m);
+    const PoseMargins margins = pose_margins(device, limits, tool, T_device_plate);
+    note_margins(margins, report);
+    const PlateSpeed speed = plate_speed(target, T_device_plate);
+    report.speed_max_m_per_s = std::max(report.speed_max_m_per_s, speed.m_per_s);
+    report.rotation_rate_max_rad_per_s =
+        std::max(report.rotation_rate_max_rad_per_s, speed.rad_per_s);
+    if (const Fault fault = pose_fault(limits, margins); is_new(fault)) {
+      report.breaches.push_back(
+          {fault, t_s, tip_m, describe_pose_fault(fault, device, limits, tool, T_device_plate)});
+    }
+    if (std::string fast = describe_speed(limits, speed); !fast.empty() && is_new(Fault::kSpeed)) {
+      report.breaches.push_back({Fault::kSpeed, t_s, tip_m, std::move(fast)});
+    }
+  });
+  return report;
+}
+
+std::vector<SheetCrossing> sheet_crossings(const HandTrajectory& path, const Tool& tool,
+                                           const Sheet& sheet) {
+  std::vector<SheetCrossing> crossings;
+  for (std::size_t i = 1; i < path.keyframes.size(); ++i) {
+    const HandKeyframe& a = path.keyframes[i - 1];
+    const HandKeyframe& b = path.keyframes[i];
+    const double above_m = a.T_device_tool.p_m.z() - sheet.z_m;
+    const double below_m = sheet.z_m - b.T_device_tool.p_m.z();
+    if (!(above_m >= 0 && below_m > 0)) continue;
+    SheetCrossing crossing;
+    crossing.t_s = a.t_s + (b.t_s - a.t_s) * above_m / (above_m + below_m);
+    const HandTarget target = hand_target(path, crossing.t_s);
+    crossing.tip_m = target.T_device_tool.p_m;
+    crossing.T_device_plate = plate_of(target.T_device_tool, tool);
+    crossing.coverage =
+        overlap(sheet, tool,
+                outline_on_lattice(tool, crossing.T_device_plate, sheet.transform, sheet.z_m), {})
+            .coverage;
+    crossings.push_back(crossing);
+  }
+  return crossings;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// The figures about a scene from which scene_check.h makes its text and its warnings.
+// Tests: tests/e2e/scene_check_e2e_test.py
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "runtime/checking/dry_run.h"
+#include "runtime/checking/hand_path.h"
+#include "runtime/checking/tip_workspace.h"
+
+namespace trocar::runtime {
+
+/// Why the tool does not touch a slice.
+enum class Miss : std::uint8_t {
+  kTouched,      ///< it is touched, or only a fault prevents that
+  kBeginsBelow,  ///< the path begins below it and never comes from above
+  kStaysAbove,   ///< the path never goes below it
+  kTooLate,      ///< the path goes below it only after the session's end
+  kLetGo,        ///< the path goes below it only after the hand has let go
+  kMissed,       ///< too little material is under the tool where the path crosses it
+  kHeld,         ///< the tool does not follow the path that far
+};
+
+/// One sheet on the path.
+struct SheetView {
+  std::optional<SheetCrossing> crossing;  ///< the first one over material, else the first one
+  Miss miss = Miss::kTouched;
+};
+
+/// Everything from which the text and the warnings are made.
+struct SceneEvaluation {
+  const Scene& scene;
+  const DeviceDescription& device;
+  const std::vector<std::unique_ptr<const Sheet>>& sheets;
+  const SessionOptions& options;
+  Tool tool{};
+  HandTrajectory path{};
+  double end_s = 0;     ///< time of the last tick
+  double let_go_s = 0;  ///< the hand holds the tool until then; at most end_s
+  PathReport report{};
+  std::optional<DryRun> dry_run{};  ///< none: the session cannot start
+  std::vector<SheetView> views{};
+
+  bool has_fault() const { return !dry_run || dry_run->fault != Fault::kNone; }
+  double dry_run_end_s() const {
+    return dry_run ? static_cast<double>(dry_run->ticks) / options.rate_Hz : 0;
+  }
+};
+
+/// Follows the path and does a dry run. Refused: as run_dry_run(), or SessionOptions::stop was set.
+/// References outlive the result.
+Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescription& device,
+                                       const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                                       const SessionOptions& options);
+
+/// Such as "x -0.050 to 0.050, y -0.050 to 0.050 m".
+std::string describe_rectangle(const WorkspaceRectangle& rectangle);
+
+}  // namespace trocar::runtime

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/scene_requirements.h"
+
+#include <algorithm>
+
+#include "formats/base/text_line.h"
+#include "runtime/force_law/force_law_table.h"
+#include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/kinematics.h"
+#include "runtime/mechanism/torque_allocation.h"
+#include "runtime/session/tick_rate.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// The torque that the threshold force takes where a sheet that is touched at this pose is
+/// punctured, or why it is not possible.
+std::string motor_need(const DeviceDescription& device, const TipForce& tip, const Tool& tool,
+                       Pose T_device_plate) {
+  T_device_plate.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;
+  const InverseResult inverse = inverse_kinematics(device, T_device_plate);
+  if (!inverse.status) return "out of the device's reach";
+  const JacobianResult motion = jacobian(device, T_device_plate, inverse.joints);
+  if (!motion.status) return "at a singularity of the device";
+  const AllocationResult allocation =
+      allocate_torques(motion.G,
+                       wrench_at({0, 0, tip.scale * tip.threshold_N},
+                                 T_device_plate * tool.tip_plate_m, T_device_plate),
+                       device.motor_peak_torque_Nm);
+  return text_line("threshold needs %.2f of %.2f Nm%s",
+                   allocation.tau_motor_Nm.cwiseAbs().maxCoeff(), device.motor_peak_torque_Nm,
+                   allocation.scale < 1 ? ", and is then not given in full" : "");
+}
+
+}  // namespace
+
+std::uint64_t kept_bytes(const Sheet& sheet) noexcept {
+  const SheetMesh& mesh = sheet.mesh;
+  const std::uint64_t replica =
+      mesh.vertices.capacity() * sizeof(LatticePoint) +
+      mesh.triangles.capacity() * (sizeof(Triangle) + sizeof(std::array<std::uint32_t, 3>)) +
+      (mesh.free_vertices.capacity() + mesh.free_triangles.capacity()) * sizeof(std::uint32_t) +
+      sheet.grid.bytes();
+  const std::uint64_t first = mesh.vertices_in_use() * sizeof(LatticePoint) +
+                              mesh.triangles_in_use() * 2 * sizeof(Triangle);
+  return 2 * replica + first;
+}
+
+Result<SceneRequirements> describe_requirements(
+    const Scene& scene, const DeviceDescription& device,
+    const std::vector<std::unique_ptr<const Sheet>>& sheets,
+    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes, double rate_Hz,
+    double duration_s) {
+  const Tool tool = make_tool(scene.tool);
+  std::uint64_t kept = 0;
+  for (const auto& sheet : sheets) {
+    kept += kept_bytes(*sheet);
+  }
+  SceneRequirements needs;
+  std::string& out = needs.scene;
+  out += text_line("scene      %s\n", scene.name.c_str());
+  out += text_line(
+      "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
+      scene.asset.c_str(), sheets.size(), bytes.asset_slices, static_cast<double>(bytes.read) / 1e3,
+      static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
+  out += text_line("device     %s, %.3g Nm peak a motor\n", device.name.c_str(),
+                   device.motor_peak_torque_Nm);
+  out += text_line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
+                   static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
+  out += text_line("tool       %d corners, %.3g mm from the axis\n", tool.sides,
+                   (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
+
+  std::vector<const Sheet*> all;
+  for (const auto& sheet : sheets)
+    all.push_back(sheet.get());
+  const auto law = make_force_law({scene, device, all, rate_Hz, {}});
+  if (!law) return law.error();
+  out += (*law)->describe();
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    const Sheet& sheet = *sheets[i];
+    const Pose& T = T_device_plate[i];
+    const TipForce tip = (*law)->tip_force(i, sheet);
+    SliceRequirements slice;
+    slice.mesh =
+        text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
+                  sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
+                  sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
+    slice.force = motor_need(device, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
+    needs.slices.push_back(std::move(slice));
+  }
+  return needs;
+}
+
+}  // namespace trocar::runtime

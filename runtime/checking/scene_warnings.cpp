@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/scene_warnings.h"
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+
+#include "formats/base/text_line.h"
+
+namespace trocar::runtime {
+namespace {
+
+std::string describe_point(const Eigen::Vector3d& p_m) {
+  return text_line("(%.4f, %.4f, %.4f) m", p_m.x(), p_m.y(), p_m.z());
+}
+
+Pose plate_at(const RecordingRow& row) {
+  return {Eigen::Vector3d(row.p_m.data()),
+          Eigen::Quaterniond(row.q[0], row.q[1], row.q[2], row.q[3])};
+}
+
+/// The pose that a row's encoders give; the row's own is an earlier one where a check failed.
+Pose plate_by_encoders(const DeviceDescription& device, const RecordingRow& row) {
+  const ForwardResult forward = forward_kinematics(device, row.encoder_rad);
+  return forward.status ? forward.T_device_plate : plate_at(row);
+}
+
+/// Advice on a pose that exceeds a limit.
+std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d& tip_m) {
+  const SafetyLimits& limits = e.options.limits;
+  if (const auto r = workspace_rectangle(e.device, limits, e.tool, tip_m.z())) {
+    const bool inside = (tip_m.head<2>().array() >= r->min_m.array()).all() &&
+                        (tip_m.head<2>().array() <= r->max_m.array()).all();
+    return inside ? std::string("turn or tilt the hand less there")
+                  : "keep the path at that height within " + describe_rectangle(*r);
+  }
+  const auto heights = workspace_heights(e.device, limits, e.tool);
+  return heights ? text_line("keep the path's height within %.3f to %.3f m", heights->min_m,
+                             heights->max_m)
+                 : "choose another device description: this one reaches nothing";
+}
+
+std::string advise(const SceneEvaluation& e, Fault fault, const Eigen::Vector3d& tip_m) {
+  switch (fault) {
+    case Fault::kWorkspace:
+    case Fault::kJointLimit:
+    case Fault::kSingularity:
+    case Fault::kPoseResidual:
+      return advise_on_workspace(e, tip_m);
+    case Fault::kToolTilt:
+      return "tilt the tool or the hand less";
+    case Fault::kSpeed:
+    case Fault::kEncoderJump:
+      return "move slower there, with later keyframes";
+    case Fault::kMotorOverload:
+      return "lower the tissue's threshold_N, or push for a shorter time";
+    case Fault::kTorqueRate:
+    case Fault::kTorqueLimit:
+    case Fault::kEnergyLimit:
+      return "lower the tissue's stiffness, damping or friction";
+    default:
+      return "run the session with --record and inspect its last rows";
+  }
+}
+
+std::string at_time(double t_s) {
+  return text_line("at %.4f s: ", t_s);
+}
+
+/// The warning about the end of the session by a fault.
+std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
+  if (!e.dry_run) {
+    const HandKeyframe& start = e.path.keyframes.front();
+    const Eigen::Vector3d& tip_m = start.T_device_tool.p_m;
+    const std::string what =
+        e.report.breaches.empty() ? std::string("out of reach") : e.report.breaches.front().what;
+    return at_time(0) + "the session cannot start with the tip at " + describe_point(tip_m) + ": " +
+           what + ": " + advise_on_workspace(e, tip_m);
+  }
+  const DryRun& dry_run = *e.dry_run;
+  if (dry_run.fault != Fault::kNone) {
+    const std::string what = measured(dry_run.fault);
+    const Pose T_device_plate = plate_by_encoders(e.device, dry_run.at_fault);
+    return at_time(dry_run.fault_t_s) + "the session ends with the fault " +
+           to_string(Fault{dry_run.fault}) + (what.empty() ? "" : ": " + what) + ": " +
+           advise(e, dry_run.fault, T_device_plate * e.tool.tip_plate_m);
+  }
+  if (!dry_run.is_shortened()) return std::nullopt;
+  const PathReport rest = evaluate_path(e.path, e.device, e.options.limits, e.tool,
+                                        e.dry_run_end_s(), std::max(e.let_go_s, e.dry_run_end_s()));
+  if (rest.breaches.empty() || e.let_go_s <= e.dry_run_end_s()) return std::nullopt;
+  const PathBreach& breach = rest.breaches.front();
+  return at_time(breach.t_s) + "the path leads to the fault " + to_string(breach.fault) + ": " +
+         breach.what + ": " + advise(e, breach.fault, breach.tip_m);
+}
+
+/// Such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
+std::string name_sheets(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
+  std::vector<int> slices;
+  slices.reserve(sheets.size());
+  for (const std::size_t i : sheets)
+    slices.push_back(e.sheets[i]->slice_index);
+  const double high_m = e.sheets[sheets.front()]->z_m, low_m = e.sheets[sheets.back()]->z_m;
+  return name_slices(slices) + (sheets.size() == 1
+                                    ? text_line(" at %.4f m", high_m)
+                                    : text_line(" at %.4f to %.4f m", low_m, high_m));
+}
+
+/// Describes the extent of a sheet's material in {B}, and its point nearest to `from_m`.
+std::string describe_material(const Sheet& sheet, const Eigen::Vector2d& from_m) {
+  Eigen::Vector2d low_m = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high_m = -low_m, nearest_m = low_m;
+  for (const Triangle& triangle : sheet.mesh.triangles) {
+    if (triangle == kFreeSlot) continue;
+    for (const std::uint32_t v : triangle) {
+      const LatticePoint p = sheet.mesh.vertices[v];
+      const Eigen::Vector2d at_m = sheet.transform.to_scene(
+          Eigen::Vector2d(static_cast<double>(p.x), static_cast<double>(p.y)));
+      low_m = low_m.cwiseMin(at_m);
+      high_m = high_m.cwiseMax(at_m);
+      if ((at_m - from_m).norm() < (nearest_m - from_m).norm()) nearest_m = at_m;
+    }
+  }
+  return text_line(
+      "its material lies within x %.4f to %.4f, y %.4f to %.4f m, the nearest at "
+      "(%.4f, %.4f) m",
+      low_m.x(), high_m.x(), low_m.y(), high_m.y(), nearest_m.x(), nearest_m.y());
+}
+
+/// The sheet above that was loaded last and was not punctured then.
+std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t index) {
+  std::optional<std::size_t> last;
+  for (std::size_t i = 0; i < index; ++i) {
+    const SheetDryRun& above = dry_run.sheets[i];
+    const bool came_through = above.punctured_t_s >= above.loaded_t_s;
+    if (!above.touched || came_through) continue;
+    if (!last || above.loaded_t_s >= dry_run.sheets[*last].loaded_t_s) last = i;
+  }
+  return last;
+}
+
+/// The reason why a sheet was not touched although the path crosses its material.
+std::string describe_held(const SceneEvaluation& e, std::size_t index) {
+  const DryRun& dry_run = *e.dry_run;
+  if (dry_run.sheets[index].missed) {
+    return "the tool does not stay on the path and misses the material: use a stiffer hand "
+           "or a slower path";
+  }
+  const std::string lowest = text_line("the tool gets no lower than %.4f m", dry_run.tip_lowest_m);
+  const std::optional<std::size_t> bearing = find_loaded_sheet(dry_run, index);
+  if (!bearing) return lowest + ": use a stiffer hand, or give the path more time";
+  return (dry_run.tip_lowest_m < e.sheets[index]->z_m ? "" : lowest + ", where ") +
+         name_sheets(e, {*bearing}) +
+         text_line(
+             " bears it, with up to %.1f of %.6g N: push deeper or with a stiffer hand, or lower "
+             "that slice's threshold_N",
+             dry_run.sheets[*bearing].force_max_N, e.sheets[*bearing]->tissue.threshold_N);
+}
+
+/// Figures of the first of several sheets whose material the path misses.
+std::string describe_missed(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
+  const SheetCrossing& crossing = *e.views[sheets.front()].crossing;
+  const Sheet& sheet = *e.sheets[sheets.front()];
+  return (sheets.size() == 1 ? "" : name_slices({sheet.slice_index}) + ": ") +
+         text_line(
+             "%.0f %% of the tool over material at %.4f s, where the path goes through at (%.4f, "
+             "%.4f) m, and contact takes %.0f %%; ",
+             100 * crossing.coverage, crossing.t_s, crossing.tip_m.x(), crossing.tip_m.y(),
+             100 * ContactModel{}.min_coverage) +
+         describe_material(sheet, crossing.tip_m.head<2>()) + ": move the path or the placement";
+}
+
+std::string warn_of_miss(const SceneEvaluation& e, Miss miss,
+                         const std::vector<std::size_t>& sheets) {
+  const std::optional<SheetCrossing>& crossing = e.views[sheets.front()].crossing;
+  std::string text = name_sheets(e, sheets) + ": never touched: ";
+  switch (miss) {
+    case Miss::kBeginsBelow:
+      text += text_line("the path begins below, with the tip at %.4f m: begin above",
+                        e.path.keyframes.front().T_device_tool.p_m.z());
+      break;
+    case Miss::kStaysAbove:
+      text += text_line(
+          "the path stays above, with the lowest tip at %.4f m: lower the path, or raise the slice",
+          e.report.tip_min_m.z());
+      break;
+    case Miss::kTooLate:
+      text += text_line(
+          "the path goes below at %.4f s, and the session ends at %.6g s: raise --duration or "
+          "duration_s",
+          crossing->t_s, e.options.duration_s);
+      break;
+    case Miss::kLetGo:
+      text += text_line(
+          "the hand lets go at %.6g s, and the path goes below at %.4f s: raise let_go_t_s",
+          *e.scene.hand.let_go_t_s, crossing->t_s);
+      break;
+    case Miss::kMissed:
+      text += describe_missed(e, sheets);
+      break;
+    case Miss::kHeld:
+      text += describe_held(e, sheets.front());
+      break;
+    case Miss::kTouched:
+      break;
+  }
+  return text;
+}
+
+void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings) {
+  for (const Miss miss : {Miss::kBeginsBelow, Miss::kStaysAbove, Miss::kTooLate, Miss::kLetGo,
+                          Miss::kMissed, Miss::kHeld}) {
+    std::vector<std::size_t> sheets;
+    for (std::size_t i = 0; i < e.views.size(); ++i) {
+      if (e.views[i].miss == miss) sheets.push_back(i);
+    }
+    if (!sheets.empty()) warnings.push_back(warn_of_miss(e, miss, sheets));
+  }
+}
+
+/// The warning about a target that the tip cannot reach.
+std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
+  if (!e.scene.goals || !e.scene.goals->target) return std::nullopt;
+  const Eigen::Vector3d at_m(e.scene.goals->target->at_m.data());
+  const double radius_m = e.scene.goals->target->radius_m;
+  const auto r = workspace_rectangle(e.device, e.options.limits, e.tool, at_m.z());
+  if (r && (at_m.head<2>().array() >= r->min_m.array() - radius_m).all() &&
+      (at_m.head<2>().array() <= r->max_m.array() + radius_m).all())
+    return std::nullopt;
+  return "goals: the target at " + describe_point(at_m) +
+         " cannot be reached with the plate upright, where the tip gets to " +
+         (r ? describe_rectangle(*r) : std::string("nothing at that height")) + ": move it";
+}
+
+}  // namespace
+
+std::vector<std::string> find_warnings(const SceneEvaluation& e,
+                                       const std::vector<SliceTissue>& tissues) {
+  std::vector<std::string> warnings;
+  const std::optional<std::string> end = warn_of_end(e);
+  if (end) warnings.push_back(*end);
+  // A path that ends within a bone volume does not cross all of its slices.
+  const bool ends_in_volume =
+      e.scene.body && std::any_of(e.views.begin(), e.views.end(), [](const SheetView& view) {
+        return view.miss == Miss::kTouched;
+      });
+  if (!ends_in_volume) warn_of_misses(e, warnings);
+  if (e.dry_run && e.dry_run->scaled_ticks > 0 && e.dry_run->fault != Fault::kMotorOverload) {
+    warnings.push_back(at_time(e.dry_run->scaled_t_s) +
+                       text_line("the motors, of %.3g Nm, render too little force, down to %.0f %% "
+                                 "of it, in %llu ticks: lower the tissue's threshold_N or "
+                                 "stiffness, or push for a shorter time",
+                                 e.device.motor_peak_torque_Nm, 100 * e.dry_run->scale_min,
+                                 static_cast<unsigned long long>(e.dry_run->scaled_ticks)));
+  }
+  if (e.dry_run && e.dry_run->hole_error) {
+    warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
+  }
+  if (const auto unfitting = warn_of_unfitting(e.scene, tissues)) warnings.push_back(*unfitting);
+  if (const auto target = warn_of_target(e)) warnings.push_back(*target);
+  return warnings;
+}
+
+}  // namespace trocar::runtime

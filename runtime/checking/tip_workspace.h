@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// The volume that the tip of an upright plate can reach.
+// Tests: tests/runtime/checking/hand_path_test.cpp
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+
+#include "formats/session/device_description.h"
+#include "runtime/contact/tool.h"
+#include "runtime/control/limits.h"
+
+namespace trocar::runtime {
+
+/// The longest range of heights of the tip above the device's middle.
+struct WorkspaceHeights {
+  double min_m = 0, max_m = 0;
+};
+/// None: the tip reaches no height.
+std::optional<WorkspaceHeights> workspace_heights(const DeviceDescription& device,
+                                                  const SafetyLimits& limits, const Tool& tool);
+
+/// A rectangle of tip positions at one height, all of which the upright plate reaches: the largest
+/// square around the device's middle, with each side then moved outwards as far as possible. It is
+/// evaluated at points 2 mm apart.
+struct WorkspaceRectangle {
+  Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
+};
+std::optional<WorkspaceRectangle> workspace_rectangle(const DeviceDescription& device,
+                                                      const SafetyLimits& limits, const Tool& tool,
+                                                      double tip_z_m);
+
+}  // namespace trocar::runtime

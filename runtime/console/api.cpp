@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/api.h"
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/base/strict_json.h"
+#include "formats/session/scene.h"
+#include "runtime/console/bone.h"
+#include "runtime/console/rows.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+Answer binary(std::string body) {
+  return {200, "application/octet-stream", std::move(body)};
+}
+
+Answer result_of(ConsoleState& console, const Result<void>& result) {
+  if (console.poll_soon) console.poll_soon();
+  if (!result) return failure(kConflict, result.error().message);
+  return {200, "application/json", R"({"ok":true})"};
+}
+
+Answer command(ConsoleState& console, const json& body) {
+  JsonErrors errors{"body", {}};
+  StrictObject object(body, "", errors);
+  const std::string name = object.string("command");
+  object.finish();
+  if (errors.first) return failure(kBadRequest, errors.first->message);
+  for (const TelemetryCommand command :
+       {TelemetryCommand::kStop, TelemetryCommand::kPause, TelemetryCommand::kResume,
+        TelemetryCommand::kZero, TelemetryCommand::kRecover}) {
+    if (name == to_string(command)) return result_of(console, console.supervisor.command(command));
+  }
+  return failure(kBadRequest, "body: /command: must be stop, pause, resume, zero or recover");
+}
+
+Answer start(ConsoleState& console, const json& body) {
+  JsonErrors errors{"body", {}};
+  StrictObject object(body, "", errors);
+  constexpr double kMin_s = 1e-3;
+  StartRequest request;
+  const std::string scene = object.string("scene");
+  std::string asset;
+  if (object.has("asset")) asset = object.string("asset");
+  if (object.has("duration_s"))
+    request.duration_s = object.number("duration_s", kMin_s, kMaxDuration_s);
+  if (object.has("device")) request.device = object.string("device");
+  if (object.has("clock")) request.clock = object.string("clock");
+  if (object.has("force_law")) request.force_law = object.string("force_law");
+  object.finish();
+  if (errors.first) return failure(kBadRequest, errors.first->message);
+  // Only whoever starts the console may choose another device, not a page.
+  if (!request.device.empty() && request.device != "inproc" && request.device != "sim")
+    return failure(kBadRequest, "body: /device: must be inproc or sim");
+  if (request.clock != "real" && request.clock != "virtual")
+    return failure(kBadRequest, "body: /clock: must be real or virtual");
+  if (!request.force_law.empty() && !force_law_from_string(request.force_law))
+    return failure(kBadRequest, "body: /force_law: must be " + force_law_names());
+  const auto scene_file = console.files.find(scene);
+  if (!scene_file) return failure(kNotFound, scene_file.error().message);
+  request.scene = *scene_file;
+  if (!asset.empty()) {
+    const auto asset_file = console.files.find(asset);
+    if (!asset_file) return failure(kNotFound, asset_file.error().message);
+    request.asset = *asset_file;
+  }
+  return result_of(console, console.supervisor.start(request));
+}
+
+Reply get_folder(ConsoleState& console, Role role) {
+  const std::string& about = console.supervisor.telemetry().about().json;
+  std::string rest = ",\"session\":" + (about.empty() ? "null" : about) + ",\"state\":\"" +
+                     to_string(console.supervisor.state()) + "\",\"role\":\"" + to_string(role) +
+                     "\"";
+  if (!console.settings.playback.empty()) rest += ",\"playback\":" + console.settings.playback;
+  return [&console, rest = std::move(rest)]() -> Answer {
+    std::string list = console.files.list();
+    list.pop_back();
+    return {200, "application/json", list + rest + "}"};
+  };
+}
+
+/// Runs on the worker thread.
+Answer bone(ConsoleState& console, const std::filesystem::path& scene,
+            const std::filesystem::path& asset) {
+  std::string key = scene.string() + '\n' + asset.string();
+  std::error_code error;
+  const Result<Scene> read = read_scene(scene);
+  if (!read) return failure(kUnprocessable, read.error().message);
+  for (const auto& file : {scene, asset.empty() ? read->asset : asset}) {
+    const auto time = std::filesystem::last_write_time(file, error);
+    key += '\n' + std::to_string(error ? 0 : time.time_since_epoch().count());
+  }
+  if (console.bone.key != key) {
+    Result<std::string> made = bone_of(scene, asset);
+    if (!made) return failure(kUnprocessable, made.error().message);
+    console.bone = {std::move(key), std::move(*made)};
+  }
+  return binary(console.bone.answer);
+}
+
+Reply get_bone(ConsoleState& console, const RequestTarget& target) {
+  std::filesystem::path scene, asset;
+  if (target.parameter("session") == "1") {
+    scene = console.supervisor.scene_file();
+    asset = console.supervisor.asset_file();
+    if (scene.empty()) return failure(kConflict, "there is no session");
+  } else {
+    const auto found = console.files.find(target.parameter("scene"));
+    if (!found) return failure(kNotFound, found.error().message);
+    scene = *found;
+    if (const std::string name = target.parameter("asset"); !name.empty()) {
+      const auto found_asset = console.files.find(name);
+      if (!found_asset) return failure(kNotFound, found_asset.error().message);
+      asset = *found_asset;
+    }
+  }
+  return [&console, scene, asset] { return bone(console, scene, asset); };
+}
+
+Reply get_recording(const ConsoleState& console, const RequestTarget& target) {
+  const auto file = console.files.find(target.parameter("file"));
+  if (!file) return failure(kNotFound, file.error().message);
+  return [file = *file]() -> Answer {
+    Result<std::string> rows = rows_of(file);
+    return rows ? binary(std::move(*rows)) : failure(kUnprocessable, rows.error().message);
+  };
+}
+
+Reply get_report(const ConsoleState& console, const RequestTarget& target) {
+  constexpr std::uint64_t kMaxReport = std::uint64_t{64} << 20;
+  std::filesystem::path name = target.parameter("file");
+  if (name.extension() == ".csv") name.replace_extension(".html");
+  const auto file = console.files.find(name.string());
+  if (!file) return failure(kNotFound, file.error().message);
+  if (file->extension() != ".html") return failure(kNotFound, "the file is not a session report");
+  return [file = *file]() -> Answer {
+    const auto bytes = read_file(file, kMaxReport);
+    if (!bytes) return failure(kUnprocessable, bytes.error().message);
+    return {200, "text/html; charset=utf-8", std::string(bytes->begin(), bytes->end()),
+            report_policy()};
+  };
+}
+
+Reply get_log(const ConsoleState& console) {
+  return [file = console.supervisor.log_file()]() -> Answer {
+    constexpr std::streamoff kMaxShown = 64 << 10;
+    std::ifstream in(file, std::ios::binary | std::ios::ate);
+    std::string text;
+    if (in) {
+      const std::streamoff size = in.tellg();
+      in.seekg(std::max<std::streamoff>(0, size - kMaxShown));
+      text.resize(static_cast<std::size_t>(std::min(size, kMaxShown)));
+      in.read(text.data(), static_cast<std::streamsize>(text.size()));
+      text.resize(static_cast<std::size_t>(in.gcount()));
+    }
+    return {200, "text/plain; charset=utf-8", std::move(text)};
+  };
+}
+
+Answer post(ConsoleState& console, const ApiRequest& request) {
+  if (!request.is_post) return method_not_allowed();
+  if (request.role != Role::kOperator) {
+    console.log.refused("a command from an audience", request.from);
+    return failure(kForbidden, "an audience may watch, not command");
+  }
+  const Result<json> body = parse_strict_json(request.body, "body");
+  if (!body) return failure(kBadRequest, body.error().message);
+  if (!body->is_object()) return failure(kBadRequest, "body: must be an object");
+  return request.target.path == "/api/start" ? start(console, *body) : command(console, *body);
+}
+
+}  // namespace
+
+Answer failure(unsigned status, const std::string& message) {
+  return {status, "application/json", json_text({{"ok", false}, {"error", message}})};
+}
+
+Answer method_not_allowed() {
+  return failure(kMethodNotAllowed, "another method is needed here");
+}
+
+Answer answer_emergency_stop(ConsoleState& console) {
+  return result_of(console, console.supervisor.emergency_stop());
+}
+
+Reply answer_api(ConsoleState& console, const ApiRequest& request) {
+  const std::string& path = request.target.path;
+  if (path == "/api/start" || path == "/api/command") return post(console, request);
+  if (!request.is_get) return method_not_allowed();
+  if (path == "/api/folder") return get_folder(console, request.role);
+  if (path == "/api/bone") return get_bone(console, request.target);
+  if (path == "/api/recording") return get_recording(console, request.target);
+  if (path == "/api/report") return get_report(console, request.target);
+  if (path == "/api/log") return get_log(console);
+  return failure(kNotFound, "there is no such path");
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The requests below /api/ (protocol.md), after the caller has checked who asks. Nothing
+// here knows sockets.
+// Tests: tests/e2e/console_server_test.py
+#pragma once
+
+#include <functional>
+#include <string>
+#include <variant>
+
+#include "runtime/console/access.h"
+#include "runtime/console/console_state.h"
+#include "runtime/console/request_target.h"
+
+namespace trocar::runtime {
+
+inline constexpr const char* kPolicyOfData = "default-src 'none'; frame-ancestors 'none'";
+
+/// Statuses of HTTP.
+inline constexpr unsigned kBadRequest = 400, kUnauthorized = 401, kForbidden = 403, kNotFound = 404,
+                          kMethodNotAllowed = 405, kConflict = 409, kBodyTooLong = 413,
+                          kMisdirected = 421, kUnprocessable = 422, kUpgradeRequired = 426,
+                          kHeaderTooLong = 431, kInternalError = 500, kUnavailable = 503;
+
+struct Answer {
+  unsigned status = 200;  ///< HTTP status
+  std::string type = "application/json", body;
+  std::string policy = kPolicyOfData;  ///< Content-Security-Policy
+};
+
+/// A JSON object with `ok` false and the message.
+Answer failure(unsigned status, const std::string& message);
+Answer method_not_allowed();
+
+struct ApiRequest {
+  RequestTarget target;
+  bool is_get = false, is_post = false;
+  Role role = Role::kNone;  ///< kView or kOperator
+  std::string body;
+  std::string from;  ///< address of the peer, for the log
+};
+
+/// An answer, or work for the worker thread that makes the answer.
+using Reply = std::variant<Answer, std::function<Answer()>>;
+
+Reply answer_api(ConsoleState& console, const ApiRequest& request);
+
+/// Needs no token, so the caller asks for it before it checks the role.
+Answer answer_emergency_stop(ConsoleState& console);
+
+}  // namespace trocar::runtime

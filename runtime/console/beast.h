@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Boost.Beast with short names. It takes long to compile: only files that handle
+// sockets include it.
+// Tests: tests/e2e/console_hostile_test.py
+#pragma once
+
+#include <utility>  // before asio, which uses std::exchange without it
+
+#include <boost/asio.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/websocket.hpp>
+
+namespace trocar::runtime {
+
+namespace net = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+namespace websocket = beast::websocket;
+using tcp = net::ip::tcp;
+using Request = http::request<http::string_body>;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one WebSocket client has received so far, and therefore which message it gets next. Each
+// message is made from the supervisor's present state, so nothing is queued for a slow client.
+// Tests: tests/e2e/console_clients_test.py
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "runtime/console/access.h"
+#include "runtime/console/supervisor.h"
+
+namespace trocar::runtime {
+
+/// Text, or a binary frame with its kind and number.
+struct ClientMessage {
+  std::string text;
+  Frame frame;  ///< null: the message is text
+  std::uint32_t kind = 0, number = 0;
+};
+
+class ClientProgress {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// The client already has the events of this session up to `last_event`.
+  void resume_after(std::uint64_t last_event) noexcept { first_cursor_ = last_event; }
+  /// The next message, if there is one that the client may get now: events before the state, the
+  /// state before binary messages. `has_new_snapshot`: a snapshot has just been read, so that it is
+  /// as recent as possible.
+  std::optional<ClientMessage> next(const Supervisor& session, Role role, bool has_new_snapshot,
+                                    Clock::time_point now);
+  /// The client has drawn the binary messages up to `number`.
+  void acknowledge(std::uint64_t number);
+  /// A binary message has been waiting for its acknowledgement for more than 6 s.
+  bool is_stalled(Clock::time_point now) const;
+
+ private:
+  struct Outstanding {
+    std::uint32_t number = 0, kind = 0;
+    Clock::time_point sent_at;
+  };
+  ClientMessage hello(const SessionTelemetry& session, Role role);
+  std::optional<ClientMessage> next_events(const SessionTelemetry& session);
+  std::optional<ClientMessage> next_snapshot(const SessionTelemetry& session, bool has_new_snapshot,
+                                             Clock::time_point now);
+  ClientMessage binary(std::uint32_t kind, Frame frame, Clock::time_point now);
+
+  bool said_hello_ = false;
+  std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
+  std::vector<std::uint64_t> sheet_versions_;
+  std::uint64_t shape_version_ = 0;
+  std::uint32_t number_ = 0;  ///< number of the last binary message
+  std::deque<Outstanding> outstanding_;
+  Clock::time_point snapshot_at_;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// What all connections of one console share. It is used by the network thread, apart from the bone
+// cache, which belongs to the worker thread.
+// Tests: tests/e2e/console_clients_test.py
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/console/access.h"
+#include "runtime/console/files.h"
+#include "runtime/console/page_files.h"
+#include "runtime/console/server.h"
+#include "runtime/console/supervisor.h"
+
+namespace trocar::runtime {
+
+/// Reports each kind of refusal once on stderr, however often it comes.
+class RefusalLog {
+ public:
+  void refused(const char* kind, const std::string& from);
+  /// At most one line in 10 s.
+  void emergency_stop(const std::string& from);
+
+ private:
+  std::set<std::string> reported_;
+  std::optional<std::chrono::steady_clock::time_point> last_stop_;
+};
+
+/// The answer to the last request for a bone: all pages of a session ask for the same one.
+struct BoneCache {
+  std::string key;  ///< names and times of the files
+  std::string answer;
+};
+
+class HttpConnection;
+class TelemetryClient;
+
+struct ConsoleState {
+  ConsoleState(boost::asio::io_context& io, const ServerSettings& its_settings, Files its_files,
+               PageFiles its_page, HostNames its_hosts)
+      : context(io),
+        settings(its_settings),
+        files(std::move(its_files)),
+        page(std::move(its_page)),
+        hosts(std::move(its_hosts)),
+        supervisor(its_settings.session) {}
+
+  boost::asio::io_context& context;
+  const ServerSettings& settings;
+  Files files;
+  PageFiles page;
+  HostNames hosts;
+  Tokens tokens;
+  Supervisor supervisor;
+  RefusalLog log;
+  std::vector<std::weak_ptr<HttpConnection>> connections;
+  std::vector<std::weak_ptr<TelemetryClient>> clients;
+  std::function<void()> poll_soon;
+  bool has_new_snapshot = false;  ///< the last poll found one
+  /// Reads files of any size, so that live data is never delayed by them.
+  boost::asio::thread_pool worker{1};
+  BoneCache bone;
+};
+
+/// Forgets those that have ended.
+template <typename T>
+std::size_t count_living(std::vector<std::weak_ptr<T>>& all) {
+  std::erase_if(all, [](const auto& one) { return one.expired(); });
+  return all.size();
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/http_connection.h"
+
+#include <chrono>
+#include <utility>
+
+#include "runtime/console/telemetry_client.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::size_t kMaxClients = 16;
+constexpr std::uint32_t kMaxHeader = 8 << 10;
+constexpr std::uint64_t kMaxBody = 4 << 10;
+constexpr auto kRequestWithin = std::chrono::seconds(20);
+constexpr auto kDrainWithin = std::chrono::seconds(1);
+constexpr int kMaxDrained = 64;
+
+std::string_view view_of(beast::string_view text) {
+  return {text.data(), text.size()};
+}
+
+}  // namespace
+
+HttpConnection::HttpConnection(ConsoleState& console, tcp::socket socket, std::string from)
+    : console_(console),
+      stream_(std::move(socket)),
+      from_(std::move(from)),
+      buffer_(kMaxHeader + kMaxBody) {}
+
+void HttpConnection::read() {
+  is_idle_ = true;
+  parser_.emplace();
+  parser_->header_limit(kMaxHeader);
+  parser_->body_limit(kMaxBody);
+  stream_.expires_after(kRequestWithin);
+  http::async_read(stream_, buffer_, *parser_,
+                   [self = shared_from_this()](beast::error_code error, std::size_t) {
+                     self->is_idle_ = false;
+                     if (error) return self->on_error(error);
+                     self->answer(self->parser_->release());
+                   });
+}
+
+void HttpConnection::close() {
+  beast::error_code ignored;
+  stream_.socket().close(ignored);
+}
+
+void HttpConnection::on_error(beast::error_code error) {
+  if (error == http::error::body_limit)
+    return refuse(kBodyTooLong, "a request whose body is too long");
+  if (error == http::error::header_limit || error == http::error::buffer_overflow)
+    return refuse(kHeaderTooLong, "a request whose header is too long");
+  if (error.category() == beast::error_code(http::error::bad_method).category() &&
+      error != http::error::end_of_stream && error != http::error::partial_message)
+    return refuse(kBadRequest, "a malformed request");
+  close();
+}
+
+void HttpConnection::refuse(unsigned status, const char* kind) {
+  console_.log.refused(kind, from_);
+  keep_ = false;
+  send(failure(status, std::string("refused: ") + kind));
+}
+
+void HttpConnection::answer(const Request& request) {
+  version_ = request.version();
+  keep_ = request.keep_alive();
+  const std::string_view host = view_of(request[http::field::host]);
+  if (request.count(http::field::host) != 1 || !console_.hosts.is_host(host))
+    return refuse(kMisdirected, "a request for a foreign Host");
+  if (request.count(http::field::origin) > 0 &&
+      (request.count(http::field::origin) != 1 ||
+       !HostNames::is_origin(view_of(request[http::field::origin]), host)))
+    return refuse(kForbidden, "a request with a foreign Origin");
+  auto target = RequestTarget::parse(view_of(request.target()));
+  if (!target) return refuse(kBadRequest, "a malformed request");
+  const bool is_get = request.method() == http::verb::get,
+             is_post = request.method() == http::verb::post;
+  if (target->path == "/live") return open_client(request);
+  if (!target->path.starts_with("/api/")) return answer_file(target->path, is_get);
+  if (target->path == "/api/emergency_stop") {
+    if (!is_post) return send(method_not_allowed());
+    console_.log.emergency_stop(from_);
+    return send(answer_emergency_stop(console_));
+  }
+  const Role role =
+      request.count(http::field::authorization) == 1
+          ? console_.tokens.role_of_header(view_of(request[http::field::authorization]))
+          : Role::kNone;
+  if (role == Role::kNone) return refuse(kUnauthorized, "a request without a valid token");
+  Reply reply =
+      answer_api(console_, {std::move(*target), is_get, is_post, role, request.body(), from_});
+  if (auto* const now = std::get_if<Answer>(&reply)) return send(std::move(*now));
+  later(std::get<std::function<Answer()>>(std::move(reply)));
+}
+
+void HttpConnection::answer_file(const std::string& path, bool is_get) {
+  const PageFile* const file = console_.page.find(path);
+  if (file == nullptr) return send(failure(kNotFound, "there is no such page"));
+  if (!is_get) return send(method_not_allowed());
+  send({200, file->type, file->bytes, console_.page.security_policy()});
+}
+
+void HttpConnection::later(std::function<Answer()> work) {
+  stream_.expires_never();
+  net::post(console_.worker, [self = shared_from_this(), work = std::move(work)] {
+    auto answer = std::make_shared<Answer>();
+    try {
+      *answer = work();
+    } catch (const std::exception& thrown) {  // a hostile file must not end the console
+      *answer = failure(kInternalError, std::string("internal error: ") + thrown.what());
+    }
+    net::post(self->console_.context, [self, answer] { self->send(std::move(*answer)); });
+  });
+}
+
+void HttpConnection::send(Answer answer) {
+  auto response = std::make_shared<http::response<http::string_body>>(
+      http::int_to_status(answer.status), version_);
+  response->set(http::field::content_type, answer.type);
+  response->set(http::field::cache_control, "no-store");
+  response->set("X-Content-Type-Options", "nosniff");
+  response->set("Referrer-Policy", "no-referrer");
+  response->set("Cross-Origin-Resource-Policy", "same-origin");
+  response->set("Content-Security-Policy", answer.policy);
+  response->keep_alive(keep_);
+  response->body() = std::move(answer.body);
+  response->prepare_payload();
+  stream_.expires_after(kRequestWithin);
+  http::async_write(stream_, *response,
+                    [self = shared_from_this(), response](beast::error_code error, std::size_t) {
+                      if (error) return;
+                      if (self->keep_) return self->read();
+                      beast::error_code ignored;
+                      self->stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+                      self->drain();
+                    });
+}
+
+/// Reads what is still on its way, for a while: closing the socket with unread data would reset the
+/// connection, and the peer would lose the answer.
+void HttpConnection::drain() {
+  buffer_.consume(buffer_.size());
+  stream_.expires_after(kDrainWithin);
+  stream_.async_read_some(buffer_.prepare(kMaxBody),
+                          [self = shared_from_this()](beast::error_code error, std::size_t) {
+                            if (!error && ++self->drained_ < kMaxDrained) self->drain();
+                          });
+}
+
+void HttpConnection::open_client(const Request& request) {
+  if (!websocket::is_upgrade(request))
+    return send(failure(kUpgradeRequired, "/live is a WebSocket"));
+  if (count_living(console_.clients) >= kMaxClients)
+    return refuse(kUnavailable, "a WebSocket beyond 16");
+  auto client = std::make_shared<TelemetryClient>(console_, std::move(stream_), from_);
+  console_.clients.push_back(client);
+  client->run(request);
+}
+
+}  // namespace trocar::runtime

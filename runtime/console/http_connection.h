@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// One HTTP connection: reads requests one after the other, checks who asks, and sends the answers.
+// Tests: tests/e2e/console_hostile_test.py
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "runtime/console/api.h"
+#include "runtime/console/beast.h"
+#include "runtime/console/console_state.h"
+
+namespace trocar::runtime {
+
+class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
+ public:
+  HttpConnection(ConsoleState& console, tcp::socket socket, std::string from);
+  void read();
+  bool is_idle() const noexcept { return is_idle_; }
+  void close();
+
+ private:
+  void on_error(beast::error_code error);
+  /// Logs the refusal, answers, and closes the connection.
+  void refuse(unsigned status, const char* kind);
+  void answer(const Request& request);
+  void answer_file(const std::string& path, bool is_get);
+  /// Sends the answer that `work` makes on the worker thread.
+  void later(std::function<Answer()> work);
+  void send(Answer answer);
+  void drain();
+  void open_client(const Request& request);
+
+  ConsoleState& console_;
+  beast::tcp_stream stream_;
+  std::string from_;
+  beast::flat_buffer buffer_;
+  std::optional<http::request_parser<http::string_body>> parser_;
+  unsigned version_ = 11;
+  bool keep_ = false, is_idle_ = true;
+  int drained_ = 0;
+};
+
+}  // namespace trocar::runtime

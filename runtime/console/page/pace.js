@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// The resolution of the view by its frame rate, so that it also works where there is no GPU.
+// Tests: tests/e2e/console_page_test.py
+
+const kMinScale = 0.5, kSlowFrame_ms = 30, kFastFrame_ms = 19, kFramesOfMean = 20, kPause_ms = 500;
+
+export class Pace {
+  scale = 1;      ///< pixels drawn per pixel of the screen, along each side
+  frames = 0;     ///< number of frames drawn
+  fps = 0;
+  frame_ms = 0;   ///< mean time between the last 20 frames
+  #times = [];
+  #last = null;
+  #fast = 0;
+
+  /// A frame was drawn at `now` (ms).
+  frame(now) {
+    ++this.frames;
+    if (this.#last !== null && now - this.#last < kPause_ms) this.#times.push(now - this.#last);
+    this.#last = now;
+    if (this.#times.length < kFramesOfMean) return;
+    const mean = this.#times.reduce((a, b) => a + b) / this.#times.length;
+    this.#times = [];
+    this.fps = 1000 / mean;
+    this.frame_ms = mean;
+    const before = this.scale;
+    if (mean > kSlowFrame_ms) this.scale = Math.max(kMinScale, this.scale * Math.max(0.7, Math.sqrt(kSlowFrame_ms / mean) * 0.95));
+    else if (mean < kFastFrame_ms && this.scale < 1 && ++this.#fast >= 5) this.scale = Math.min(1, this.scale * 1.12);
+    else return;
+    this.#fast = this.scale < before ? -20 : 0;  // a step up that was too much is not tried again soon
+  }
+
+  /// How long nothing has been drawn, ms.
+  since_last(now) { return now - this.#last; }
+  /// The next frame begins a new mean.
+  pause() { this.#last = null; }
+}

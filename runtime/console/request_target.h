@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// The target of an HTTP request: a path and its parameters.
+// Tests: tests/e2e/console_hostile_test.py
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace trocar::runtime {
+
+/// Path and parameters of "/path?name=value&...", percent-decoded.
+struct RequestTarget {
+  std::string path;  ///< begins with '/'
+  std::map<std::string, std::string> parameters;
+
+  /// Nothing if the text is malformed, repeats a parameter or has more than 8 of them.
+  static std::optional<RequestTarget> parse(std::string_view text);
+  /// Empty if the parameter is missing.
+  std::string parameter(const char* name) const;
+};
+
+}  // namespace trocar::runtime

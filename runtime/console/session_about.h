@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// Descriptions of a session that another process has written and that may be damaged: what is
+// missing or of another type counts as empty.
+// Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::runtime {
+
+/// The description in a session's shared memory (formats/session/telemetry.md).
+struct SessionAbout {
+  std::string json;                  ///< the whole description; "{}" if the text is no JSON object
+  std::string id;                    ///< process and time of the start
+  std::string scene, asset, record;  ///< names of files, as the session was given them
+  std::string clock;
+  std::string columns;  ///< JSON: those of `columns` that fit into a snapshot
+  std::vector<std::pair<std::string, std::size_t>> column_at;  ///< name, index of its first value
+  std::vector<std::int32_t> slices;  ///< slice index of each sheet; -1: not given
+};
+SessionAbout parse_about(std::string_view text, std::size_t snapshot_values);
+
+/// console.json in a session's folder, by which a later console finds the device process.
+struct DeviceNote {
+  std::int64_t pid = 0;
+  std::uint64_t start_ticks = 0;
+  std::string endpoint;
+};
+Result<void> write_device_note(const std::filesystem::path& file, const std::string& device,
+                               const std::optional<DeviceNote>& process);
+/// Nothing if no device process is noted.
+std::optional<DeviceNote> read_device_note(const std::filesystem::path& file);
+
+}  // namespace trocar::runtime

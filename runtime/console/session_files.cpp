@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/session_files.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <ctime>
+#include <fstream>
+#include <string_view>
+#include <system_error>
+
+namespace trocar::runtime {
+namespace {
+
+std::string folder_name(const std::filesystem::path& scene) {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  ::localtime_r(&now, &local);
+  std::array<char, 32> date{};
+  std::strftime(date.data(), date.size(), "%Y-%m-%dT%H-%M-%S-", &local);
+  std::string name = scene.stem().string().substr(0, 64);
+  std::replace_if(
+      name.begin(), name.end(),
+      [](char c) {
+        return !((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                 c == '_' || c == '-');
+      },
+      '_');
+  return date.data() + name;
+}
+
+}  // namespace
+
+Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
+                                                    const std::filesystem::path& scene) {
+  std::error_code error;
+  if (std::filesystem::is_symlink(sessions, error))
+    return refused(sessions.string() + ": is a link");
+  const std::string name = folder_name(scene);
+  std::filesystem::create_directories(sessions, error);
+  constexpr int kMaxOfASecond = 100;
+  std::filesystem::path folder;
+  for (int i = 1; i < kMaxOfASecond && !error; ++i) {
+    folder = sessions / (i == 1 ? name : name + "-" + std::to_string(i));
+    if (std::filesystem::create_directory(folder, error)) return folder;
+  }
+  return unwritable(folder.string() + ": cannot be made: " + error.message());
+}
+
+std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from) {
+  constexpr std::string_view kReady = "ready on ";
+  std::ifstream in(log, std::ios::binary);
+  in.seekg(static_cast<std::streamoff>(from));
+  std::string text(4096, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  const std::size_t at = text.find(kReady), end = text.find('\n', at);
+  return at == std::string::npos || end == std::string::npos
+             ? ""
+             : text.substr(at + kReady.size(), end - at - kReady.size());
+}
+
+std::string last_line(const std::filesystem::path& log) {
+  constexpr std::uint64_t kMaxLog = std::uint64_t{64} << 10;
+  constexpr std::size_t kMaxShown = 400;
+  std::ifstream in(log, std::ios::binary);
+  std::string line, last;
+  std::uint64_t read = 0;
+  while (std::getline(in, line) && (read += line.size()) < kMaxLog) {
+    if (!line.empty()) last = line;
+  }
+  return last.substr(0, kMaxShown);
+}
+
+pid_t pid_of_link(const std::filesystem::path& link) {
+  constexpr std::string_view kProc = "/proc/";
+  std::error_code error;
+  const std::string target = std::filesystem::read_symlink(link, error).string();
+  pid_t pid = 0;
+  if (!error && target.starts_with(kProc))
+    std::from_chars(target.data() + kProc.size(), target.data() + target.size(), pid);
+  return pid;
+}
+
+}  // namespace trocar::runtime

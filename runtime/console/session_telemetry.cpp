@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/session_telemetry.h"
+
+#include "runtime/console/messages.h"
+
+namespace trocar::runtime {
+namespace {
+
+// An event takes some 300 bytes here, so a session of any length takes at most some 6 MB.
+constexpr std::size_t kMaxEvents = 20'000;
+constexpr int kMaxEventsOfPoll = 512, kMaxSheetsOfPoll = 2;
+
+}  // namespace
+
+void SessionTelemetry::attach(std::unique_ptr<TelemetryReader> reader) {
+  reader_ = std::move(reader);
+  about_ = parse_about(reader_->about(), reader_->columns());
+  about_.slices.resize(reader_->sheets(), -1);
+  sheets_.assign(reader_->sheets(), {});
+  shape_ = {};
+  values_.clear();
+  snapshot_.reset();
+  events_.clear();
+  last_event_ = 0;
+  has_ended_ = false;
+  ++sessions_;
+}
+
+void SessionTelemetry::poll() {
+  if (!reader_) return;
+  if (reader_->snapshot(values_)) {
+    ++snapshots_;
+    snapshot_ = std::make_shared<const std::string>(snapshot_message(values_));
+  }
+  read_events();
+  read_meshes();
+}
+
+double SessionTelemetry::value(const char* column, std::size_t at) const {
+  for (const auto& [name, first] : about_.column_at) {
+    if (name == column && first + at < values_.size()) return values_[first + at];
+  }
+  return 0;
+}
+
+void SessionTelemetry::read_events() {
+  TelemetryEvent event;
+  std::uint64_t lost = 0;
+  for (int i = 0; i < kMaxEventsOfPoll; ++i) {
+    const TelemetryReader::Next next = reader_->next_event(event, lost);
+    if (next == TelemetryReader::Next::kNone) return;
+    // Clients detect a loss by the gap before the next number.
+    if (next == TelemetryReader::Next::kLost) continue;
+    last_event_ = event.number;
+    events_.push_back({event.number, event_message(event)});
+    if (events_.size() > kMaxEvents) events_.pop_front();
+    has_ended_ = has_ended_ || event.kind == TelemetryEventKind::kEnded;
+  }
+}
+
+void SessionTelemetry::read_meshes() {
+  int read = 0;
+  for (std::size_t i = 0; i < sheets_.size() && read < kMaxSheetsOfPoll; ++i) {
+    const std::uint64_t version = reader_->sheet_version(i);
+    TelemetrySheet sheet;
+    if (version == sheets_[i].version || !reader_->sheet(i, sheet)) continue;
+    ++read;
+    sheets_[i].version = version;
+    sheets_[i].frame = sheet.cuts == 0
+                           ? nullptr
+                           : std::make_shared<const std::string>(mesh_message(
+                                 static_cast<std::int32_t>(i), sheet.cuts, about_.slices[i],
+                                 sheet.xy_m, 2, sheet.hu, sheet.triangles));
+  }
+  TelemetryShape shape;
+  const std::uint64_t version = reader_->shape_version();
+  if (version != shape_.version && reader_->shape(shape)) {
+    shape_.version = version;
+    const std::int32_t slice =
+        shape.sheet >= 0 && static_cast<std::size_t>(shape.sheet) < about_.slices.size()
+            ? about_.slices[static_cast<std::size_t>(shape.sheet)]
+            : -1;
+    shape_.frame = std::make_shared<const std::string>(
+        mesh_message(shape.sheet, shape.cuts, slice, shape.xyw, 3, {}, shape.triangles));
+  }
+}
+
+}  // namespace trocar::runtime

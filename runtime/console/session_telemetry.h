@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// The console's copy of one session's shared-memory telemetry: description, events, the latest
+// snapshot and the meshes, each ready to be sent to clients. It stays when the session ends, until
+// the next one is attached.
+// Tests: tests/e2e/console_server_test.py
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "formats/session/telemetry.h"
+#include "runtime/console/session_about.h"
+
+namespace trocar::runtime {
+
+using Frame = std::shared_ptr<const std::string>;
+
+class SessionTelemetry {
+ public:
+  struct Event {
+    std::uint64_t number = 0;
+    std::string json;
+  };
+  struct Mesh {
+    std::uint64_t version = 0;  ///< changes with each new mesh
+    Frame frame;                ///< without kind and number; null: nothing to show
+  };
+
+  /// Begins a new session.
+  void attach(std::unique_ptr<TelemetryReader> reader);
+  void detach() { reader_.reset(); }
+  bool is_attached() const noexcept { return reader_ != nullptr; }
+  /// Reads what is new. Takes less than a millisecond, plus the time of at most two cut sheets.
+  void poll();
+  /// Requires an attached session.
+  void command(TelemetryCommand command) { reader_->command(command); }
+
+  std::uint64_t sessions() const noexcept { return sessions_; }  ///< number of attached sessions
+  const SessionAbout& about() const noexcept { return about_; }  ///< json empty: no session yet
+  /// The latest 20,000, ascending by number.
+  const std::deque<Event>& events() const noexcept { return events_; }
+  std::uint64_t last_event() const noexcept { return last_event_; }
+  /// The event `ended` has been read.
+  bool has_ended() const noexcept { return has_ended_; }
+  std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of those read
+  const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: none yet
+  /// A number of the latest snapshot; 0: there is no such column.
+  double value(const char* column, std::size_t at = 0) const;
+  const std::vector<Mesh>& sheets() const noexcept { return sheets_; }
+  const Mesh& shape() const noexcept { return shape_; }
+
+ private:
+  void read_events();
+  void read_meshes();
+
+  std::unique_ptr<TelemetryReader> reader_;
+  std::uint64_t sessions_ = 0, last_event_ = 0, snapshots_ = 0;
+  SessionAbout about_;
+  std::vector<double> values_;
+  Frame snapshot_;
+  std::deque<Event> events_;
+  bool has_ended_ = false;
+  std::vector<Mesh> sheets_;
+  Mesh shape_;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/telemetry_client.h"
+
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "formats/base/strict_json.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uint64_t kMaxMessage = 4 << 10;
+constexpr auto kStalled = std::chrono::seconds(6);
+constexpr auto kFirstMessageWithin = std::chrono::seconds(5);
+constexpr int kSendBuffer = 65536;
+
+}  // namespace
+
+void TelemetryClient::run(const Request& request) {
+  beast::error_code ignored;
+  socket_.next_layer().socket().set_option(net::socket_base::send_buffer_size(kSendBuffer),
+                                           ignored);
+  socket_.next_layer().expires_never();
+  websocket::stream_base::timeout timeout{};
+  timeout.handshake_timeout = kFirstMessageWithin;
+  timeout.idle_timeout = kStalled;
+  timeout.keep_alive_pings = true;
+  socket_.set_option(timeout);
+  websocket::permessage_deflate deflate;
+  deflate.server_enable = false;
+  socket_.set_option(deflate);
+  socket_.read_message_max(kMaxMessage);
+  socket_.auto_fragment(false);
+  opened_at_ = Clock::now();
+  socket_.async_accept(request, [self = shared_from_this()](beast::error_code error) {
+    if (!error) self->read();
+  });
+}
+
+void TelemetryClient::pump(Clock::time_point now) {
+  if (role_ == Role::kNone) {
+    if (now - opened_at_ > kFirstMessageWithin) abort();
+    return;
+  }
+  if (progress_.is_stalled(now)) return abort();
+  if (is_writing_ || is_closing_) return;
+  auto message = progress_.next(console_.supervisor, role_, console_.has_new_snapshot, now);
+  if (!message) return;
+  message_ = std::move(*message);
+  is_writing_ = true;
+  socket_.binary(message_.frame != nullptr);
+  if (!message_.frame) return socket_.async_write(net::buffer(message_.text), written());
+  head_ = {message_.kind, message_.number};
+  socket_.async_write(
+      std::array<net::const_buffer, 2>{net::buffer(head_), net::buffer(*message_.frame)},
+      written());
+}
+
+std::function<void(beast::error_code, std::size_t)> TelemetryClient::written() {
+  return [self = shared_from_this()](beast::error_code error, std::size_t) {
+    self->is_writing_ = false;
+    if (!error) self->pump(Clock::now());
+  };
+}
+
+void TelemetryClient::read() {
+  socket_.async_read(buffer_, [self = shared_from_this()](beast::error_code error, std::size_t) {
+    if (error) return self->on_error(error);
+    self->on_message();
+  });
+}
+
+void TelemetryClient::on_error(beast::error_code error) {
+  is_closing_ = true;
+  if (error == websocket::error::message_too_big || error == websocket::error::buffer_overflow)
+    console_.log.refused("a WebSocket message that is too long", from_);
+  else if (error.category() == beast::error_code(websocket::error::bad_opcode).category() &&
+           error != websocket::error::closed)
+    console_.log.refused("a malformed WebSocket frame", from_);
+}
+
+void TelemetryClient::on_message() {
+  const bool is_text = socket_.got_text();
+  const std::string text = beast::buffers_to_string(buffer_.data());
+  buffer_.consume(buffer_.size());
+  if (is_closing_) return;
+  const bool is_good = is_text && (role_ == Role::kNone ? on_first(text) : on_ack(text));
+  if (!is_good) {
+    console_.log.refused(role_ == Role::kNone
+                             ? "a WebSocket without a valid token in its first message"
+                             : "a malformed WebSocket message",
+                         from_);
+    return close();
+  }
+  read();
+  pump(Clock::now());
+}
+
+bool TelemetryClient::on_first(const std::string& text) {
+  const Result<json> message = parse_strict_json(text, "message");
+  if (!message || !message->is_object()) return false;
+  JsonErrors errors{"message", {}};
+  StrictObject object(*message, "", errors);
+  const std::string token = object.string("token");
+  std::string session;
+  if (object.has("session")) session = object.string("session");
+  constexpr std::int64_t kMax = std::int64_t{1} << 53;
+  const std::int64_t last = object.integer("last_event", 0, kMax, 0);
+  object.finish();
+  if (errors.first) return false;
+  role_ = console_.tokens.role_of(token);
+  if (session == console_.supervisor.telemetry().about().id)
+    progress_.resume_after(static_cast<std::uint64_t>(last));
+  return role_ != Role::kNone;
+}
+
+bool TelemetryClient::on_ack(const std::string& text) {
+  const Result<json> message = parse_strict_json(text, "message");
+  if (!message || !message->is_object()) return false;
+  const auto ack = message->find("ack");
+  if (message->size() != 1 || ack == message->end() || !ack->is_number_unsigned()) return false;
+  progress_.acknowledge(ack->get<std::uint64_t>());
+  return true;
+}
+
+void TelemetryClient::close() {
+  is_closing_ = true;
+  if (is_writing_) return abort();
+  socket_.async_close(websocket::close_code::policy_error,
+                      [self = shared_from_this()](beast::error_code) {});
+}
+
+void TelemetryClient::abort() {
+  beast::error_code ignored;
+  is_closing_ = true;
+  beast::get_lowest_layer(socket_).socket().close(ignored);
+}
+
+}  // namespace trocar::runtime

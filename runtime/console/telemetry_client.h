@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The WebSocket /live of one client: a page that watches, or a script (protocol.md).
+// Tests: tests/e2e/console_clients_test.py
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "runtime/console/beast.h"
+#include "runtime/console/client_progress.h"
+#include "runtime/console/console_state.h"
+
+namespace trocar::runtime {
+
+class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
+ public:
+  using Clock = std::chrono::steady_clock;
+  TelemetryClient(ConsoleState& console, beast::tcp_stream stream, std::string from)
+      : console_(console), socket_(std::move(stream)), from_(std::move(from)) {}
+
+  /// Answers the handshake; then the client must send its token within 5 s.
+  void run(const Request& request);
+  /// Sends the next message if the last one is out, and drops a client that has stalled.
+  void pump(Clock::time_point now);
+
+ private:
+  void read();
+  void on_error(beast::error_code error);
+  void on_message();
+  bool on_first(const std::string& text);
+  bool on_ack(const std::string& text);
+  void close();
+  void abort();
+  std::function<void(beast::error_code, std::size_t)> written();
+
+  ConsoleState& console_;
+  websocket::stream<beast::tcp_stream> socket_;
+  std::string from_;
+  beast::flat_buffer buffer_;
+  Role role_ = Role::kNone;
+  bool is_writing_ = false, is_closing_ = false;
+  Clock::time_point opened_at_;
+  ClientProgress progress_;
+  ClientMessage message_;  ///< the one that is being sent
+  std::array<std::uint32_t, 2> head_{};
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// Interface of a force law: how tissue acts on the tool during a session. The shipped laws are `hooke`
+// and `network` (runtime/force_law/sheet_law.h) and `cutting` (runtime/force_law/cutting_force_law.h). A session
+// creates one law before its loop starts (force_law_table.h); the loop, the recording and the reports
+// use only this interface.
+//
+// To add a law, write one file with a class that implements ForceLaw, and give it a table entry
+// (runtime/force_law/force_law_table.h). tests/runtime/force_law/constant_layer.h is an example.
+//
+// Contract of an implementation:
+//  1. update(), finish_tick(), reset_motion() and retract_distance_m() run on the haptic thread. They do
+//     not allocate, lock or throw, and they take a bounded time.
+//  2. The result depends only on the construction arguments and on the sequence of calls, so that a
+//     replay gives the same bits.
+// Tests: tests/runtime/force_law/force_law_table_test.cpp
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+
+#include "formats/session/device_description.h"
+#include "formats/session/fault_words.h"
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
+#include "runtime/contact/prefetch_worker.h"
+#include "runtime/contact/puncture.h"
+#include "runtime/contact/virtual_coupling.h"
+
+namespace trocar::runtime {
+
+/// Arguments of a law's factory. The sheets are the first versions, topmost first; they outlive the call
+/// of the factory, not necessarily the law.
+struct ForceLawSetup {
+  const Scene& scene;
+  const DeviceDescription& device;
+  std::span<const Sheet* const> sheets;
+  double rate_Hz = 1000;
+  CouplingOptions coupling;  ///< virtual coupling between plate and tool, if the law supports it
+};
+
+/// Inputs of one tick.
+struct ForceLawInput {
+  std::span<const Sheet* const> sheets;  ///< meshes in use, topmost first
+  PrefetchedStiffness prefetched;        ///< latest result of prefetch_worker()
+  Pose T_device_plate;
+  double pose_interval_s = 0;  ///< time since the previous new pose; 0: the pose is not new
+  PreviousPose previous;       ///< pose to compute velocities from, if any
+};
+
+/// Stiffness and threshold of a sheet at the tip, for `--check`. The device renders `scale` times
+/// these values.
+struct TipForce {
+  double stiffness_N_per_m = 0, threshold_N = 0, scale = 1;
+};
+
+/// An object that a law adds to a session's summary under `key`, as JSON text.
+struct SummarySection {
+  std::string key, json;
+};
+
+class ForceLaw {
+ public:
+  virtual ~ForceLaw() = default;
+
+  // Haptic thread.
+
+  /// Computes the wrench, the stored energy and the hole requests of one tick in `running`. Returns a
+  /// fault if an input cannot be used.
+  virtual FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept = 0;
+  /// Called in each tick outside of `running`: the next update() starts without load, velocity and
+  /// friction. Holes are kept.
+  virtual void reset_motion() noexcept = 0;
+  /// Called at the end of every tick. Writes the law's columns of the recording, if it has any.
+  virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
+  /// Distance by which the tool must be retracted until no force would act if `running` began now;
+  /// 0: the tool is in free space. `running` begins only at 0.
+  virtual double retract_distance_m(std::span<const Sheet* const> sheets,
+                                    const Pose& T_device_plate) const noexcept = 0;
+  /// Whether the law itself guarantees passivity, so that the loop only observes its energy and the
+  /// passivity controller stays off.
+  virtual bool is_passive() const noexcept { return false; }
+
+  // Before the loop starts.
+
+  /// The law's prefetch worker, or null if it needs none. The session runs it.
+  virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
+  /// The law's lines in the output of `--check`, each with its line feed.
+  virtual std::string describe() const = 0;
+  virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {
+    return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, 1};
+  }
+  /// Text appended to a sheet's line in the output of `--check`, with the tool at this pose.
+  virtual std::string describe_sheet(std::size_t /*index*/, const Sheet& /*sheet*/,
+                                     const Pose& /*T_device_plate*/) {
+    return {};
+  }
+
+  // After the loop.
+
+  /// The law's section of a session's summary and reports; without a key it has none.
+  virtual SummarySection summary() const { return {}; }
+};
+
+}  // namespace trocar::runtime

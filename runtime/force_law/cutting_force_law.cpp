@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/force_law/cutting_force_law.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "formats/base/json_text.h"
+#include "formats/base/text_line.h"
+
+namespace trocar::runtime {
+
+Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSetup& setup) {
+  Result<BoneVolume> bone = make_bone_volume(setup.scene, setup.sheets);
+  if (!bone)
+    return Error{bone.error().code, setup.scene.asset.string() + ": " + bone.error().message};
+  const DeviceCoupling coupling =
+      choose_coupling(*bone, setup.scene.force_law, setup.device,
+                      over_anchor(*setup.sheets.front(), bone->tool), setup.rate_Hz);
+  bone->options.coupling = coupling.coupling;
+  return std::unique_ptr<CuttingForceLaw>(new CuttingForceLaw(setup, std::move(*bone), coupling));
+}
+
+CuttingForceLaw::CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone,
+                                 const DeviceCoupling& coupling)
+    : bone_(std::move(bone)),
+      state_(make_bone_contact_state(bone_)),
+      law_(setup.scene.force_law),
+      rate_Hz_(setup.rate_Hz),
+      has_unused_damping_(
+          std::any_of(setup.sheets.begin(), setup.sheets.end(),
+                      [](const Sheet* sheet) { return sheet->tissue.damping_N_s_per_m > 0; })) {
+  report_.coupling = coupling;
+  report_.force_scale = law_.force_scale;
+}
+
+/// The plate's pose one tick later if it keeps its velocity. Without a new pose it is the pose at which
+/// the law was evaluated last.
+Pose CuttingForceLaw::predicted_pose(const ForceLawInput& input) const noexcept {
+  const Pose& plate = input.T_device_plate;
+  if (!state_.has_plate) return plate;
+  if (!(input.pose_interval_s > 0)) return state_.T_device_evaluated;
+  const bool is_steady = input.previous.ago_s > 0;
+  const double ticks_ahead =
+      1 / (rate_Hz_ * (is_steady ? input.previous.ago_s : input.pose_interval_s));
+  const Twist step =
+      ticks_ahead *
+      displacement(is_steady ? input.previous.T_device_plate : state_.T_device_plate, plate);
+  return {plate.p_m + step.head<3>(),
+          (from_rotation_vector(step.tail<3>()) * plate.q).normalized()};
+}
+
+/// Layers that were under load and are punctured now. One that was not loaded has its hole already.
+std::uint64_t CuttingForceLaw::newly_punctured_layers() noexcept {
+  std::uint64_t punctured = 0, loaded = 0;
+  for (std::size_t i = 0; i < state_.law.layers.size(); ++i) {
+    const SoftLayerState& layer = state_.law.layers[i];
+    punctured |= std::uint64_t{layer.is_punctured} << i;
+    loaded |= std::uint64_t{!layer.is_punctured && layer.stretch_m > 0} << i;
+  }
+  return punctured & std::exchange(loaded_layers_, loaded);
+}
+
+FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
+  const Pose evaluated =
+      report_.coupling.predicts_pose ? predicted_pose(input) : input.T_device_plate;
+  update_bone_contact(bone_, input.sheets, input.T_device_plate, evaluated, input.pose_interval_s,
+                      contact_.tracks, state_, output);
+  output.T_device_evaluated = evaluated;
+  for (const CutRequest& cut : output.cut_list)
+    report_.side_cuts += cut.is_puncture ? 0 : 1;
+  if (output.not_upright) return {};
+  output.layers_punctured = newly_punctured_layers();
+  output.force_before_N = std::exchange(last_force_N_, law_.force_scale * output.force_N);
+  if (output.backlog) return {};
+  output.wrench_device *= law_.force_scale;
+  output.local.stored_J *= law_.force_scale;
+  output.wrench_plate = output.wrench_device;
+  output.stored_J = output.local.stored_J;
+  return {};
+}
+
+void CuttingForceLaw::reset_motion() noexcept {
+  runtime::reset_motion(state_);
+  last_force_N_ = 0;
+  loaded_layers_ = 0;
+}
+
+void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
+  const CuttingResult& result = state_.result;
+  RecordingRow::Cutting& columns = row.cutting;
+  std::copy(state_.wrench_device.data(), state_.wrench_device.data() + 6,
+            columns.wrench_tissue.begin());
+  // Below the last slab there is nothing left to cut.
+  columns.front_z_m = std::isfinite(result.front_m) ? -result.front_m : 0;
+  columns.front_HU = state_.front_HU;
+  columns.tip_N = result.tip_N;
+  columns.embedded_m = result.embedded_m;
+  columns.cut_J = state_.energy.cut_J;
+  columns.absorbed_J = state_.energy.absorbed_J;
+  columns.stored_J = result.stored_J;
+  columns.steps = result.steps;
+
+  report_.tip_max_N = std::max(report_.tip_max_N, result.tip_N);
+  report_.force_max_N = std::max(report_.force_max_N, result.wrench_device.head<3>().norm());
+  if (!result.has_converged) ++report_.unconverged_ticks;
+  report_.steps_max = std::max(report_.steps_max, result.steps);
+  report_.energy = state_.energy;
+}
+
+double CuttingForceLaw::retract_distance_m(std::span<const Sheet* const> /*sheets*/,
+                                           const Pose& T_device_plate) const noexcept {
+  return runtime::retract_distance_m(bone_, T_device_plate, state_);
+}
+
+std::string CuttingForceLaw::describe() const {
+  const auto joined = static_cast<std::size_t>(
+      std::count_if(bone_.sheets.begin(), bone_.sheets.end(),
+                    [](const BoneSheet& sheet) { return sheet.bottom_m > sheet.top_m; }));
+  const std::size_t shells = bone_.sheets.size() - joined;
+  std::string out = text_line(
+      "force law  cutting\n"
+      "body       %zu slices as %zu slabs of one body, %zu as shells of no thickness\n",
+      joined, bone_.slabs.size() - shells, shells);
+  if (bone_.shell_m > 0)
+    out += text_line("           cortical shell of %.3g mm\n", 1e3 * bone_.shell_m);
+  out += "coupling   " + runtime::describe(report_.coupling, law_) + '\n';
+  const auto by_hu = std::find_if(bone_.sheets.begin(), bone_.sheets.end(),
+                                  [](const BoneSheet& sheet) { return sheet.law != nullptr; });
+  if (by_hu != bone_.sheets.end()) {
+    const HuCalibration& c = by_hu->calibration;
+    out += text_line("bone       law %.*s; %.*s = %.4g + %.4g HU g/cm^3%s\n",
+                     static_cast<int>(by_hu->law->name.size()), by_hu->law->name.data(),
+                     static_cast<int>(name_of(c.kind).size()), name_of(c.kind).data(), c.at_0_HU,
+                     c.per_HU, c.is_assumed ? ", assumed: the scene does not give it" : "");
+  }
+  if (has_unused_damping_)
+    out += "           the tissue's damping_N_s_per_m is not used by this law\n";
+  return out;
+}
+
+TipForce CuttingForceLaw::tip_force(std::size_t index, const Sheet& /*sheet*/) const {
+  return {bone_.sheets[index].tip_N_per_m, bone_.sheets[index].nominal_N, law_.force_scale};
+}
+
+SummarySection CuttingForceLaw::summary() const {
+  const CuttingCoupling& coupling = report_.coupling.coupling;
+  nlohmann::json section = {{"axis", coupling.is_rigid ? "rigid" : "coupled"},
+                            {"coupling_N_per_m", nullptr},
+                            {"coupling_Nm_per_rad", nullptr},
+                            {"device_damping_share", report_.coupling.damping_share},
+                            {"pose_is_predicted", report_.coupling.predicts_pose},
+                            {"force_scale", report_.force_scale},
+                            {"force_max_N", report_.force_max_N},
+                            {"tip_max_N", report_.tip_max_N},
+                            {"front_work_J", report_.energy.cut_J},
+                            {"absorbed_J", report_.energy.absorbed_J},
+                            {"stored_J", report_.energy.stored_J},
+                            {"given_max_J", report_.energy.released_max_J},
+                            {"newton_steps_max", report_.steps_max},
+                            {"unconverged_ticks", report_.unconverged_ticks},
+                            {"side_cuts", report_.side_cuts}};
+  if (!coupling.is_rigid) {
+    section["coupling_N_per_m"] = coupling.translation_N_per_m;
+    section["coupling_Nm_per_rad"] = coupling.rotation_Nm_per_rad;
+  }
+  return {"cutting", json_text(section)};
+}
+
+Result<std::unique_ptr<ForceLaw>> make_cutting_law(const ForceLawSetup& setup) {
+  Result<std::unique_ptr<CuttingForceLaw>> law = CuttingForceLaw::make(setup);
+  if (!law) return law.error();
+  return std::unique_ptr<ForceLaw>(std::move(*law));
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// The force law `cutting`: one bone volume that the tool cuts through (runtime/bone_cutting), coupled to
+// the plate as stiffly as the device allows. The law is passive by itself (cutting_law.h).
+// Tests: tests/runtime/session/cutting_session_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "formats/base/result.h"
+#include "runtime/bone_cutting/contact/bone_contact.h"
+#include "runtime/bone_cutting/contact/device_coupling.h"
+#include "runtime/contact/force_law.h"
+
+namespace trocar::runtime {
+
+/// Results of a session. Forces and energies are those of the tissue, not scaled for the hand.
+struct CuttingReport {
+  DeviceCoupling coupling;
+  double force_scale = 1;
+  double tip_max_N = 0, force_max_N = 0;
+  BoneEnergyAccount energy;  ///< account at the end
+  std::uint64_t unconverged_ticks = 0;
+  int steps_max = 0;            ///< most Newton steps of a tick
+  std::uint64_t side_cuts = 0;  ///< holes requested where walls yielded
+};
+
+class CuttingForceLaw final : public ForceLaw {
+ public:
+  /// Refused, naming the asset: as make_bone_volume(). The device's coupling is chosen with the tip on
+  /// the topmost sheet, over the anchor.
+  static Result<std::unique_ptr<CuttingForceLaw>> make(const ForceLawSetup& setup);
+
+  FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
+  void reset_motion() noexcept override;
+  void finish_tick(RecordingRow& row) noexcept override;
+  double retract_distance_m(std::span<const Sheet* const> sheets,
+                            const Pose& T_device_plate) const noexcept override;
+  bool is_passive() const noexcept override { return true; }
+
+  std::string describe() const override;
+  TipForce tip_force(std::size_t index, const Sheet& sheet) const override;
+  SummarySection summary() const override;
+
+  const CuttingReport& report() const noexcept { return report_; }
+  const DeviceCoupling& coupling() const noexcept { return report_.coupling; }
+
+ private:
+  CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone, const DeviceCoupling& coupling);
+
+  Pose predicted_pose(const ForceLawInput& input) const noexcept;
+  std::uint64_t newly_punctured_layers() noexcept;
+
+  BoneVolume bone_;
+  BoneContactState state_;
+  ContactState contact_;  ///< requested and pending holes of the sheets
+  SceneForceLaw law_;
+  double rate_Hz_;
+  bool has_unused_damping_ = false;  ///< a tissue's damping_N_s_per_m, which this law ignores
+  double last_force_N_ = 0;          ///< rendered force on the tip in the previous tick
+  std::uint64_t loaded_layers_ =
+      0;  ///< soft layers under load after the previous tick, one bit each
+  CuttingReport report_;
+};
+
+Result<std::unique_ptr<ForceLaw>> make_cutting_law(const ForceLawSetup& setup);
+
+}  // namespace trocar::runtime

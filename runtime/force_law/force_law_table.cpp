@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/force_law/force_law_table.h"
+
+#include <array>
+#include <vector>
+
+#include "runtime/force_law/cutting_force_law.h"
+#include "runtime/force_law/sheet_law.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// In the order of kForceLaws.
+constexpr std::array<ForceLawFactory, kForceLaws.size()> kFactories{
+    make_hooke_law, make_network_law, make_cutting_law};
+
+/// The factories of all laws, by ForceLawKind.
+std::vector<ForceLawFactory>& factories() {
+  static std::vector<ForceLawFactory> table(kFactories.begin(), kFactories.end());
+  return table;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ForceLaw>> make_force_law(const ForceLawSetup& setup) {
+  return factories().at(static_cast<std::size_t>(setup.scene.force_law.kind))(setup);
+}
+
+ForceLawKind add_force_law(const ForceLawTraits& traits, ForceLawFactory factory) {
+  const ForceLawKind kind = trocar::add_force_law(traits);
+  factories().push_back(factory);
+  return kind;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// The prefetch worker of the force law `network`: computes the stiffness of a sheet's spring network
+// (runtime/deformation) at the tool, outside the haptic thread.
+//
+// The network is linear in the depth, so its response to the tool is a stiffness and a point of action:
+// the haptic thread solves nothing. The solver `propagation` gives the stiffness at which it settles.
+// Tests: tests/runtime/session/network_session_test.cpp
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/scene.h"
+#include "runtime/contact/prefetch_worker.h"
+#include "runtime/deformation/propagation.h"
+#include "runtime/deformation/response.h"
+#include "runtime/realtime/histogram.h"
+#include "runtime/realtime/triple_buffer.h"
+
+namespace trocar::runtime {
+
+struct PrefetchReport {
+  std::uint64_t answers = 0, failures = 0;
+  std::uint32_t calibrations = 0;  ///< done by make(): one per different stiffness of the sheets
+  Histogram prepare;               ///< wall times of the answers
+  std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
+  double force_bound_max = 0, displacement_bound_max = 0;  ///< largest RingBounds
+  std::uint32_t negative_springs_max = 0;
+};
+
+class NetworkPrefetch final : public PrefetchWorker {
+ public:
+  /// Creates the worker for the tissues of sheets as from place_slices, on the asset's lattice. Takes some ms for each
+  /// different stiffness, with a tool of many corners some hundred ms. Refused: a tool or tissue for
+  /// which calibration finds no membrane.
+  static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
+                                                       const std::vector<Tissue>& tissue_of_sheet,
+                                                       const Lattice& lattice);
+
+  void ask(const PrefetchRequest& request) noexcept override { asked_.write(request); }
+  bool latest(PrefetchedStiffness& stiffness) noexcept override {
+    return answered_.read(stiffness);
+  }
+  void serve(const std::function<const Sheet&(std::size_t)>& sheet) override;
+  /// Failures of the solver are counted in PrefetchReport::failures.
+  std::optional<PrefetchedStiffness> answer(const PrefetchRequest& request,
+                                            const Sheet& sheet) override;
+  std::shared_ptr<const SheetShape> shape() const override;
+
+  /// Valid on the thread that calls answer(), or after it has ended.
+  const PrefetchReport& report() const noexcept { return report_; }
+
+ private:
+  NetworkPrefetch() = default;
+
+  SceneForceLaw law_;
+  std::vector<Membrane> membrane_;  ///< one per sheet
+  TripleBuffer<PrefetchRequest> asked_;
+  TripleBuffer<PrefetchedStiffness> answered_;
+  PrefetchRequest last_;
+  std::uint32_t last_cuts_ = 0;
+  RegionWorkspace workspace_;
+  std::vector<std::uint32_t> seeds_;
+  PrefetchReport report_;
+  mutable std::mutex shape_mutex_;
+  std::shared_ptr<const SheetShape> shape_;
+};
+
+}  // namespace trocar::runtime

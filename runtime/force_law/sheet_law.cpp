@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/force_law/sheet_law.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "formats/base/json_text.h"
+#include "formats/base/text_line.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
+
+bool is_finite(const PrefetchedStiffness& prefetched) noexcept {
+  return std::isfinite(prefetched.stiffness_N_per_m) && std::isfinite(prefetched.offset_m[0]) &&
+         std::isfinite(prefetched.offset_m[1]);
+}
+
+ContactModel contact_model(const ForceLawSetup& setup) {
+  ContactModel model;
+  model.tool = make_tool(setup.scene.tool);
+  model.dt_s = 1 / setup.rate_Hz;
+  return model;
+}
+
+}  // namespace
+
+FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
+  // A stiffness that is not finite would spread into later ticks, since stiffnesses are blended.
+  if (model_.uses_prefetched_stiffness && !is_finite(input.prefetched)) {
+    return {Fault::kTorqueNotFinite, FaultQuantity::kPrefetchedStiffness, -1,
+            input.prefetched.stiffness_N_per_m, std::numeric_limits<double>::quiet_NaN()};
+  }
+  const bool is_coupled = coupling_options_.on;
+  const Pose T_device_tool = is_coupled
+                                 ? move_proxy(coupling_options_, input.pose_interval_s,
+                                              input.T_device_plate, coupling_, input.previous)
+                                 : input.T_device_plate;
+  const PreviousPose previous =
+      is_coupled ? previous_proxy(input.pose_interval_s, input.previous, coupling_)
+                 : input.previous;
+  update_contact(model_, input.sheets, input.prefetched, T_device_tool, input.pose_interval_s,
+                 contact_, output, previous);
+  output.T_device_evaluated = T_device_tool;
+  if (output.not_upright || output.backlog) return {};
+  if (output.punctured_now && last_active_sheet_ == output.cut.sheet)
+    output.force_before_N = last_force_N_;
+  last_force_N_ = output.force_N;
+  last_active_sheet_ = output.active_sheet;
+
+  output.wrench_plate = output.wrench_device;
+  output.stored_J = output.local.stored_J;
+  output.is_released = output.punctured_now;
+  if (is_coupled) {
+    const Eigen::Vector3d before_m = coupling_.offset_m;
+    output.wrench_plate = coupling_wrench(coupling_options_, output.wrench_device, output.local,
+                                          output.punctured_now, coupling_);
+    if (output.punctured_now)
+      shift_tool(model_, T_device_tool, coupling_.offset_m - before_m, contact_);
+    output.stored_J += 0.5 * coupling_options_.stiffness_N_per_m * coupling_.offset_m.squaredNorm();
+  }
+  return {};
+}
+
+void SheetLaw::reset_motion() noexcept {
+  runtime::reset_motion(contact_);
+  coupling_ = {};
+  last_force_N_ = 0;
+  last_active_sheet_ = -1;
+}
+
+double SheetLaw::retract_distance_m(std::span<const Sheet* const> sheets,
+                                    const Pose& T_device_plate) const noexcept {
+  double depth_m = 0;
+  const double tip_z_m = (T_device_plate * model_.tool.tip_plate_m).z();
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    const SheetTrack& track = contact_.tracks[i];
+    const bool bears = track.was_above && track.state != SheetState::kPunctured &&
+                       track.state != SheetState::kMissed;
+    if (bears) depth_m = std::max(depth_m, sheets[i]->z_m - tip_z_m);
+  }
+  return depth_m;
+}
+
+std::string SheetLaw::describe() const {
+  return "force law  hooke\n";
+}
+
+std::string NetworkLaw::describe() const {
+  return text_line("force law  network, solver %s, reach %.3g mm\n",
+                   kSolverNames.at(static_cast<std::size_t>(law_.solver)),
+                   law_.decay_length_m * 1e3);
+}
+
+std::string NetworkLaw::describe_sheet(std::size_t index, const Sheet& sheet,
+                                       const Pose& T_device_plate) {
+  const Tool& tool = model().tool;
+  const Eigen::Vector3d middle_m = axis_at(tool, T_device_plate, sheet.z_m);
+  PrefetchRequest request;
+  request.sheet = static_cast<std::int32_t>(index);
+  request.middle_m = {middle_m.x(), middle_m.y()};
+  request.outline = outline_on_lattice(tool, T_device_plate, sheet.transform, sheet.z_m);
+  const auto found = prefetch_->answer(request, sheet);
+  if (!found) return {};  // the tool misses the sheet
+  const PrefetchReport& report = prefetch_->report();
+  return text_line("; the network has %.0f N/m there: %u free nodes, %.0f us to prepare",
+                   found->stiffness_N_per_m, report.free_nodes_last, report.prepare.max_us());
+}
+
+SummarySection NetworkLaw::summary() const {
+  const PrefetchReport& report = prefetch_report();
+  const nlohmann::json section = {{"responses", report.answers},
+                                  {"failures", report.failures},
+                                  {"prepare_us",
+                                   {{"p50", report.prepare.quantile_us(0.5)},
+                                    {"p99", report.prepare.quantile_us(0.99)},
+                                    {"p999", report.prepare.quantile_us(0.999)},
+                                    {"max", report.prepare.max_us()},
+                                    {"samples", report.prepare.samples()}}},
+                                  {"free_nodes_max", report.free_nodes_max},
+                                  {"force_error_bound_max", report.force_bound_max},
+                                  {"displacement_error_bound_max", report.displacement_bound_max},
+                                  {"negative_springs_max", report.negative_springs_max}};
+  return {"network", json_text(section)};
+}
+
+Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup) {
+  return std::unique_ptr<ForceLaw>(
+      std::make_unique<SheetLaw>(contact_model(setup), setup.coupling));
+}
+
+Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup) {
+  std::vector<Tissue> tissues;
+  for (const Sheet* sheet : setup.sheets)
+    tissues.push_back(sheet->tissue);
+  auto prefetch =
+      NetworkPrefetch::make(setup.scene, tissues, setup.sheets.front()->transform.lattice);
+  if (!prefetch) return prefetch.error();
+  ContactModel model = contact_model(setup);
+  model.uses_prefetched_stiffness = true;
+  return std::unique_ptr<ForceLaw>(std::make_unique<NetworkLaw>(
+      model, setup.coupling, setup.scene.force_law, std::move(*prefetch)));
+}
+
+}  // namespace trocar::runtime

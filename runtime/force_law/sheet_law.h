@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// The force laws of separate sheets. `hooke`: each sheet is a spring under the tool. `network`: the same
+// contact, with the stiffness of the sheet's spring network, which a prefetch worker computes. Contact and
+// puncture are those of runtime/contact/puncture.h; a virtual coupling can connect the tool to the plate.
+// Tests: tests/runtime/force_law/force_law_table_test.cpp
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "formats/base/result.h"
+#include "runtime/contact/force_law.h"
+#include "runtime/force_law/network_prefetch.h"
+
+namespace trocar::runtime {
+
+/// The force law `hooke`, and the contact of `network`.
+class SheetLaw : public ForceLaw {
+ public:
+  explicit SheetLaw(const ContactModel& model, const CouplingOptions& coupling = {})
+      : model_(model), coupling_options_(coupling) {}
+
+  FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
+  void reset_motion() noexcept override;
+  double retract_distance_m(std::span<const Sheet* const> sheets,
+                            const Pose& T_device_plate) const noexcept override;
+  std::string describe() const override;
+
+  ContactModel& model() noexcept { return model_; }
+  CouplingOptions& coupling_options() noexcept { return coupling_options_; }
+  ContactState& contact() noexcept { return contact_; }
+  const ContactState& contact() const noexcept { return contact_; }
+
+ private:
+  ContactModel model_;
+  CouplingOptions coupling_options_;
+  ContactState contact_;
+  CouplingState coupling_;
+  double last_force_N_ = 0;              ///< tip force in the previous tick
+  std::int32_t last_active_sheet_ = -1;  ///< sheet that it acted on
+};
+
+/// The force law `network`.
+class NetworkLaw final : public SheetLaw {
+ public:
+  NetworkLaw(const ContactModel& model, const CouplingOptions& coupling, const SceneForceLaw& law,
+             std::unique_ptr<NetworkPrefetch> prefetch)
+      : SheetLaw(model, coupling), law_(law), prefetch_(std::move(prefetch)) {}
+
+  PrefetchWorker* prefetch_worker() noexcept override { return prefetch_.get(); }
+  std::string describe() const override;
+  std::string describe_sheet(std::size_t index, const Sheet& sheet,
+                             const Pose& T_device_plate) override;
+  SummarySection summary() const override;
+
+  const PrefetchReport& prefetch_report() const noexcept { return prefetch_->report(); }
+
+ private:
+  SceneForceLaw law_;
+  std::unique_ptr<NetworkPrefetch> prefetch_;
+};
+
+Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup);
+
+/// Refused: a tissue or tool for which calibration finds no membrane.
+Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup);
+
+}  // namespace trocar::runtime

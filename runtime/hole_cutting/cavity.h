@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// First stage of a cut (paper, II.C: "search all meshes that are across the hexagon by intersection
+// test and all vertices inside the hexagon"). It finds the cavity, that is the triangles that the
+// tool overlaps or touches, and the cavity's rim, that is its boundary. All decisions are exact in
+// 64- and 128-bit integers.
+// Tests: tests/runtime/hole_cutting/cut_test.cpp
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/sheet_mesh/flat_table.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
+#include "runtime/sheet_mesh/triangle_grid.h"
+
+namespace trocar::runtime {
+
+inline constexpr std::size_t kMaxToolCorners = 32;
+
+/// A simple polygon, counter-clockwise.
+using Outline = std::span<const LatticePoint>;
+
+/// An edge of an outline, with the box around it.
+struct OutlineEdge {
+  LatticePoint a, b;
+  LatticeBox box;
+};
+
+/// The result of a stage of a cut.
+enum class StageOutcome : std::uint8_t {
+  kDone,
+  kAgain,     ///< rounding affects kept triangles: repeat with them in the cavity
+  kCapacity,  ///< the workspace is too small
+  kBug,       ///< an invariant does not hold
+};
+
+enum class ToolIntersection : std::uint8_t {
+  kApart,     ///< the closed triangle and the closed tool have no point in common
+  kTouches,   ///< they have common points, all on both boundaries
+  kOverlaps,  ///< they have a common area
+};
+
+/// Classifies the intersection of a triangle (counter-clockwise) with the tool. O(tool size).
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
+                                std::span<const OutlineEdge> tool) noexcept;
+
+/// The same for a single triangle. The tool has at most kMaxToolCorners corners.
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
+
+/// Is p outside the polygon and not on its boundary? O(tool size).
+bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
+
+/// A directed edge of the cavity's boundary, the cavity on its left.
+struct RimEdge {
+  std::uint32_t from, to;   ///< indices into Cavity::rim_vertices
+  std::uint32_t kept;       ///< the kept triangle beyond it; kNone on the sheet's boundary
+  std::uint32_t kept_edge;  ///< the number of the same edge in `kept`
+};
+
+struct Cavity {
+  std::vector<OutlineEdge> tool;  ///< the outline for which the cavity was found
+  LatticeBox tool_box;
+  std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes overlap the tool's box
+  std::vector<std::uint32_t> triangles;     ///< the cavity's triangles, ascending
+  std::vector<RimEdge> rim;                 ///< in the order of `triangles`
+  std::vector<std::uint32_t> rim_vertices;  ///< vertices on the rim, each once
+  std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles are in the cavity
+  FlatTable members;                        ///< `triangles` as a set
+  FlatTable vertices;                       ///< index of each vertex in rim_vertices, or kInner
+  static constexpr std::uint32_t kInner = kNone - 1;
+
+  void allocate(std::size_t max_triangles);
+  bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
+};
+
+/// Finds the triangles that the tool overlaps or touches, so that no tool edge ends or lies on the
+/// edge of a kept triangle. If it overlaps none, the cavity is empty. Time is proportional to the
+/// number of triangles near the tool.
+StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                         Cavity& cavity) noexcept;
+
+/// Adds triangles to the cavity; those that it contains already are skipped.
+StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
+
+/// Fills in the cavity's rim and vertices.
+void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// The hole of a puncture: computes the mesh of exactly (sheet minus tool polygon) by local
+// re-triangulation (paper, Fig. 13).
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/hole_cutting/cut_workspace.h"
+#include "runtime/sheet_mesh/sheet_edit.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
+#include "runtime/sheet_mesh/triangle_grid.h"
+
+namespace trocar::runtime {
+
+enum class CutOutcome : std::uint8_t {
+  kCut,        ///< the sheet has the hole
+  kNoOverlap,  ///< tool and sheet have no area in common
+  /// The tool is not a simple counter-clockwise polygon on the lattice with 3 to kMaxToolCorners
+  /// different corners.
+  kInvalidTool,
+  kCapacity,  ///< the workspace or the sheet's free slots do not suffice
+  kBug,       ///< the result could not be proved valid
+};
+std::string_view to_string(CutOutcome outcome) noexcept;
+
+struct CutReport {
+  CutOutcome outcome = CutOutcome::kNoOverlap;
+  const char* bug = nullptr;  ///< the violated condition if the outcome is kBug, else null
+  /// Twice the removed area in steps^2, that is area before minus area after; exact.
+  std::int64_t doubled_area_removed = 0;
+  std::uint32_t triangles_removed = 0;
+  std::uint32_t triangles_created = 0;
+  std::uint32_t flips = 0;  ///< edges flipped to make all edges Delaunay again
+  /// Boundary edges of the written triangles that are opposite an angle above 90 degrees: their
+  /// stiffness in the spring network is negative.
+  std::uint32_t obtuse_boundary_edges = 0;
+};
+
+/// Cuts the polygon `tool` out of `mesh`, in place. `mesh` is valid (check_sheet_mesh), `grid`
+/// indexes it, `work` and `edit` have been made for a sheet with at least as many slots. Contract:
+///  1. Only triangles that the tool overlaps or touches are replaced, and their neighbours where
+///     rounding requires it; beyond them, only edges that are no longer Delaunay are flipped
+///     (2). All other slots stay as they are, except that a vertex at which the cut leaves several
+///     fans of triangles becomes one vertex for each fan.
+///  2. If all inner edges were locally Delaunay before, all are afterwards. Vertices under the tool
+///     are removed; others within the cavity stay.
+///  3. Where a tool edge crosses the sheet's boundary, both are bent through a lattice point less
+///     than sqrt(2) steps away on the material's side, so that bends never extend the material. (If
+///     the remaining material would be too thin for the lattice, a bend may go outwards by the same
+///     small distance; the hole's rings can then cross themselves there. The areas stay exact.)
+///  4. A tool that has no area in common with the sheet changes nothing.
+///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet has been
+///     proved valid (patch_proof.h) before the first slot was written.
+///  6. It does not allocate. Time depends on the mesh near the tool, not on the size of the sheet.
+/// Afterwards `edit` lists the slots written, work.stitch.created the patch's triangles, and
+/// work.hole the rings around the removed material. If the tool lies completely over material, the
+/// only ring is the tool itself. The caller updates the grid.
+CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
+                       std::span<const LatticePoint> tool, CutWorkspace& work,
+                       SheetEdit& edit) noexcept;
+
+/// Counts CutReport::obtuse_boundary_edges of the triangles that `edit` lists.
+std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
+
+struct CutResult : CutReport {
+  SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
+  /// Rings with the removed material on their left (so they are clockwise around voids and
+  /// remaining material inside it), each starting at its smallest vertex, in ascending order. Their
+  /// doubled areas add up to doubled_area_removed exactly.
+  std::vector<Ring> hole;
+};
+
+std::vector<Ring> to_rings(const HoleOutline& hole);
+
+/// The same on a copy, for use where neither time nor memory matters. Errors: refused if `tool` is
+/// not as described or `sheet` is not a mesh; an internal error if the result cannot be proved
+/// valid.
+Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
+
+}  // namespace trocar::runtime

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// All memory that a cut needs, allocated once.
+// Tests: tests/runtime/hole_cutting/cut_capacity_test.cpp
+#pragma once
+
+#include <cstddef>
+
+#include "runtime/hole_cutting/cavity.h"
+#include "runtime/hole_cutting/delaunay_flips.h"
+#include "runtime/hole_cutting/hole_outline.h"
+#include "runtime/hole_cutting/overlay.h"
+#include "runtime/hole_cutting/patch.h"
+#include "runtime/hole_cutting/patch_proof.h"
+#include "runtime/hole_cutting/stitch.h"
+
+namespace trocar::runtime {
+
+struct CutCapacity {
+  std::size_t triangles = 0;  ///< triangles in a cavity, and triangles changed by flips
+  std::size_t points = 0;     ///< points of the local PSLG: cavity vertices, tool corners, bends
+  std::size_t edges = 0;      ///< edges of the local PSLG: rim and tool, and their divided edges
+};
+
+/// A capacity that suffices for a tool of any size over the sheet, with thousands of bends.
+inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
+  return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
+}
+inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
+  return capacity_for(mesh.vertices.size(), mesh.triangles.size());
+}
+
+/// The workspace of a thread that cuts sheets of any size within its capacities. The headers of the
+/// stages describe its content after a cut.
+struct CutWorkspace {
+  Cavity cavity;
+  Overlay overlay;
+  Patch patch;
+  HoleOutline hole;
+  ProofSpace proof;
+  StitchSpace stitch;
+  FlipSpace flips;
+
+  CutWorkspace() { allocate({}); }
+  explicit CutWorkspace(const CutCapacity& capacity) { allocate(capacity); }
+
+ private:
+  void allocate(const CutCapacity& capacity) {
+    cavity.allocate(capacity.triangles);
+    overlay.allocate(capacity.triangles, capacity.points, capacity.edges);
+    patch.allocate(capacity.points);
+    hole.allocate(capacity.points, capacity.edges);
+    proof.allocate(capacity.edges);
+    stitch.allocate(capacity.triangles, capacity.points);
+    flips.allocate(capacity.triangles);
+  }
+};
+
+}  // namespace trocar::runtime

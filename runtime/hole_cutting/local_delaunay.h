@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// Constrained Delaunay triangulation of a small PSLG in exact integers, by incremental insertion
+// with Lawson's flips (Lawson 1977) and Sloan's flips for constraints (Sloan 1993). The same input
+// gives the same triangles.
+// Tests: tests/runtime/hole_cutting/cut_property_test.cpp
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/sheet_mesh/flat_table.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
+
+namespace trocar::runtime {
+
+/// A counter-clockwise triangle; its edges are numbered as in triangle_edge.h.
+struct Cell {
+  std::array<std::uint32_t, 3> vertex;
+  std::array<std::uint32_t, 3> across;      ///< cell beyond edge i, or kNone
+  std::array<std::uint32_t, 3> constraint;  ///< name that constrain() gave edge i, or kNone
+};
+
+/// A triangulation of a box around all points. The box's four corners are the last four points.
+class LocalTriangulation {
+ public:
+  enum class Status : std::uint8_t { kDone, kCapacity, kNotPlanar };
+
+  /// The only function that allocates.
+  void allocate(std::size_t max_points);
+
+  /// Makes the Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate.
+  /// Returns kNotPlanar if two points are equal. Typically O(n^1.5), and less if consecutive points
+  /// are neighbours. `first_corner` is the corner of the box, 0..3 counter-clockwise from the lower
+  /// left, that is listed first. If points and first corner are rotated together by right angles,
+  /// the cells are the same.
+  Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
+
+  /// Makes the segment between two different points an edge. Afterwards the cells may not be
+  /// Delaunay; see restore_delaunay(). Returns kNotPlanar if another constraint or a point blocks
+  /// the segment; the triangulation must not be used any further then.
+  Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
+
+  /// Flips until every edge between two cells of the same region, other than region 0, is locally
+  /// Delaunay; `region` has one entry per cell. Constraints within a region are flipped too: only
+  /// the boundaries between regions are preserved.
+  void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
+
+  std::span<const LatticePoint> points() const noexcept { return points_; }
+  std::span<const Cell> cells() const noexcept { return cells_; }
+  /// A cell of which the point is a corner.
+  std::uint32_t cell_at(std::uint32_t point) const noexcept { return cell_at_[point]; }
+
+ private:
+  struct CellEdge {
+    std::uint32_t cell, edge;
+  };
+  void enclose(int first_corner) noexcept;
+  bool insert(std::uint32_t v) noexcept;
+  bool find_crossing(std::uint32_t a, std::uint32_t b) noexcept;
+  CellEdge find(std::uint32_t v, std::uint32_t w) const noexcept;
+  template <typename Visit>
+  void around(std::uint32_t v, Visit visit) const noexcept;
+  bool crosses(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) const noexcept;
+
+  std::int64_t orientation(std::uint32_t c, std::uint32_t i, LatticePoint p) const noexcept;
+  std::uint32_t apex(CellEdge s) const noexcept;
+  CellEdge opposite(CellEdge s) const noexcept;
+  bool is_delaunay(CellEdge s) const noexcept;
+  void link(CellEdge s, std::uint32_t other, std::uint32_t constraint) noexcept;
+  void adopt(CellEdge s, const Cell& old, std::uint32_t i) noexcept;
+  void set(std::uint32_t c, std::uint32_t v0, std::uint32_t v1, std::uint32_t v2) noexcept;
+  std::uint32_t new_cell() noexcept;
+  void split_cell(std::uint32_t c, std::uint32_t v) noexcept;
+  void split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept;
+  void flip(CellEdge s) noexcept;
+  void legalise() noexcept;
+
+  std::vector<LatticePoint> points_;
+  std::vector<Cell> cells_;
+  std::vector<std::uint32_t> cell_at_;                  ///< one cell at each point
+  std::vector<CellEdge> suspects_;                      ///< scratch
+  std::vector<std::uint8_t> waits_;                     ///< scratch, by cell
+  std::vector<std::array<std::uint32_t, 2>> crossing_;  ///< scratch: edges that cross a constraint
+  std::uint32_t last_ = 0;
+};
+
+}  // namespace trocar::runtime

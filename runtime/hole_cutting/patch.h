@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Third stage of a cut: the new triangles of the cavity.
+// Tests: tests/runtime/hole_cutting/cut_test.cpp
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "runtime/hole_cutting/local_delaunay.h"
+#include "runtime/hole_cutting/overlay.h"
+
+namespace trocar::runtime {
+
+/// The new triangles; their edges are numbered as in triangle_edge.h.
+struct Patch {
+  std::vector<Triangle> triangles;                   ///< indices into Overlay::points
+  std::vector<std::array<std::uint32_t, 3>> across;  ///< triangle of the patch beyond, or kNone
+  std::vector<std::array<std::uint32_t, 3>> kept;    ///< triangle of the sheet beyond, or kNone
+  std::vector<std::uint32_t> absorb;  ///< after kAgain: kept triangles that the patch covers
+
+  struct Winding {
+    std::int32_t rim, tool;
+  };
+  LocalTriangulation triangulation;   ///< scratch; the members below have one entry per cell
+  std::vector<Winding> windings;      ///< winding numbers of rim and tool
+  std::vector<std::uint8_t> region;   ///< 1: material; 0: void; 2: not known yet
+  std::vector<std::uint32_t> number;  ///< the cell's triangle in the patch
+  std::vector<std::uint32_t> pending;
+
+  void allocate(std::size_t max_points);
+};
+
+/// Makes the constrained Delaunay triangles of the overlay that lie inside the rim and outside the
+/// tool. After kAgain only `absorb` is valid. kBug means that the overlay is not a PSLG.
+StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/hole_cutting/stitch.h"
+
+#include <numeric>
+
+#include "formats/geometry/triangle_edge.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::uint32_t kPlanned = kNone - 1;  // the group gets a new vertex
+
+// Lists the run around v to which the kept triangle belongs.
+bool list_run(const SheetMesh& mesh, const Cavity& cavity, std::uint32_t v, std::uint32_t triangle,
+              StitchSpace& space) {
+  StitchSpace::Run run{v, static_cast<std::uint32_t>(space.corners.size()), 0};
+  const auto number = static_cast<std::uint32_t>(space.runs.size());
+  for (const bool counter_clockwise : {true, false}) {
+    std::uint32_t t = triangle, last = triangle;
+    do {
+      const std::uint32_t i = corner_of(mesh.triangles[t], v);
+      if ((t != triangle || counter_clockwise) && !push_within(space.corners, {t, i})) return false;
+      last = t;
+      t = mesh.across[t][counter_clockwise ? previous_corner(i) : i];
+    } while (t != kNone && t != triangle && !cavity.contains(t));
+    // Only the ends of a run are adjacent to the cavity.
+    if (space.run_at.insert(pair_key(last, v), number) == nullptr) return false;
+  }
+  run.end = static_cast<std::uint32_t>(space.corners.size());
+  return push_within(space.runs, run);
+}
+
+// Lists the runs of kept triangles around the vertices of shared edges.
+bool list_runs(const SheetMesh& mesh, const Cavity& cavity, StitchSpace& space) {
+  space.corners.clear();
+  space.runs.clear();
+  space.run_at.clear();
+  for (const RimEdge& e : cavity.rim) {
+    if (e.kept == kNone) continue;
+    for (const std::uint32_t v : {cavity.rim_vertices[e.from], cavity.rim_vertices[e.to]}) {
+      if (space.run_at.contains(pair_key(e.kept, v))) continue;
+      if (!list_run(mesh, cavity, v, e.kept, space)) return false;
+    }
+  }
+  return true;
+}
+
+std::uint32_t find(StitchSpace& space, std::uint32_t i) {
+  std::vector<std::uint32_t>& parent = space.parent;
+  while (parent[i] != i)
+    i = parent[i] = parent[parent[i]];
+  return i;
+}
+
+void join(StitchSpace& space, std::uint32_t a, std::uint32_t b) {
+  a = find(space, a);
+  b = find(space, b);
+  if (a != b) space.parent[std::max(a, b)] = std::min(a, b);
+}
+
+std::uint32_t node(const StitchSpace& space, std::uint32_t t, std::uint32_t i) {
+  return static_cast<std::uint32_t>(space.runs.size()) + 3 * t + i;
+}
+
+// Groups the corners that are the same vertex because they meet at an edge.
+bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
+                   StitchSpace& space) {
+  const std::size_t nodes = space.runs.size() + 3 * patch.triangles.size();
+  if (nodes > space.parent.capacity()) return false;
+  space.parent.resize(nodes);
+  std::iota(space.parent.begin(), space.parent.end(), 0U);
+  for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const std::uint32_t j = next_corner(i);
+      if (const std::uint32_t u = patch.across[t][i]; u != kNone) {
+        if (u < t) continue;  // joined already
+        const Triangle& beyond = patch.triangles[u];
+        join(space, node(space, t, i), node(space, u, corner_of(beyond, patch.triangles[t][i])));
+        join(space, node(space, t, j), node(space, u, corner_of(beyond, patch.triangles[t][j])));
+      } else if (const std::uint32_t k = patch.kept[t][i]; k != kNone) {
+        for (const std::uint32_t c : {i, j}) {
+          const LatticePoint p = overlay.points[patch.triangles[t][c]];
+          for (const std::uint32_t v : mesh.triangles[k]) {
+            if (mesh.vertices[v] == p)
+              join(space, node(space, t, c), space.run_at.find(pair_key(k, v)));
+          }
+        }
+      }
+    }
+  }
+  return true;
+}
+
+// Plans one vertex for each group: the sheet's own vertex if no other group has it, else a new one.
+bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                   const Patch& patch, StitchSpace& space) {
+  space.vertex.assign(space.parent.size(), kNone);
+  space.taken.clear();
+  space.fresh.clear();
+  bool fits = true;
+  const auto plan = [&](std::uint32_t group, LatticePoint p) {
+    space.vertex[group] = kPlanned;
+    fits = fits && push_within(space.fresh, {group, p});
+  };
+  for (std::uint32_t r = 0; r < space.runs.size(); ++r) {
+    const std::uint32_t group = find(space, r), v = space.runs[r].vertex;
+    if (space.vertex[group] != kNone) continue;
+    if (space.taken.contains(v)) {
+      plan(group, mesh.vertices[v]);
+    } else {
+      fits = fits && space.taken.insert(v, 1) != nullptr;
+      space.vertex[group] = v;
+    }
+  }
+  for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const std::uint32_t group = find(space, node(space, t, i));
+      if (space.vertex[group] == kNone) plan(group, overlay.points[patch.triangles[t][i]]);
+    }
+  }
+  const std::size_t released =
+      cavity.rim_vertices.size() + cavity.inner.size() - space.taken.size();
+  return fits && space.fresh.size() <= mesh.free_vertices.size() + released &&
+         patch.triangles.size() <= mesh.free_triangles.size() + cavity.triangles.size();
+}
+
+void release(SheetMesh& mesh, const Cavity& cavity, const StitchSpace& space, SheetEdit& edit) {
+  for (const RimEdge& e : cavity.rim) {
+    if (e.kept == kNone) continue;
+    edit.touch_triangle(mesh, e.kept);
+    mesh.across[e.kept][e.kept_edge] = kNone;
+  }
+  // Release in descending order, so that the lowest slots are reused first.
+  for (std::size_t i = cavity.triangles.size(); i-- > 0;)
+    edit.release_triangle(mesh, cavity.triangles[i]);
+  for (std::size_t i = cavity.inner.size(); i-- > 0;)
+    edit.release_vertex(mesh, cavity.inner[i]);
+  for (std::size_t i = cavity.rim_vertices.size(); i-- > 0;) {
+    if (!space.taken.contains(cavity.rim_vertices[i]))
+      edit.release_vertex(mesh, cavity.rim_vertices[i]);
+  }
+}
+
+void number_vertices(SheetMesh& mesh, StitchSpace& space, SheetEdit& edit) {
+  for (const StitchSpace::NewVertex& v : space.fresh)
+    space.vertex[v.group] = edit.take_vertex(mesh, v.point);
+  for (std::uint32_t r = 0; r < space.runs.size(); ++r) {
+    const StitchSpace::Run& run = space.runs[r];
+    const std::uint32_t v = space.vertex[find(space, r)];
+    if (v == run.vertex) continue;
+    for (std::uint32_t k = run.first; k < run.end; ++k) {
+      const auto [t, c] = space.corners[k];
+      edit.touch_triangle(mesh, t);
+      mesh.triangles[t][c] = v;
+    }
+  }
+}
+
+void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& edit) {
+  space.created.clear();
+  space.rim_edges.clear();
+  for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
+    Triangle v{};
+    for (std::uint32_t i = 0; i < 3; ++i)
+      v[i] = space.vertex[find(space, node(space, t, i))];
+    space.created.push_back(edit.take_triangle(mesh, v));
+  }
+  for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
+    const std::uint32_t slot = space.created[t];
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (patch.across[t][i] != kNone) {
+        mesh.across[slot][i] = space.created[patch.across[t][i]];
+      } else if (const std::uint32_t k = patch.kept[t][i]; k != kNone) {
+        mesh.across[slot][i] = k;
+        space.rim_edges.push_back({slot, i});
+        const std::uint32_t to = mesh.triangles[slot][next_corner(i)];
+        mesh.across[k][corner_of(mesh.triangles[k], to)] = slot;
+      }
+    }
+  }
+}
+
+}  // namespace
+
+void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
+  const std::size_t max_corners = 6 * max_triangles, max_created = 2 * (max_points + 4);
+  reserve_touched(corners, max_corners);
+  reserve_touched(runs, 3 * max_triangles);
+  run_at.allocate(max_corners);
+  reserve_touched(parent, 3 * max_triangles + 3 * max_created);
+  reserve_touched(vertex, 3 * max_triangles + 3 * max_created);
+  taken.allocate(3 * max_triangles);
+  reserve_touched(fresh, 3 * max_created);
+  reserve_touched(created, max_created);
+  reserve_touched(rim_edges, 3 * max_created);
+}
+
+StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept {
+  if (!list_runs(mesh, cavity, space) || !group_corners(mesh, overlay, patch, space) ||
+      !plan_vertices(mesh, cavity, overlay, patch, space))
+    return StageOutcome::kCapacity;
+  release(mesh, cavity, space, edit);
+  number_vertices(mesh, space, edit);
+  put_in(mesh, patch, space, edit);
+  return StageOutcome::kDone;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// A priority queue of triangle slots: a heap that knows the position of each slot, so that a slot's
+// key can be changed or removed. Each slot occurs at most once, so the capacity is always enough.
+// Tests: tests/runtime/local_refinement/local_refinement_test.cpp
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "runtime/sheet_mesh/sheet_mesh.h"
+
+namespace trocar::runtime {
+
+/// The smallest key comes first; of equal keys, the lowest slot. Only the constructor allocates.
+/// put() and remove() are O(log n) for n slots in the queue, clear() is O(n).
+class TriangleQueue {
+ public:
+  explicit TriangleQueue(std::size_t triangle_slots) : position_(triangle_slots, kNone) {
+    heap_.reserve(triangle_slots);
+  }
+
+  bool empty() const noexcept { return heap_.empty(); }
+  std::uint32_t top() const noexcept { return heap_.front().slot; }
+  std::int64_t top_key() const noexcept { return heap_.front().key; }
+
+  /// Inserts the slot, or changes its key.
+  void put(std::uint32_t slot, std::int64_t key) noexcept {
+    if (position_[slot] == kNone) {
+      position_[slot] = static_cast<std::uint32_t>(heap_.size());
+      heap_.push_back({key, slot});
+    } else {
+      heap_[position_[slot]].key = key;
+    }
+    sift(position_[slot]);
+  }
+
+  void remove(std::uint32_t slot) noexcept {
+    const std::uint32_t at = position_[slot];
+    if (at == kNone) return;
+    position_[slot] = kNone;
+    const Entry last = heap_.back();
+    heap_.pop_back();
+    if (at == heap_.size()) return;
+    heap_[at] = last;
+    position_[last.slot] = at;
+    sift(at);
+  }
+
+  void clear() noexcept {
+    for (const Entry& entry : heap_)
+      position_[entry.slot] = kNone;
+    heap_.clear();
+  }
+
+ private:
+  struct Entry {
+    std::int64_t key;
+    std::uint32_t slot;
+    bool operator<(const Entry& other) const noexcept {
+      return key != other.key ? key < other.key : slot < other.slot;
+    }
+  };
+
+  void sift(std::uint32_t at) noexcept {
+    for (; at > 0 && heap_[at] < heap_[(at - 1) / 2]; at = (at - 1) / 2)
+      exchange(at, (at - 1) / 2);
+    while (true) {
+      std::uint32_t least = at;
+      for (std::uint32_t child = 2 * at + 1; child <= 2 * at + 2 && child < heap_.size(); ++child) {
+        if (heap_[child] < heap_[least]) least = child;
+      }
+      if (least == at) return;
+      exchange(at, least);
+      at = least;
+    }
+  }
+
+  void exchange(std::uint32_t i, std::uint32_t j) noexcept {
+    std::swap(heap_[i], heap_[j]);
+    position_[heap_[i].slot] = i;
+    position_[heap_[j].slot] = j;
+  }
+
+  std::vector<Entry> heap_;
+  std::vector<std::uint32_t> position_;  // by slot: its position in the heap, or kNone
+};
+
+}  // namespace trocar::runtime

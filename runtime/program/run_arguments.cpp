@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/run_arguments.h"
+
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <limits>
+
+#include "formats/base/command_line.h"
+#include "formats/session/scene.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// Declares options under one heading of the help text.
+class Group {
+ public:
+  Group(CLI::App& app, const char* heading) : app_(app), heading_(heading) {}
+
+  template <typename Value>
+  void option(const char* names, Value& value, const std::string& help) {
+    app_.add_option(names, value, help)->group(heading_);
+  }
+  void flag(const char* names, bool& value, const char* help) {
+    app_.add_flag(names, value, help)->group(heading_);
+  }
+
+ private:
+  CLI::App& app_;
+  const char* heading_;
+};
+
+void declare_session_options(CLI::App& app, RunArguments& a) {
+  Group session(app, "Session");
+  session.option("--clock", a.clock,
+                 "real: ticks follow the wall clock; virtual: as fast as possible and\n"
+                 "deterministic (default: real)");
+  session.option("--rate", a.rate_Hz,
+                 "rate of the haptic loop, 100 to 8000 Hz (default: the scene's, or 1000)");
+  session.option("--duration", a.duration_s, "duration in s (default: the scene's)");
+  session.option("--replay", a.replay,
+                 "run on the inputs of a recording (virtual clock) and compare the torques; exit\n"
+                 "code 3 if they differ, or if scene, asset, device or options do");
+  session.option("--live", a.live,
+                 "publish the session in shared memory and take commands from other programs;\n"
+                 "the file becomes a link to the memory while the session runs");
+  session.flag("--quiet", a.quiet, "print errors only");
+
+  Group recording(app, "Recording");
+  recording.option("--record", a.record,
+                   "write a recording: CSV, one row per tick; its name ends in .partial until it\n"
+                   "is complete");
+  recording.option("--summary", a.summary, "write a summary of the session: JSON");
+  recording.option(
+      "--session-report", a.session_report,
+      "write a report for the debriefing, NAME.html, and the same figures, NAME.json:\n"
+      "path, forces, punctures, plunges, tremor, and the scene's goals");
+}
+
+void declare_safety_options(CLI::App& app, RunArguments& a) {
+  Group safety(app, "Safety");
+  safety.option("--recover", a.recover,
+                "after a fault, never: end the session; auto: recover; signal: recover on SIGUSR1\n"
+                "(default: never)");
+  safety.option("--energy-limit", a.energy_limit_J,
+                "energy in J that the hand may receive within 0.1 s beyond what the tissue had\n"
+                "stored; more is the fault energy_limit (default: 0.05)");
+  safety.option("--late-ticks", a.late_ticks,
+                "number of consecutive missed deadlines that is a fault; 0: none (default: 3;\n"
+                "with the device inproc, none)");
+  safety.option("--black-box", a.black_box,
+                "folder for the recordings of the last 4 s before each fault (default: that of\n"
+                "--record, or the current folder)");
+
+  Group diagnostics(app, kDiagnostics);
+  diagnostics.option("--meshes", a.meshes, "write the sheets before and after the punctures: JSON");
+  diagnostics.option("--frames", a.frames,
+                     "write the sheet around the tool 30 times a second: JSON lines");
+  diagnostics.option("--passivity", a.passivity, "passivity controller, on or off (default: on)");
+  diagnostics.option("--coupling", a.coupling_N_per_m,
+                     "stiffness of a virtual coupling between tool and sheets, 100 to 1000000 N/m\n"
+                     "(default: none)");
+  diagnostics.option("--cpu", a.cpu, "processor on which the haptic loop stays (default: any)");
+  app.add_option("--energy-budget", a.energy_budget)->group("");
+}
+
+Result<void> check_scene_arguments(const RunArguments& a) {
+  if (a.scene.empty() && a.new_scene.empty())
+    return usage("SCENE is required (see trocar-run --help)");
+  if (!a.scene.empty() && !a.new_scene.empty())
+    return usage("--new-scene: makes a scene; leave " + a.scene + " out");
+  if (!a.new_scene.empty() && a.output.empty())
+    return usage("--new-scene: needs -o SCENE.json, the file to write");
+  if (a.new_scene.empty() && !a.output.empty()) return usage("-o: is for --new-scene");
+  return {};
+}
+
+}  // namespace
+
+void declare_run_options(CLI::App& app, RunArguments& a) {
+  app.add_option("SCENE", a.scene,
+                 "the scene, JSON (formats/session/scene.schema.json); required unless\n"
+                 "--new-scene is given");
+  Group scene(app, "Scene");
+  scene.option("--asset", a.asset, "an asset (.glb) instead of the scene's");
+  scene.option("--force-law", a.force_law, force_law_names() + ", instead of the scene's");
+  scene.flag("--check", a.check,
+             "run no session; print what the scene needs and where its hand can go, do a dry\n"
+             "run with the simulated device, and warn of faults and of slices never touched");
+  scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
+  scene.option("--new-scene", a.new_scene,
+               "run no session; propose a scene for this asset (.glb) and write it to -o");
+  scene.option("-o,--output", a.output, "with --new-scene: the scene to write, JSON");
+
+  Group device(app, "Device");
+  device.option("--device", a.device,
+                device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
+  device.option("--key-file", a.key_file,
+                "key of the link to a device process: the file with which that was started");
+  device.option("--device-description", a.description,
+                "a device description (JSON) instead of the scene's");
+  device.option("--compensate", a.compensate,
+                "torques that cancel the device's own: none, friction, weight or both\n"
+                "(default: none)");
+  declare_session_options(app, a);
+  declare_safety_options(app, a);
+  add_help_for_diagnostics(app);
+  app.footer(
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 output not written; 5 stopped by a\n"
+      "fault; 1 internal error. Ctrl-C ends a session with zero torques and complete files.");
+}
+
+Result<void> check_run_arguments(const RunArguments& a) {
+  if (const Result<void> good = check_scene_arguments(a); !good) return good.error();
+  const Result<void> device = check_device_uri(a.device, !a.key_file.empty());
+  if (!device) return device.error();
+  if (!a.replay.empty() && a.device != kDefaultDevice) {
+    return usage("--replay: has no device; leave --device out");
+  }
+  if (a.clock != "real" && a.clock != "virtual") {
+    return usage("--clock " + a.clock + ": must be real or virtual");
+  }
+  if (!a.force_law.empty() && !force_law_from_string(a.force_law)) {
+    return usage("--force-law " + a.force_law + ": must be " + force_law_names());
+  }
+  // Written so that nan is refused too.
+  if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
+    return usage("--rate: must be within 100 and 8000 Hz");
+  }
+  if (a.duration_s && !(*a.duration_s >= 1e-3 && *a.duration_s <= kMaxDuration_s)) {
+    return usage("--duration: must be within 0.001 and 86400 s");
+  }
+  if (a.recover != "never" && a.recover != "auto" && a.recover != "signal") {
+    return usage("--recover " + a.recover + ": must be never, auto or signal");
+  }
+  if (a.passivity != "on" && a.passivity != "off") {
+    return usage("--passivity " + a.passivity + ": must be on or off");
+  }
+  if (a.compensate != "none" && a.compensate != "friction" && a.compensate != "weight" &&
+      a.compensate != "both") {
+    return usage("--compensate " + a.compensate + ": must be none, friction, weight or both");
+  }
+  if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
+    return usage("--coupling: must be within 100 and 1000000 N/m");
+  }
+  if (!a.energy_budget.empty()) return usage("--energy-budget: is now called --energy-limit");
+  if (a.energy_limit_J && !(*a.energy_limit_J >= 1e-3 && *a.energy_limit_J <= 10)) {
+    return usage("--energy-limit: must be within 0.001 and 10 J");
+  }
+  if (a.strict && !a.check) return usage("--strict: is for --check");
+  if (const long processors = ::sysconf(_SC_NPROCESSORS_CONF);
+      a.cpu < -1 || (processors > 0 && a.cpu >= processors)) {
+    return usage("--cpu " + std::to_string(a.cpu) + ": must be within 0 and " +
+                 std::to_string(processors - 1) + ", the processors of this machine");
+  }
+  if (!a.session_report.empty() &&
+      (std::filesystem::path(a.session_report).extension() != ".html" ||
+       std::filesystem::path(a.session_report).stem().empty()))
+    return usage("--session-report " + a.session_report + ": must be a name that ends in .html");
+  if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
+  if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
+    return usage(
+        "--replay: rate and duration are the recording's; leave --rate and --duration out");
+  }
+  return {};
+}
+
+void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
+  options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
+                     : arguments.recover == "signal" ? RecoveryPolicy::kOnRequest
+                                                     : RecoveryPolicy::kNever;
+  options.passivity.on = arguments.passivity == "on";
+  options.limits.energy_limit_J = arguments.energy_limit_J.value_or(options.limits.energy_limit_J);
+  options.coupling.on = arguments.coupling_N_per_m.has_value();
+  options.coupling.stiffness_N_per_m =
+      arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);
+  options.compensation.friction =
+      arguments.compensate == "friction" || arguments.compensate == "both";
+  options.compensation.gravity = arguments.compensate == "weight" || arguments.compensate == "both";
+  options.cpu = arguments.cpu;
+  options.limits.missed_deadlines_max =
+      arguments.late_ticks > 0 ? arguments.late_ticks - 1 : std::numeric_limits<int>::max();
+  if (!arguments.black_box.empty()) {
+    options.black_box = arguments.black_box;
+  } else if (arguments.replay.empty()) {
+    options.black_box = std::filesystem::path(arguments.record).parent_path();
+    if (options.black_box->empty()) options.black_box = ".";
+  }
+}
+
+}  // namespace trocar::runtime

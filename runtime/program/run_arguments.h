@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// The command line of trocar-run.
+// Tests: tests/e2e/wrong_uses_test.py
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "formats/base/result.h"
+#include "runtime/session/open_device.h"
+#include "runtime/session/session_options.h"
+
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}
+
+namespace trocar::runtime {
+
+inline constexpr const char* kProgram = "trocar-run";
+inline constexpr double kDefaultRate_Hz = 1000;
+
+/// An empty string means that the option was not given.
+struct RunArguments {
+  std::string scene, asset, force_law, new_scene, output;
+  bool check = false, strict = false;
+  std::string device{kDefaultDevice}, key_file, description, compensate = "none";
+  std::string clock = "real", replay, live;
+  std::optional<double> rate_Hz, duration_s;
+  bool quiet = false;
+  std::string record, summary, session_report, meshes, frames;
+  std::string black_box, recover = "never", passivity = "on";
+  std::optional<double> energy_limit_J, coupling_N_per_m;
+  int late_ticks = 3, cpu = -1;
+  std::string energy_budget;  ///< old name of energy_limit_J, which is refused
+};
+
+void declare_run_options(CLI::App& app, RunArguments& arguments);
+
+/// Usage errors: values out of range, and options that exclude each other.
+Result<void> check_run_arguments(const RunArguments& arguments);
+
+/// Sets the options of the haptic loop and of its safety layer.
+void set_loop_options(const RunArguments& arguments, SessionOptions& options);
+
+}  // namespace trocar::runtime

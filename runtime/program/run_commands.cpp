@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/run_commands.h"
+
+#include <unistd.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <optional>
+#include <utility>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/one_sheet.h"
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
+#include "runtime/checking/new_scene.h"
+#include "runtime/checking/scene_check.h"
+#include "runtime/program/session_inputs.h"
+#include "runtime/program/session_messages.h"
+#include "runtime/program/session_outputs.h"
+#include "runtime/session/origin.h"
+#include "runtime/session/replay_device.h"
+#include "runtime/session/session.h"
+#include "runtime/session/tick_rate.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// `link` gets the report of the device's link, if it has one.
+Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& inputs,
+                          Remesher& remesher, SessionOptions& options,
+                          std::optional<LinkReport>& link) {
+  if (!inputs.replay.empty()) {
+    ReplayDevice device(inputs.replay);
+    return run_session(
+        inputs.scene, inputs.description, remesher, device, [](double) {}, options);
+  }
+  Result<std::unique_ptr<Device>> opened =
+      open_device(arguments.device, {.scene = inputs.scene,
+                                     .scene_name = arguments.scene,
+                                     .description = inputs.description,
+                                     .key_file = arguments.key_file,
+                                     .clock = options.clock,
+                                     .rate_Hz = options.rate_Hz});
+  if (!opened) return opened.error();
+  Device& device = **opened;
+  if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
+  // Before start(), since a drive behind a link ends a session in which no tick comes.
+  Result<SessionWorkers> workers =
+      make_workers(inputs.scene, inputs.description, remesher, options);
+  if (!workers) return workers.error();
+  if (Result<void> started = device.start(); !started) return started.error();
+  std::optional<Progress> progress;
+  if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0)
+    options.observers.push_back(&progress.emplace(options.duration_s));
+  Result<SessionReport> report = run_session(
+      inputs.scene, inputs.description, remesher, device,
+      [&device](double dt_s) { device.advance(dt_s); }, options, std::move(*workers));
+  progress.reset();
+  options.observers.clear();
+  device.close();
+  link = device.link_report();
+  if (link && link->restore_error) {
+    std::fprintf(stderr, "trocar-run: the link was not restored: %s\n",
+                 link->restore_error->message.c_str());
+  }
+  return report;
+}
+
+/// A recording may be shorter than its session.
+void warn_of_short(const RunArguments& arguments, std::size_t rows, std::uint64_t session_ticks) {
+  if (arguments.quiet || rows >= session_ticks) return;
+  std::fprintf(
+      stderr,
+      "trocar-run: warning: %s: has %zu ticks, and the scene lasts %llu: its session ended "
+      "early, or a part is missing\n",
+      arguments.replay.c_str(), rows, static_cast<unsigned long long>(session_ticks));
+}
+
+/// The session's options, without outputs. Refused: the recording to replay has no rate.
+Result<SessionOptions> session_options(const RunArguments& arguments, const SessionInputs& inputs,
+                                       std::atomic<bool>& recover) {
+  SessionOptions options;
+  options.clock = arguments.clock == "real" ? Clock::kReal : Clock::kVirtual;
+  options.rate_Hz = arguments.rate_Hz.value_or(inputs.scene.rate_Hz.value_or(kDefaultRate_Hz));
+  options.duration_s = arguments.duration_s.value_or(inputs.scene.duration_s);
+  if (!inputs.replay.empty()) {
+    const Result<double> rate_Hz =
+        recorded_rate_Hz(inputs.replay, arguments.replay, stated_rate_Hz(inputs.replay_origin));
+    if (!rate_Hz) return rate_Hz.error();
+    options.rate_Hz = *rate_Hz;
+    options.duration_s = static_cast<double>(inputs.replay.size()) / *rate_Hz;
+    warn_of_short(arguments, inputs.replay.size(), tick_count(inputs.scene.duration_s, *rate_Hz));
+    options.replay = inputs.replay;
+  }
+  if (!arguments.record.empty()) options.record = arguments.record;
+  options.on_recording_error = [](const Error& error) {
+    std::fprintf(stderr, "trocar-run: the recording has stopped: %s\n", error.message.c_str());
+  };
+  options.on_message = [&arguments](const OperatorMessage& message) {
+    print_message(arguments, message);
+  };
+  options.stop = &stop_requested;
+  options.recover = &recover;
+  set_loop_options(arguments, options);
+  return options;
+}
+
+/// States the inputs in the recording. Refused: the recording to replay has other inputs.
+Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inputs,
+                        SessionOptions& options) {
+  Result<RecordingOrigin> origin =
+      make_origin(arguments.scene, inputs.scene, inputs.description, options);
+  if (!origin) return origin.error();
+  options.origin = std::move(*origin);
+  if (inputs.replay.empty()) return {};
+  const Result<std::string> warning =
+      check_replay(inputs.replay_origin, options.origin, arguments.replay);
+  if (!warning) return warning.error();
+  if (!warning->empty()) std::fprintf(stderr, "trocar-run: warning: %s\n", warning->c_str());
+  return {};
+}
+
+TelemetryOptions telemetry_options(const RunArguments& arguments, const SessionInputs& inputs) {
+  TelemetryOptions telemetry{arguments.live,
+                             arguments.scene,
+                             inputs.replay.empty() ? arguments.device : "replay",
+                             arguments.recover,
+                             {}};
+  for (const SliceTissue& slice : inputs.tissues)
+    telemetry.tissue_of_sheet.push_back(slice.choice.name);
+  return telemetry;
+}
+
+int check_inputs(const RunArguments& arguments, const SessionInputs& inputs,
+                 const SessionOptions& options) {
+  const Result<SceneCheck> checked = check_scene(inputs.scene, inputs.description, inputs.sheets,
+                                                 inputs.tissues, inputs.bytes, options);
+  if (!checked) return fail(checked.error());
+  if (!arguments.quiet) std::fputs(checked->text.c_str(), stdout);
+  for (const std::string& warning : checked->warnings)
+    warn(arguments, warning);
+  if (!arguments.strict || checked->warnings.empty()) return 0;
+  return fail(refused(arguments.scene + ": " + std::to_string(checked->warnings.size()) +
+                      (checked->warnings.size() == 1 ? " warning" : " warnings") +
+                      ", and --strict allows none"));
+}
+
+}  // namespace
+
+int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
+  Result<SessionInputs> inputs = load_inputs(arguments);
+  if (!inputs) return fail(inputs.error());
+  if (const auto good = check_run_outputs(arguments, *inputs); !good) return fail(good.error());
+  Result<SessionOptions> options = session_options(arguments, *inputs, recover);
+  if (!options) return fail(options.error());
+  if (arguments.check) return check_inputs(arguments, *inputs, *options);
+  const std::optional<std::string> unfitting = warn_of_unfitting(inputs->scene, inputs->tissues);
+  if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
+  if (const auto done = set_origin(arguments, *inputs, *options); !done) return fail(done.error());
+  if (!arguments.live.empty()) options->telemetry = telemetry_options(arguments, *inputs);
+
+  SessionOutputs outputs(arguments, *inputs, options->rate_Hz);
+  outputs.collect(*options);
+  Remesher remesher(inputs->sheets);
+  inputs->sheets.clear();  // the remesher keeps its own copies
+  std::optional<LinkReport> link;
+  const Result<SessionReport> report = run(arguments, *inputs, remesher, *options, link);
+  if (!report) return fail(report.error());
+  if (!arguments.quiet) {
+    print_outcome(*report, *options);
+    if (!report->realtime.note.empty())
+      std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
+  }
+  return conclude(*report, outputs.write(*options, *report, remesher, link), remesher);
+}
+
+int make_new_scene(const RunArguments& arguments) {
+  const OutputFile outputs[] = {{"-o", arguments.output}};
+  const std::filesystem::path inputs[] = {arguments.new_scene, arguments.description};
+  if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
+  const Result<DeviceDescription> description = read_description(arguments.description);
+  if (!description) return fail(description.error());
+  Result<Asset> asset = read_asset(arguments.new_scene);
+  if (!asset) return fail(asset.error());
+  if (const auto ok = weld_materials(*asset, arguments.new_scene); !ok) return fail(ok.error());
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
+  options.stop = &stop_requested;
+  set_loop_options(arguments, options);
+  const Result<NewScene> made =
+      propose_scene(*asset, arguments.new_scene, arguments.output, *description, options);
+  if (!made) return fail(made.error());
+  if (const auto written = write_file_atomically(arguments.output, made->json); !written)
+    return fail(written.error());
+  if (!arguments.quiet) std::fputs(made->text.c_str(), stdout);
+  return 0;
+}
+
+}  // namespace trocar::runtime

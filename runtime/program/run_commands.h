@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// What trocar-run does: a session or a replay, the check of a scene, or a new scene.
+// Tests: tests/e2e/scene_check_e2e_test.py
+#pragma once
+
+#include <atomic>
+
+#include "runtime/program/run_arguments.h"
+
+namespace trocar::runtime {
+
+// Each returns the exit code and has printed its errors.
+
+/// Runs or replays a session, or checks the scene with --check. `recover`: set by the operator to
+/// request recovery.
+int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
+
+/// --new-scene.
+int make_new_scene(const RunArguments& arguments);
+
+}  // namespace trocar::runtime

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// The inputs of a session: scene, device description, sheets of the asset, and a recording to replay.
+// Tests: tests/e2e/told_e2e_test.py
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/device_description.h"
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
+#include "runtime/checking/scene_requirements.h"
+#include "runtime/checking/tissue_assignment.h"
+#include "runtime/contact/sheet.h"
+#include "runtime/program/run_arguments.h"
+
+namespace trocar::runtime {
+
+struct SessionInputs {
+  Scene scene;  ///< scene as changed by the command line
+  DeviceDescription description;
+  std::vector<std::unique_ptr<const Sheet>> sheets;
+  std::vector<SliceTissue> tissues;  ///< tissue of each sheet
+  std::vector<RecordingRow> replay;
+  RecordingOrigin replay_origin;
+  LoadedBytes bytes;
+};
+
+/// `file` may be empty: the built-in description.
+Result<DeviceDescription> read_description(const std::filesystem::path& file);
+
+Result<SessionInputs> load_inputs(const RunArguments& arguments);
+
+}  // namespace trocar::runtime

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/session_messages.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <optional>
+
+#include "formats/base/command_line.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr int kProgressWidth = 72;
+
+/// The first hole that could not be cut; later ones in the same sheet fail because of it.
+std::optional<Error> failed_hole(const SessionReport& report, const Remesher& remesher) {
+  const auto& records = remesher.records();
+  const auto failed = std::find_if(records.begin(), records.end(), [](const CutRecord& record) {
+    return record.error.has_value();
+  });
+  if (failed == records.end()) return std::nullopt;
+  const CutRequest& request = failed->request;
+  const auto event = std::find_if(
+      report.punctures.begin(), report.punctures.end(), [&](const PunctureEvent& puncture) {
+        return puncture.sheet == request.sheet && puncture.cut == request.cut;
+      });
+  const auto sheet = static_cast<std::size_t>(request.sheet);
+  std::string what = "slice " + std::to_string(remesher.first_version(sheet).slice_index) +
+                     ": hole " + std::to_string(request.cut);
+  if (event != report.punctures.end()) what += " (at " + std::to_string(event->t_s) + " s)";
+  return Error{failed->error->code, what + " could not be cut: " + failed->error->message};
+}
+
+/// Prints a line for each black box. False: one could not be written.
+bool print_black_boxes(const SessionReport& report) {
+  bool written = report.black_boxes_lost == 0;
+  for (const BlackBoxFile& box : report.black_boxes) {
+    if (box.error) {
+      std::fprintf(stderr, "trocar-run: black box: %s\n", box.error->message.c_str());
+      written = false;
+    } else {
+      std::fprintf(stderr, "trocar-run: black box: %s\n", box.file.c_str());
+    }
+  }
+  return written;
+}
+
+}  // namespace
+
+int fail(const Error& error) {
+  return report_error(kProgram, error);
+}
+
+void warn(const RunArguments& arguments, const std::string& what) {
+  std::fprintf(stderr, "trocar-run: warning: %s: %s\n", arguments.scene.c_str(), what.c_str());
+}
+
+void Progress::serve() {
+  RecordingRow row;
+  if (!latest_.read(row)) return;
+  std::fprintf(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s, duration_s_,
+               row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
+}
+
+void Progress::stop() {
+  join();
+  std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
+}
+
+void print_message(const RunArguments& arguments, const OperatorMessage& message) {
+  std::string line = kProgram + std::string(": ") + describe(message);
+  if (message.kind == OperatorMessage::Kind::kFault && arguments.recover == "signal" &&
+      arguments.replay.empty())
+    line += "; then request recovery: kill -USR1 " + std::to_string(::getpid());
+  if (::isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
+  std::fprintf(stderr, "%s\n", line.c_str());
+  std::fflush(stderr);
+}
+
+void print_outcome(const SessionReport& report, const SessionOptions& options) {
+  std::printf(
+      "%llu ticks at %.6g Hz, %llu missed deadlines, largest force %.3f N, largest torque "
+      "%.3f Nm\n",
+      static_cast<unsigned long long>(report.ticks), options.rate_Hz,
+      static_cast<unsigned long long>(report.realtime.missed_deadlines), report.max_force_N,
+      report.torque_max_Nm);
+  constexpr double kMinShown_N = 5e-4;
+  if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
+    std::printf("the tool touched nothing; trocar-run --check says why\n");
+  for (const PunctureEvent& event : report.punctures) {
+    std::printf("slice %d was punctured at %.4f s: force %.3f N, depth %.3f mm, tip at %.5f m\n",
+                event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
+  }
+  if (!options.replay.empty() && report.replay_first_difference < 0 &&
+      report.ticks == options.replay.size()) {
+    std::printf("replay: all torques identical to the recording's\n");
+  }
+}
+
+int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
+  if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
+  const bool black_boxes_written = print_black_boxes(report);
+  int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
+  for (const Error& error : errors) {
+    const int error_code = fail(error);
+    if (code == 0) code = error_code;
+  }
+  const bool has_failed = report.end == SessionEnd::kFault;
+  if (has_failed) {
+    std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
+                 to_string(report.fault));
+  }
+  if (report.replay_first_difference >= 0) {
+    return fail(refused("the torques differ from the recording's from row " +
+                        std::to_string(report.replay_first_difference + 1) + " on"));
+  }
+  if (!has_failed) return code;
+  return static_cast<int>(ExitCode::kDeviceFault);
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/session_outputs.h"
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "runtime/reporting/material_section.h"
+#include "runtime/reporting/summary.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// The summary's "link": the numbers of accepted packets and of refused ones by reason.
+nlohmann::json describe(const LinkReport& link) {
+  nlohmann::json refused = nlohmann::json::object();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    refused[to_string(static_cast<LinkRefusal>(i))] = link.packets.by_refusal[i];
+  }
+  return {{"sessions", link.sessions},
+          {"packets_accepted", link.packets.accepted()},
+          {"packets_refused", refused},
+          {"states_missed", link.states_missed}};
+}
+
+/// The file of the session report's figures.
+std::filesystem::path figures_file(const RunArguments& arguments) {
+  return arguments.session_report.empty()
+             ? std::filesystem::path()
+             : std::filesystem::path(arguments.session_report).replace_extension(".json");
+}
+
+std::vector<ReportSheet> report_sheets(const SessionInputs& inputs) {
+  std::vector<ReportSheet> sheets;
+  sheets.reserve(inputs.sheets.size());
+  for (std::size_t i = 0; i < inputs.sheets.size(); ++i)
+    sheets.push_back({inputs.sheets[i]->slice_index, inputs.sheets[i]->z_m,
+                      i < inputs.tissues.size() ? inputs.tissues[i].choice.name : ""});
+  return sheets;
+}
+
+}  // namespace
+
+Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs) {
+  const OutputFile outputs[] = {{"--record", arguments.record},
+                                {"--summary", arguments.summary},
+                                {"--meshes", arguments.meshes},
+                                {"--frames", arguments.frames},
+                                {"--session-report", arguments.session_report},
+                                {"--session-report (its figures)", figures_file(arguments)}};
+  for (const OutputFile& output : outputs) {
+    if (!arguments.live.empty() && output.file == arguments.live)
+      return usage("--live " + arguments.live + ": is also the file of " + output.option);
+  }
+  const std::filesystem::path input_files[] = {arguments.scene, inputs.scene.asset,
+                                               inputs.scene.device.value_or(""), arguments.replay,
+                                               arguments.key_file};
+  return check_outputs(outputs, input_files);
+}
+
+SessionOutputs::SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs,
+                               double rate_Hz)
+    : arguments_(arguments),
+      inputs_(inputs),
+      sheets_(report_sheets(inputs)),
+      frames_(arguments.frames),
+      observer_(inputs.scene, sheets_, rate_Hz) {}
+
+void SessionOutputs::collect(SessionOptions& options) {
+  if (!arguments_.frames.empty()) {
+    options.on_frame = [this](const RecordingRow& row, const auto& shape) {
+      frames_.add(row, shape);
+    };
+  }
+  if (!arguments_.session_report.empty())
+    options.on_tick = [this](const ObservedTick& tick) { observer_.observe(tick); };
+}
+
+ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOptions& options,
+                                  const SessionReport& report, const Remesher& remesher) const {
+  ReportFacts facts;
+  facts.asset = without_folder(inputs_.scene.asset.filename());
+  facts.force_law = to_string(inputs_.scene.force_law.kind);
+  facts.is_virtual = options.clock == Clock::kVirtual || !options.replay.empty();
+  facts.end = report.end;
+  facts.lost_ticks = report.ticks_not_observed;
+  facts.faults = report.faults;
+  facts.sheets = sheets_;
+  for (const int axis : {0, 1}) {
+    for (std::size_t i = 0; i < remesher.size(); ++i)
+      facts.material_m[static_cast<std::size_t>(axis)].push_back(material_along(
+          remesher.first_version(i), axis, figures.lowest_m[static_cast<std::size_t>(1 - axis)]));
+  }
+  return facts;
+}
+
+std::vector<Error> SessionOutputs::write(const SessionOptions& options, const SessionReport& report,
+                                         const Remesher& remesher,
+                                         const std::optional<LinkReport>& link) {
+  std::vector<Error> errors;
+  const auto keep_error = [&](const Result<void>& done) {
+    if (!done) errors.push_back(done.error());
+  };
+  if (report.recording_error) errors.push_back(*report.recording_error);
+  if (!arguments_.summary.empty()) {
+    const std::string text =
+        summarize(inputs_.scene, options, report, remesher, link ? json_text(describe(*link)) : "");
+    keep_error(write_file_atomically(arguments_.summary, text + "\n"));
+  }
+  if (!arguments_.meshes.empty()) {
+    const std::string text = describe_sheets(inputs_.scene, remesher) + "\n";
+    keep_error(write_file_atomically(arguments_.meshes, text));
+  }
+  if (!arguments_.frames.empty()) keep_error(frames_.finish());
+  if (!arguments_.session_report.empty()) {
+    const SessionFigures figures = observer_.figures();
+    const ReportFacts all = facts(figures, options, report, remesher);
+    keep_error(write_file_atomically(arguments_.session_report,
+                                     session_report_page(inputs_.scene, figures, all)));
+    keep_error(write_file_atomically(figures_file(arguments_),
+                                     session_report_json(inputs_.scene, figures, all) + "\n"));
+  }
+  return errors;
+}
+
+}  // namespace trocar::runtime

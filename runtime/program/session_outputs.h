@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// The files that trocar-run writes besides the recording: summary, meshes, frames, session report.
+// Tests: tests/e2e/session_report_test.py
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "runtime/device/device.h"
+#include "runtime/program/run_arguments.h"
+#include "runtime/program/session_inputs.h"
+#include "runtime/reporting/session_observer.h"
+#include "runtime/reporting/session_report.h"
+#include "runtime/session/session.h"
+#include "runtime/telemetry/frame_display.h"
+
+namespace trocar::runtime {
+
+/// Usage errors: two outputs with one name, or an output that is also an input.
+Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs);
+
+class SessionOutputs {
+ public:
+  /// References outlive this object.
+  SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs, double rate_Hz);
+
+  /// Sets the functions that collect frames and figures during the session.
+  void collect(SessionOptions& options);
+  /// Writes every output, also after another could not be written. Returns the errors.
+  std::vector<Error> write(const SessionOptions& options, const SessionReport& report,
+                           const Remesher& remesher, const std::optional<LinkReport>& link);
+
+ private:
+  ReportFacts facts(const SessionFigures& figures, const SessionOptions& options,
+                    const SessionReport& report, const Remesher& remesher) const;
+
+  const RunArguments& arguments_;
+  const SessionInputs& inputs_;
+  std::vector<ReportSheet> sheets_;
+  FrameWriter frames_;
+  SessionObserver observer_;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// trocar-console: the operator's console. Here is the command line; runtime/console/README.md.
+// Tests: tests/e2e/console_server_test.py
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <system_error>
+
+#include "formats/base/command_line.h"
+#include "formats/base/json_text.h"
+#include "runtime/console/server.h"
+#include "runtime/program/library_versions.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr const char* kName = "trocar-console";
+
+struct Arguments {
+  std::string folder, listen = "127.0.0.1", attach, page, device = "inproc";
+  std::string recording, against, scene;
+  int port = 4841;
+};
+
+int fail(const Error& error) {
+  return report_error(kName, error);
+}
+
+void declare(CLI::App& app, Arguments& arguments) {
+  add_help_and_version(app, "trocar-console " TROCAR_VERSION " (" + library_versions() +
+                                ", Boost.Beast, Draco and tinygltf for assets)");
+  app.add_option("FOLDER", arguments.folder,
+                 "scenes, assets and recordings to choose from; sessions are kept in its folder\n"
+                 "sessions/");
+  app.add_option("--port", arguments.port, "0: any free one (4841)")->check(CLI::Range(0, 65535));
+  app.add_option(
+      "--listen", arguments.listen,
+      "numerical address; another than 127.0.0.1 or ::1 lets other machines in, without\n"
+      "encryption (127.0.0.1)");
+  app.add_option("--attach", arguments.attach,
+                 "look at the session of trocar-run --live FILE, and command it, instead of\n"
+                 "starting sessions");
+  app.add_option(
+         "--device", arguments.device,
+         "device of sessions for which the page names none: inproc; sim: trocar-device-sim\n"
+         "as a process of its own (inproc)")
+      ->check(CLI::IsMember({"inproc", "sim"}));
+  app.add_option("--page", arguments.page, "folder of the page's files (the installed one)");
+  app.add_option("--recording", arguments.recording, "play this recording instead; needs --scene");
+  app.add_option("--against", arguments.against, "a second recording, beside the first");
+  app.add_option("--scene", arguments.scene, "the scene of the recordings");
+  app.footer(
+      "Prints two links, for the operator and for an audience; whoever has the first can command\n"
+      "the device. Ctrl-C ends the sessions that it has started, too. If it is killed they go on,\n"
+      "and another console of the same folder finds them.\n"
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 a "
+      "bug.");
+}
+
+Result<void> check_arguments(const Arguments& a) {
+  const bool plays = !a.recording.empty();
+  if (plays && a.scene.empty()) return usage("--recording: needs --scene");
+  if (!plays && !a.scene.empty()) return usage("--scene: is for --recording");
+  if (!plays && !a.against.empty()) return usage("--against: is for --recording");
+  if (plays && !a.folder.empty()) return usage("FOLDER: is not for --recording");
+  if (plays && !a.attach.empty()) return usage("--attach: is not for --recording");
+  if (!plays && a.folder.empty())
+    return usage("FOLDER is missing; or name a recording by --recording");
+  return {};
+}
+
+int run_command_line(int argc, char** argv) {
+  Arguments arguments;
+  CLI::App app(
+      "The operator's console: a page on this machine that starts, shows and commands\n"
+      "sessions of trocar-run, and plays their recordings.",
+      kName);
+  declare(app, arguments);
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
+  ServerSettings settings;
+  settings.listen = arguments.listen;
+  settings.port = static_cast<std::uint16_t>(arguments.port);
+  std::error_code error;
+  settings.session.programs = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  settings.session.device = arguments.device;
+  settings.session.attach = arguments.attach;
+  const bool plays = !arguments.recording.empty();
+  Result<Files> files =
+      plays ? Files::of_recording(arguments.recording, arguments.against, arguments.scene)
+            : Files::of_folder(arguments.folder);
+  if (!files) return fail(files.error());
+  settings.session.folder = files->folder();
+  if (plays) {
+    const std::filesystem::path recording = arguments.recording, against = arguments.against;
+    for (const std::string& file : {arguments.recording, arguments.against, arguments.scene}) {
+      if (!file.empty() && !std::filesystem::is_regular_file(file, error))
+        return fail(refused(file + ": there is no such file"));
+    }
+    const std::string name = recording.filename().string(), other = against.filename().string(),
+                      scene = std::filesystem::path(arguments.scene).filename().string();
+    nlohmann::json playback = {{"recording", name}, {"scene", scene}};
+    if (!other.empty())
+      playback["against"] = other == name || other == scene ? "against-" + other : other;
+    settings.playback = json_text(playback);
+  }
+  Result<PageFiles> page = PageFiles::read(
+      arguments.page.empty() ? page_folder() : std::filesystem::path(arguments.page));
+  if (!page) return fail(page.error());
+  if (const auto ok = serve(settings, std::move(*files), std::move(*page)); !ok)
+    return fail(ok.error());
+  return 0;
+}
+
+}  // namespace
+}  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  using namespace trocar::runtime;
+  return trocar::run_program(kName, [&] { return run_command_line(argc, argv); });
+}

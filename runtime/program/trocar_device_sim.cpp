@@ -1,0 +1,376 @@
+// SPDX-License-Identifier: Apache-2.0
+// trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
+// lock-step with its host. Here are the command line, the socket and the clock; the drive itself is
+// runtime/simulation/drive.h.
+// Tests: tests/e2e/device_link_e2e_test.py
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/session/device_description.h"
+#include "formats/session/scene.h"
+#include "runtime/link/link_key.h"
+#include "runtime/link/udp_socket.h"
+#include "runtime/program/library_versions.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/session.h"
+#include "runtime/session/simulated_hand.h"
+#include "runtime/simulation/drive.h"
+#include "runtime/simulation/drive_record.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr const char* kName = "trocar-device-sim";
+
+struct Arguments {
+  std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
+  std::string faults, description, summary, record;
+  double rate_Hz = 4000, noise_rad = 0;
+  std::uint64_t seed = 1, sessions = 0;
+  bool quiet = false;
+};
+
+int fail(const Error& error) {
+  return report_error(kName, error);
+}
+
+std::string version() {
+  return "trocar-device-sim " TROCAR_VERSION " (" + library_versions() + ", libsodium)";
+}
+
+// CLI11 reads "-1" for an unsigned number as the largest one.
+std::string not_negative(const std::string& text) {
+  return text.starts_with('-') ? text + " is less than 0" : "";
+}
+
+void declare(CLI::App& app, Arguments& a) {
+  add_help_and_version(app, version());
+  app.add_option("SCENE", a.scene,
+                 "the scene (JSON) whose hand holds the tool; without it nothing holds the tool");
+  app.add_option("--listen", a.listen,
+                 "ADDRESS:PORT; port 0: any free one (127.0.0.1:4840). An address other than this\n"
+                 "machine's loopback needs a key file that exists already");
+  app.add_option("--key-file", a.key_file,
+                 "the link's key, mode 0600; created if it does not exist")
+      ->required();
+  app.add_option("--clock", a.clock,
+                 "real: wall clock; lock-step: one period of the host per command, for\n"
+                 "trocar-run --clock virtual (real)");
+  app.add_option("--rate", a.rate_Hz, "of the drive, in Hz, 100 to 10000 (4000)");
+  app.add_option("--model", a.model,
+                 "light: a plate with viscous friction; full: links, rotors, dry friction,\n"
+                 "current lag too (light)");
+  app.add_option("--encoder-noise", a.noise_rad, "standard deviation in rad; needs full (0)");
+  app.add_option("--faults", a.faults,
+                 "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... in s of the session: loss:P delay:P:MS\n"
+                 "duplicate:P reorder:P flip:P (command-loss:P, state-loss:P: one way only)\n"
+                 "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
+  app.add_option("--seed", a.seed, "of faults and noise (1)")->check(not_negative);
+  app.add_option("--sessions", a.sessions, "end after this many sessions; 0: run until stopped (0)")
+      ->check(not_negative);
+  app.add_option("--device-description", a.description,
+                 "a device description (JSON) instead of the scene's");
+  app.add_option("--record", a.record,
+                 "write what the drive did in each of its steps: CSV, the first million steps");
+  app.add_option("--summary", a.summary, "write what happened and the forces on the hand: JSON");
+  app.add_flag("--quiet", a.quiet, "print errors and the address only");
+  app.footer(
+      "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 could not be\n"
+      "written, or the address is not available; 1 a bug.\n"
+      "The protocol: formats/session/device_link.md.");
+}
+
+Result<void> check_arguments(const Arguments& a) {
+  if (a.clock != "real" && a.clock != "lock-step") {
+    return usage("--clock " + a.clock + ": must be real or lock-step");
+  }
+  if (a.model != "light" && a.model != "full") {
+    return usage("--model " + a.model + ": must be light or full");
+  }
+  // Written so that nan is refused too.
+  if (!(a.rate_Hz >= 100 && a.rate_Hz <= 10000)) {
+    return usage("--rate: must be within 100 and 10000 Hz");
+  }
+  if (!(a.noise_rad >= 0 && a.noise_rad <= 0.1)) {
+    return usage("--encoder-noise: must be within 0 and 0.1 rad");
+  }
+  if (a.noise_rad > 0 && a.model != "full") return usage("--encoder-noise: needs --model full");
+  return {};
+}
+
+Result<LinkKey> load_key(const Arguments& arguments, const Endpoint& local) {
+  if (Result<void> started = start_link(); !started) return started.error();
+  std::error_code ignored;
+  if (!std::filesystem::exists(std::filesystem::symlink_status(arguments.key_file, ignored))) {
+    if (local.is_loopback()) return make_link_key(arguments.key_file);
+    return usage("--listen " + arguments.listen +
+                 ": an address other than loopback needs a key file that exists already; " +
+                 arguments.key_file + " does not");
+  }
+  return read_link_key(arguments.key_file);
+}
+
+Result<SimulatedDevice> load_model(const Arguments& arguments) {
+  std::optional<MechanicsOptions> mechanics;
+  if (arguments.model == "full") {
+    mechanics.emplace();
+    mechanics->encoder_noise_rad = arguments.noise_rad;
+    mechanics->seed = arguments.seed;
+  }
+  std::optional<Scene> scene;
+  std::string description_file = arguments.description;
+  if (!arguments.scene.empty()) {
+    Result<Scene> read = read_scene(arguments.scene);
+    if (!read) return read.error();
+    scene = std::move(*read);
+    if (description_file.empty() && scene->device) description_file = scene->device->string();
+  }
+  DeviceDescription description = default_device_description();
+  if (!description_file.empty()) {
+    Result<DeviceDescription> read = read_device_description(description_file);
+    if (!read) return read.error();
+    description = std::move(*read);
+  }
+  if (scene) {
+    Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);
+    if (!made) return Error{made.error().code, arguments.scene + ": " + made.error().message};
+    return made;
+  }
+  SimulatedDeviceOptions options;
+  options.mechanics = mechanics;
+  return SimulatedDevice::make(description, {}, {}, options);
+}
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+constexpr std::size_t kMaxRecordedSteps = 1'000'000;
+
+Result<void> write_record(const std::string& file, const DriveReport& report) {
+  return file.empty() ? Result<void>{} : write_file_atomically(file, to_csv(report.steps));
+}
+
+/// A drive and its socket, with a faulty link between the two.
+class Server {
+ public:
+  Server(const DriveOptions& options, SimulatedDevice model, UdpSocket socket,
+         const Arguments& arguments)
+      : drive_(options, std::move(model)),
+        socket_(std::move(socket)),
+        in_(options.faults, LinkDirection::kCommands, 2 * arguments.seed),
+        out_(options.faults, LinkDirection::kStates, 2 * arguments.seed + 1),
+        sessions_(arguments.sessions),
+        record_(arguments.record),
+        period_s_(options.period_s) {}
+
+  RealtimeReport run_real() {
+    RealtimeOptions realtime;
+    realtime.rate_Hz = 1 / period_s_;
+    realtime.priority = 70;  // below the haptic loop's
+    realtime.stop = &stop_requested;
+    return run_realtime(realtime, [this](const TickTiming& timing) {
+      periods_behind_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
+      const double periods = std::clamp(std::round(periods_behind_), 0.0, kMaxCatchUpPeriods);
+      periods_behind_ = std::min(periods_behind_ - periods, 1.0);
+      const std::int64_t now = now_ns();
+      const int missed = std::max(static_cast<int>(periods) - 1, 0);
+      drive_.catch_up(now - std::llround(period_s_ * 1e9), missed);
+      serve(now);
+      Drive::Answer state;
+      drive_.tick(now, static_cast<int>(periods) - missed, state);
+      send(state, host_);
+      kill_if_due();
+      return !is_done();
+    });
+  }
+
+  void run_in_lock_step() {
+    while (!stop_requested.load() && !is_done()) {
+      socket_.wait(in_.holds_any() || out_.holds_any() ? 1e-3 : 0.1);
+      serve(now_ns());
+    }
+  }
+
+  const Drive& drive() const { return drive_; }
+
+ private:
+  /// The most periods that a delayed process makes up for; simulated time loses the rest.
+  static constexpr double kMaxCatchUpPeriods = 200;
+  static constexpr int kMaxDatagrams = 512;
+
+  void serve(std::int64_t now) {
+    const auto handle = [&](const FaultyLink::Datagram& datagram) {
+      Drive::Answer answer;
+      bool from_host = false;
+      drive_.receive(datagram.view(), now, answer, from_host);
+      kill_if_due();
+      if (from_host) host_ = datagram.peer;
+      send(answer, datagram.peer);
+    };
+    in_.release_due(now, handle);
+    out_.release_due(now,
+                     [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
+    FaultyLink::Datagram datagram;
+    for (int i = 0; i < kMaxDatagrams; ++i) {
+      const auto got = socket_.receive(datagram.bytes, datagram.size, datagram.peer);
+      if (got == UdpSocket::Outcome::kNothing) break;
+      if (got == UdpSocket::Outcome::kGone) continue;  // an earlier host is gone: reported once
+      // A datagram that is too long is cut here, and refused for its size all the same.
+      datagram.size = std::min(datagram.size, datagram.bytes.size());
+      in_.pass(datagram, drive_.session_time_s(), now, handle);
+    }
+  }
+
+  void send(const Drive::Answer& answer, const Endpoint& to) {
+    if (answer.size == 0) return;
+    FaultyLink::Datagram datagram;
+    std::copy(answer.view().begin(), answer.view().end(), datagram.bytes.begin());
+    datagram.size = answer.size;
+    datagram.peer = to;
+    out_.pass(datagram, drive_.session_time_s(), now_ns(),
+              [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
+  }
+
+  void kill_if_due() const {
+    if (!drive_.kill_is_due()) return;
+    // This keeps the record for inspection, because a killed process writes nothing more.
+    (void)write_record(record_, drive_.report());
+    ::raise(SIGKILL);
+  }
+  bool is_done() const {
+    return sessions_ > 0 && drive_.report().sessions >= sessions_ && !drive_.in_session();
+  }
+
+  Drive drive_;
+  UdpSocket socket_;
+  FaultyLink in_, out_;
+  Endpoint host_;
+  std::uint64_t sessions_;
+  std::string record_;
+  double period_s_;
+  double periods_behind_ = 0;  ///< how far simulated time is behind the clock
+};
+
+nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
+                         const RealtimeReport& realtime) {
+  const DriveReport& report = drive.report();
+  const SimulatedTruth& truth = drive.model().truth();
+  nlohmann::json refused = nlohmann::json::object(), peaks = nlohmann::json::array();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    refused[to_string(static_cast<LinkRefusal>(i))] = report.packets.by_refusal[i];
+  }
+  for (const ForcePeak& peak : report.peaks)
+    peaks.push_back({{"t_s", peak.t_s}, {"force_N", peak.force_N}});
+  return {{"program", "trocar-device-sim " TROCAR_VERSION},
+          {"clock", arguments.clock},
+          {"model", arguments.model},
+          {"rate_Hz", arguments.rate_Hz},
+          {"sessions", report.sessions},
+          {"packets", {{"accepted", report.packets.accepted()}, {"refused", refused}}},
+          {"commands_missed", report.commands_missed},
+          {"stale_commands", report.stale_commands},
+          {"watchdog_trips", report.watchdog_trips},
+          {"emergency_stops", report.emergency_stops},
+          {"torque_max_Nm", report.largest_torque_Nm},
+          {"hand_force_max_N", report.largest_hand_force_N},
+          {"hand_peaks", peaks},
+          {"session_time_s", truth.t_s},
+          {"energy_J",
+           {{"kinetic", truth.kinetic_J},
+            {"by_hand", truth.work.hand_J},
+            {"by_motors", truth.work.motors_J},
+            {"by_friction", truth.work.friction_J},
+            {"by_gravity", truth.work.gravity_J},
+            {"by_stops", truth.work.stop_J}}},
+          {"realtime_priority", realtime.fifo},
+          {"missed_deadlines", realtime.missed_deadlines},
+          {"wake_us",
+           {{"p50", realtime.wake.quantile_us(0.5)},
+            {"p99", realtime.wake.quantile_us(0.99)},
+            {"p999", realtime.wake.quantile_us(0.999)},
+            {"max", realtime.wake.max_us()}}}};
+}
+
+int serve(const Arguments& arguments) {
+  const OutputFile outputs[] = {{"--summary", arguments.summary}, {"--record", arguments.record}};
+  const std::filesystem::path inputs[] = {arguments.scene, arguments.description,
+                                          arguments.key_file};
+  if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
+  DriveOptions options;
+  options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
+  options.period_s = 1 / arguments.rate_Hz;
+  options.record_steps = arguments.record.empty() ? 0 : kMaxRecordedSteps;
+  Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
+  if (!faults) return fail(faults.error());
+  options.faults = std::move(*faults);
+  const Result<Endpoint> local = parse_endpoint(arguments.listen, 0);
+  if (!local) return fail(usage("--listen " + local.error().message));
+  Result<SimulatedDevice> model = load_model(arguments);
+  if (!model) return fail(model.error());
+  const Result<LinkKey> key = load_key(arguments, *local);
+  if (!key) return fail(key.error());
+  options.key = *key;
+  Result<UdpSocket> socket = UdpSocket::listen(*local);
+  if (!socket) return fail(socket.error());
+
+  std::printf("ready on %s\n", to_string(socket->local()).c_str());
+  std::fflush(stdout);
+  Server server(options, std::move(*model), std::move(*socket), arguments);
+  RealtimeReport realtime;
+  if (options.clock == LinkClock::kReal) {
+    realtime = server.run_real();
+  } else {
+    server.run_in_lock_step();
+  }
+  const DriveReport& report = server.drive().report();
+  if (!arguments.quiet) {
+    std::printf(
+        "%llu sessions, %llu packets accepted, %llu refused; largest force on the hand %.3f N\n",
+        static_cast<unsigned long long>(report.sessions),
+        static_cast<unsigned long long>(report.packets.accepted()),
+        static_cast<unsigned long long>(report.packets.refused()), report.largest_hand_force_N);
+    if (!realtime.note.empty()) {
+      std::fprintf(stderr, "trocar-device-sim: note: %s\n", realtime.note.c_str());
+    }
+  }
+  if (const auto done = write_record(arguments.record, report); !done) return fail(done.error());
+  if (!arguments.summary.empty()) {
+    const std::string text = json_text(summarize(arguments, server.drive(), realtime), 2) + "\n";
+    if (const auto done = write_file_atomically(arguments.summary, text); !done) {
+      return fail(done.error());
+    }
+  }
+  return 0;
+}
+
+int run_command_line(int argc, char** argv) {
+  Arguments arguments;
+  CLI::App app("The simulated device behind the device link, as a separate process.", kName);
+  declare(app, arguments);
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
+  stop_on_signals();
+  return serve(arguments);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  using namespace trocar::runtime;
+  return trocar::run_program(kName, [&] { return run_command_line(argc, argv); });
+}

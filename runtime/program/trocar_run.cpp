@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// trocar-run: runs a session of the haptic loop over a scene. run_arguments.h has the command line,
+// run_commands.h what the program does.
+// Tests: tests/e2e/experiments_e2e_test.py
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <string>
+
+#include "formats/base/command_line.h"
+#include "runtime/program/library_versions.h"
+#include "runtime/program/run_arguments.h"
+#include "runtime/program/run_commands.h"
+
+namespace trocar::runtime {
+namespace {
+
+std::atomic<bool> recovery_requested{false};
+
+int run_command_line(int argc, char** argv) {
+  RunArguments arguments;
+  CLI::App app("Runs a session of the haptic loop over a scene.", kProgram);
+  add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
+                                ", Draco and tinygltf for assets)");
+  declare_run_options(app, arguments);
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  if (const Result<void> good = check_run_arguments(arguments); !good)
+    return report_error(kProgram, good.error());
+  stop_on_signals();
+  struct sigaction action {};
+  action.sa_handler = [](int) { recovery_requested.store(true); };
+  ::sigaction(SIGUSR1, &action, nullptr);
+  return arguments.new_scene.empty() ? run_scene(arguments, recovery_requested)
+                                     : make_new_scene(arguments);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  using namespace trocar::runtime;
+  return trocar::run_program(kProgram, [&] { return run_command_line(argc, argv); });
+}

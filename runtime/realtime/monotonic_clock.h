@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <ctime>
+
+namespace trocar::runtime {
+
+/// CLOCK_MONOTONIC, without a system call where the kernel offers that.
+inline std::int64_t monotonic_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+}  // namespace trocar::runtime

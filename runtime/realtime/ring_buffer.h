@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// A ring buffer of the latest values of one writing thread, which never waits and overwrites the
+// oldest. One reading thread copies values out and detects whether the writer overwrote them
+// meanwhile (a sequence lock, after H.-J. Boehm, "Can seqlocks get along with programming language
+// memory models?", 2012).
+// Tests: tests/runtime/realtime/handover_test.cpp
+//
+// Values are stored as atomic words, so that reading one while it is overwritten is no data race;
+// on x86 these cost as much as plain words. A word is stored with release and loaded with acquire:
+// a reader that saw a word of value number c then reads a count of at least c.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <type_traits>
+#include <vector>
+
+namespace trocar::runtime {
+
+template <typename T>
+class RingBuffer {
+  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % sizeof(std::uint64_t) == 0);
+  static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
+
+ public:
+  /// Makes a buffer of `capacity` >= 1 values. Only this constructor and copy() allocate.
+  explicit RingBuffer(std::size_t capacity) : capacity_(capacity), words_(capacity * kWords) {}
+
+  /// Writer: appends a value.
+  void push(const T& value) noexcept {
+    std::array<std::uint64_t, kWords> words;
+    std::memcpy(words.data(), &value, sizeof value);
+    std::atomic<std::uint64_t>* to = slot(pushed_);
+    for (std::size_t w = 0; w < kWords; ++w)
+      to[w].store(words[w], std::memory_order_release);
+    count_.store(++pushed_, std::memory_order_release);
+  }
+  /// Writer: number of values pushed.
+  std::uint64_t pushed() const noexcept { return pushed_; }
+
+  /// Reader: appends the values first, ..., end - 1, counted from the first push, to `out`. All of
+  /// them must have been pushed. Returns false and appends nothing if one has been overwritten.
+  bool copy(std::uint64_t first, std::uint64_t end, std::vector<T>& out) const {
+    const auto overwritten = [&] {
+      // The writer may be writing value number `count` now.
+      return count_.load(std::memory_order_acquire) >= first + capacity_;
+    };
+    if (overwritten()) return false;
+    const std::size_t before = out.size();
+    out.resize(before + static_cast<std::size_t>(end - first));
+    for (std::uint64_t i = first; i < end; ++i) {
+      std::array<std::uint64_t, kWords> words;
+      const std::atomic<std::uint64_t>* from = slot(i);
+      for (std::size_t w = 0; w < kWords; ++w)
+        words[w] = from[w].load(std::memory_order_acquire);
+      std::memcpy(static_cast<void*>(&out[before + static_cast<std::size_t>(i - first)]),
+                  words.data(), sizeof(T));
+    }
+    if (!overwritten()) return true;
+    out.resize(before);
+    return false;
+  }
+
+ private:
+  static constexpr std::size_t kWords = sizeof(T) / sizeof(std::uint64_t);
+
+  std::atomic<std::uint64_t>* slot(std::uint64_t i) { return &words_[i % capacity_ * kWords]; }
+  const std::atomic<std::uint64_t>* slot(std::uint64_t i) const {
+    return &words_[i % capacity_ * kWords];
+  }
+
+  std::size_t capacity_;
+  std::vector<std::atomic<std::uint64_t>> words_;
+  std::uint64_t pushed_ = 0;  // used by the writer only
+  std::atomic<std::uint64_t> count_{0};
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/reporting/session_observer.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+double force_of(const RecordingRow& row) noexcept {
+  const std::array<double, 6>& w = row.wrench_delivered;
+  return length({w[0], w[1], w[2]});
+}
+bool counts(const RecordingRow& row) noexcept {
+  return row.safety == SafetyState::kReady || row.safety == SafetyState::kRunning;
+}
+
+}  // namespace
+
+SessionObserver::SessionObserver(const Scene& scene, std::vector<ReportSheet> sheets,
+                                 double rate_Hz)
+    : scene_(scene),
+      sheets_(std::move(sheets)),
+      plunge_(scene, sheets_, rate_Hz),
+      tremor_(rate_Hz) {
+  out_.rate_Hz = rate_Hz;
+  out_.top_z_m = -std::numeric_limits<double>::infinity();
+  for (const ReportSheet& sheet : sheets_)
+    out_.top_z_m = std::max(out_.top_z_m, sheet.z_m);
+  for (const SceneLayer& layer : scene.layers)
+    out_.top_z_m = std::max(out_.top_z_m, layer.top_z_m);
+  out_.lowest_z_m = std::numeric_limits<double>::infinity();
+  if (scene.goals) {
+    out_.zones.resize(scene.goals->zones.size());
+    goals_.emplace(*scene.goals);
+  }
+  out_.samples.reserve(kMaxReportSamples);
+}
+
+void SessionObserver::observe(const ObservedTick& tick) {
+  const RecordingRow& row = tick.row;
+  ++out_.ticks;
+  const double force_N = force_of(row);
+  if (force_N > out_.force_max_N) {
+    out_.force_max_N = force_N;
+    out_.force_max_t_s = row.t_s;
+    out_.force_max_tip_m = row.tool_m;
+  }
+  if (row.safety != SafetyState::kIdle) sample(row, force_N);
+  observe_fault(row);
+  if (counts(row)) {
+    observe_counted(tick, force_N);
+  } else {
+    observe_gap(row);
+  }
+  last_force_N_ = force_N;
+  last_t_s_ = row.t_s;
+}
+
+void SessionObserver::observe_counted(const ObservedTick& tick, double force_N) {
+  const RecordingRow& row = tick.row;
+  ++out_.counted;
+  if (row.phase == ContactPhase::kFree) ++out_.free;
+  if (row.phase == ContactPhase::kContact) {
+    ++out_.contact;
+    out_.contact_sum_N += force_N;
+  }
+  if (row.phase == ContactPhase::kPunctured || row.phase == ContactPhase::kMissed) ++out_.through;
+  observe_path(row);
+  plunge_.observe(row, observe_punctures(tick), out_);
+  tremor_.observe(row, out_);
+  if (goals_) goals_->observe(row, out_);
+  observe_miss(row);
+}
+
+/// A row that is not counted ends every run of counted rows.
+void SessionObserver::observe_gap(const RecordingRow& row) {
+  last_tip_.reset();
+  plunge_.interrupt(row.t_s, out_);
+  tremor_.restart();
+  if (goals_) goals_->interrupt();
+  is_missed_ = false;
+}
+
+void SessionObserver::observe_path(const RecordingRow& row) {
+  const Vector3& tip = row.tool_m;
+  const double step_m = last_tip_ ? length(minus(tip, *last_tip_)) : 0;
+  last_tip_ = tip;
+  out_.length_m += step_m;
+  if (tip[2] < out_.lowest_z_m) {
+    out_.lowest_z_m = tip[2];
+    out_.lowest_m = tip;
+  }
+  if (out_.first_contact_s) {
+    length_since_contact_m_ += step_m;
+  } else if (row.phase == ContactPhase::kContact) {
+    out_.first_contact_s = row.t_s;
+    contact_tip_ = tip;
+    lowest_inserted_m_ = tip[2];
+  }
+  if (out_.first_contact_s && tip[2] < lowest_inserted_m_) {
+    lowest_inserted_m_ = tip[2];
+    out_.insertion_m = length_since_contact_m_;
+    out_.straight_m = length(minus(tip, contact_tip_));
+  }
+}
+
+/// Returns the lowest sheet or layer that is punctured in this tick.
+std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& tick) {
+  const RecordingRow& row = tick.row;
+  std::optional<Punctured> lowest;
+  const auto height = [&](const Punctured& what) { return height_of(what, scene_, sheets_); };
+  const auto add = [&](const Punctured& what) {
+    const double tip_z_m = row.tool_m[2];
+    keep(out_.punctures, kMaxReportPunctures, out_.punctures_count,
+         ReportPuncture{what, row.t_s, last_force_N_, height(what) - tip_z_m, tip_z_m});
+    out_.last_puncture_s = row.t_s;
+    if (!lowest || height(what) < height(*lowest)) lowest = what;
+  };
+  for (std::size_t i = 0; i < scene_.layers.size(); ++i) {
+    if ((tick.layers_punctured >> i & 1U) != 0) add({true, i});
+  }
+  for (std::size_t i = 0; i < sheets_.size(); ++i) {
+    if ((tick.punctured >> i & 1U) != 0) add({false, i});
+    if ((tick.side_cut >> i & 1U) != 0)
+      keep(out_.side_cuts, kMaxReportSpans, out_.side_cuts_count,
+           Span{sheets_[i].slice, row.t_s, row.t_s, 0, 0});
+  }
+  return lowest;
+}
+
+void SessionObserver::observe_miss(const RecordingRow& row) {
+  const bool is_missed = row.phase == ContactPhase::kMissed;
+  if (is_missed) {
+    ++out_.missed_ticks;
+    if (!is_missed_ || missed_slice_ != row.active_slice)
+      keep(out_.misses, kMaxReportSpans, out_.misses_count,
+           Span{row.active_slice, row.t_s, row.t_s, 0, 0});
+    if (out_.misses_count <= kMaxReportSpans) out_.misses.back().to_s = row.t_s;
+  }
+  is_missed_ = is_missed;
+  missed_slice_ = row.active_slice;
+}
+
+void SessionObserver::observe_fault(const RecordingRow& row) {
+  const bool is_new = row.fault != Fault::kNone && row.fault != last_fault_;
+  last_fault_ = row.fault;
+  if (is_new) {
+    keep(out_.faults, kMaxReportSpans, out_.faults_count, {row.fault, row.t_s, {}});
+  } else if (row.safety == SafetyState::kRunning && out_.faults_count > 0 &&
+             out_.faults_count <= kMaxReportSpans && !out_.faults.back().recovered_s) {
+    out_.faults.back().recovered_s = row.t_s;
+  }
+}
+
+void SessionObserver::sample(const RecordingRow& row, double force_N) {
+  std::vector<ReportSample>& list = out_.samples;
+  const auto larger = [](const ReportSample& a, const ReportSample& b) {
+    return b.force_N > a.force_N ? b : a;
+  };
+  const ReportSample made{row.t_s, row.tool_m, force_N};
+  if (rows_sampled_ % out_.stride != 0) {
+    list.back() = larger(list.back(), made);
+  } else {
+    if (list.size() == kMaxReportSamples) {
+      for (std::size_t i = 0; i < kMaxReportSamples / 2; ++i)
+        list[i] = larger(list[2 * i], list[2 * i + 1]);
+      list.resize(kMaxReportSamples / 2);
+      out_.stride *= 2;
+    }
+    list.push_back(made);
+  }
+  ++rows_sampled_;
+}
+
+SessionFigures SessionObserver::figures() {
+  plunge_.end(PlungeEnd::kEnd, last_t_s_, out_);
+  if (goals_) goals_->judge(out_);
+  return std::move(out_);
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Collects the figures of a session tick by tick.
+// Tests: tests/e2e/session_report_test.py
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "formats/session/scene.h"
+#include "runtime/reporting/goal_meter.h"
+#include "runtime/reporting/plunge_meter.h"
+#include "runtime/reporting/session_figures.h"
+#include "runtime/reporting/tremor_meter.h"
+#include "runtime/reporting/vector3.h"
+#include "runtime/telemetry/tick_feed.h"
+
+namespace trocar::runtime {
+
+class SessionObserver {
+ public:
+  /// The scene must outlive this.
+  SessionObserver(const Scene& scene, std::vector<ReportSheet> sheets, double rate_Hz);
+  SessionObserver(const SessionObserver&) = delete;
+  SessionObserver& operator=(const SessionObserver&) = delete;
+
+  void observe(const ObservedTick& tick);
+  /// The caller calls it once, after the last tick.
+  SessionFigures figures();
+
+ private:
+  void observe_counted(const ObservedTick& tick, double force_N);
+  void observe_gap(const RecordingRow& row);
+  void observe_path(const RecordingRow& row);
+  std::optional<Punctured> observe_punctures(const ObservedTick& tick);
+  void observe_miss(const RecordingRow& row);
+  void observe_fault(const RecordingRow& row);
+  void sample(const RecordingRow& row, double force_N);
+
+  const Scene& scene_;
+  std::vector<ReportSheet> sheets_;
+  SessionFigures out_;
+  PlungeMeter plunge_;
+  TremorMeter tremor_;
+  std::optional<GoalMeter> goals_;
+  double last_force_N_ = 0, last_t_s_ = 0;
+  std::optional<Vector3> last_tip_;
+  Vector3 contact_tip_{};
+  double length_since_contact_m_ = 0, lowest_inserted_m_ = 0;
+  bool is_missed_ = false;
+  std::int32_t missed_slice_ = -1;
+  Fault last_fault_ = Fault::kNone;
+  std::uint64_t rows_sampled_ = 0;
+};
+
+}  // namespace trocar::runtime

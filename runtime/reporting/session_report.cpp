@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/reporting/session_report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+
+#include "embedded/runtime/reporting/session_page.html.h"
+#include "formats/base/html_page.h"
+#include "formats/base/json_text.h"
+#include "formats/session/fault_words.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+json or_null(const std::optional<double>& value) {
+  return value ? json(*value) : json(nullptr);
+}
+
+json describe(const Scene& scene, const ReportFacts& facts, const Punctured& what) {
+  return {{"layer", what.is_layer ? json(scene.layers[what.index].name) : json(nullptr)},
+          {"slice", what.is_layer ? json(nullptr) : json(facts.sheets[what.index].slice)}};
+}
+
+const char* name_of(PlungeEnd end) {
+  constexpr std::array<const char*, 6> kNames = {"reversed", "stopped", "time",
+                                                 "next",     "fault",   "end"};
+  return kNames[static_cast<std::size_t>(end)];
+}
+
+json describe(const Tremor& tremor) {
+  json out = {{"ticks", tremor.ticks}, {"rms_m", nullptr}, {"sideways_rms_m", nullptr}};
+  if (tremor.ticks == 0) return out;
+  const auto n = static_cast<double>(tremor.ticks);
+  out["rms_m"] = std::sqrt(tremor.squares_m2 / n);
+  out["sideways_rms_m"] = std::sqrt(tremor.sideways_m2 / n);
+  return out;
+}
+
+json describe_goals(const Scene& scene, const SessionFigures& f) {
+  json out = {{"line", nullptr}, {"target", nullptr}, {"zones", json::array()}};
+  if (!scene.goals) return out;
+  if (scene.goals->line) {
+    out["line"] = {
+        {"ticks", f.line_ticks}, {"max_m", nullptr}, {"rms_m", nullptr}, {"entry_m", nullptr}};
+    if (f.line_ticks > 0) {
+      out["line"]["max_m"] = f.line_max_m;
+      out["line"]["rms_m"] = std::sqrt(f.line_squares_m2 / static_cast<double>(f.line_ticks));
+      out["line"]["entry_m"] = f.line_entry_m;
+    }
+  }
+  if (scene.goals->target) {
+    out["target"] = {{"closest_m", or_null(f.target_m)},
+                     {"closest_t_s", f.target_m ? json(f.target_t_s) : json(nullptr)},
+                     {"reached_t_s", or_null(f.target_reached_s)}};
+  }
+  for (std::size_t i = 0; i < f.zones.size(); ++i) {
+    const ZoneFigures& zone = f.zones[i];
+    json breaches = json::array();
+    for (const Span& span : zone.breaches)
+      breaches.push_back({{"from_s", span.from_s},
+                          {"to_s", span.to_s},
+                          {"depth_m", span.depth_m},
+                          {"depth_t_s", span.depth_t_s}});
+    out["zones"].push_back({{"name", scene.goals->zones[i].name},
+                            {"min_m", or_null(zone.min_m)},
+                            {"min_t_s", zone.min_m ? json(zone.min_t_s) : json(nullptr)},
+                            {"breaches", std::move(breaches)},
+                            {"breaches_count", zone.breaches_count}});
+  }
+  return out;
+}
+
+json describe_samples(const SessionFigures& f) {
+  json rows = json::array();
+  for (const ReportSample& s : f.samples)
+    rows.push_back({s.t_s, s.tip_m[0], s.tip_m[1], s.tip_m[2], s.force_N});
+  return {{"stride", f.stride},
+          {"columns", {"t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N"}},
+          {"rows", std::move(rows)}};
+}
+
+/// The fault's line, with what was measured if that is known.
+std::string fault_message(const ReportFault& fault, const ReportFacts& facts) {
+  for (const FaultEvent& event : facts.faults) {
+    if (event.fault == fault.fault && event.t_s == fault.t_s)
+      return trocar::describe(event.detail, event.t_s);
+  }
+  return trocar::describe(FaultDetail(fault.fault), fault.t_s);
+}
+
+json describe_sheets(const ReportFacts& facts) {
+  json out = json::array();
+  for (const ReportSheet& sheet : facts.sheets)
+    out.push_back({{"slice", sheet.slice},
+                   {"z_m", sheet.z_m},
+                   {"tissue", sheet.tissue.empty() ? json(nullptr) : json(sheet.tissue)}});
+  return out;
+}
+
+json describe_path(const SessionFigures& f) {
+  const bool has_path = f.counted > 0;
+  json out = {{"length_m", f.length_m},
+              {"insertion_m", or_null(f.insertion_m)},
+              {"straight_m", or_null(f.straight_m)},
+              {"straightness", nullptr},
+              {"lowest_z_m", has_path ? json(f.lowest_z_m) : json(nullptr)},
+              {"depth_max_m", has_path ? json(f.top_z_m - f.lowest_z_m) : json(nullptr)}};
+  if (f.insertion_m && *f.insertion_m > 0) out["straightness"] = *f.straight_m / *f.insertion_m;
+  return out;
+}
+
+double seconds(std::uint64_t ticks, const SessionFigures& f) {
+  return static_cast<double>(ticks) / f.rate_Hz;
+}
+
+json describe_time(const SessionFigures& f) {
+  json out = {{"total_s", seconds(f.ticks, f)},
+              {"free_s", seconds(f.free, f)},
+              {"contact_s", seconds(f.contact, f)},
+              {"through_s", seconds(f.through, f)},
+              {"stopped_s", seconds(f.ticks - f.counted, f)},
+              {"first_contact_s", or_null(f.first_contact_s)},
+              {"last_puncture_s", or_null(f.last_puncture_s)},
+              {"contact_to_last_puncture_s", nullptr}};
+  if (f.first_contact_s && f.last_puncture_s)
+    out["contact_to_last_puncture_s"] = *f.last_puncture_s - *f.first_contact_s;
+  return out;
+}
+
+json describe_force(const SessionFigures& f) {
+  json out = {{"max_N", f.force_max_N},
+              {"max_t_s", f.force_max_t_s},
+              {"max_tip_m", f.force_max_tip_m},
+              {"contact_mean_N", nullptr}};
+  if (f.contact > 0) out["contact_mean_N"] = f.contact_sum_N / static_cast<double>(f.contact);
+  return out;
+}
+
+json describe_punctures(const Scene& scene, const SessionFigures& f, const ReportFacts& facts) {
+  json out = json::array();
+  for (const ReportPuncture& p : f.punctures) {
+    json made = describe(scene, facts, p.what);
+    made.update(
+        {{"t_s", p.t_s}, {"force_N", p.force_N}, {"depth_m", p.depth_m}, {"tip_z_m", p.tip_z_m}});
+    out.push_back(std::move(made));
+  }
+  return out;
+}
+
+json describe_break_throughs(const Scene& scene, const SessionFigures& f,
+                             const ReportFacts& facts) {
+  json out = json::array();
+  for (const BreakThrough& b : f.break_throughs) {
+    json made = describe(scene, facts, b.what);
+    made.update({{"t_s", b.t_s},
+                 {"plunge_m", b.plunge_m},
+                 {"below_m", b.below_m},
+                 {"lowest_t_s", b.lowest_t_s},
+                 {"ended_t_s", b.ended_t_s},
+                 {"ended_by", name_of(b.ended_by)}});
+    out.push_back(std::move(made));
+  }
+  return out;
+}
+
+json describe_walls(const SessionFigures& f) {
+  json misses = json::array(), side_cuts = json::array();
+  for (const Span& span : f.misses)
+    misses.push_back({{"slice", span.slice < 0 ? json(nullptr) : json(span.slice)},
+                      {"from_s", span.from_s},
+                      {"to_s", span.to_s}});
+  for (const Span& span : f.side_cuts)
+    side_cuts.push_back({{"slice", span.slice}, {"t_s", span.from_s}});
+  return {{"beside", std::move(misses)},
+          {"beside_count", f.misses_count},
+          {"beside_s", seconds(f.missed_ticks, f)},
+          {"side_cuts", std::move(side_cuts)},
+          {"side_cuts_count", f.side_cuts_count}};
+}
+
+json describe_faults(const SessionFigures& f, const ReportFacts& facts) {
+  json out = json::array();
+  for (const ReportFault& fault : f.faults)
+    out.push_back({{"fault", words_of(fault.fault).name},
+                   {"t_s", fault.t_s},
+                   {"recovered_t_s", or_null(fault.recovered_s)},
+                   {"message", fault_message(fault, facts)}});
+  return out;
+}
+
+json describe_results(const SessionFigures& f) {
+  json out = json::array();
+  for (const GoalResult& goal : f.goals)
+    out.push_back({{"goal", goal.goal},
+                   {"zone", goal.zone.empty() ? json(nullptr) : json(goal.zone)},
+                   {"limit", goal.limit},
+                   {"limit_is", goal.at_least ? "least" : "largest"},
+                   {"value", or_null(goal.value)},
+                   {"unit", goal.unit},
+                   {"met", goal.met},
+                   {"how", goal.how}});
+  return out;
+}
+
+const char* name_of(SessionEnd end) {
+  return end == SessionEnd::kDone          ? "done"
+         : end == SessionEnd::kInterrupted ? "interrupted"
+                                           : "fault";
+}
+
+/// The data that the page's pictures need besides the report.
+json describe_drawing(const Scene& scene, const SessionFigures& f, const ReportFacts& facts) {
+  json layers = json::array(), goals = nullptr;
+  for (const SceneLayer& layer : scene.layers)
+    layers.push_back(
+        {{"name", layer.name}, {"top_z_m", layer.top_z_m}, {"thickness_m", layer.thickness_m}});
+  if (scene.goals) {
+    goals = {{"force_max_N", or_null(scene.goals->force_max_N)},
+             {"line", nullptr},
+             {"target", nullptr},
+             {"zones", json::array()}};
+    if (const auto& line = scene.goals->line)
+      goals["line"] = {{"entry_m", line->entry_m},
+                       {"direction", line->direction},
+                       {"entry_radius_m", or_null(line->entry_radius_m)}};
+    if (const auto& target = scene.goals->target)
+      goals["target"] = {{"at_m", target->at_m}, {"radius_m", target->radius_m}};
+    constexpr std::array<const char*, 3> kShapes = {"capsule", "box", "prism"};
+    for (const ForbiddenZone& zone : scene.goals->zones)
+      goals["zones"].push_back({{"name", zone.name},
+                                {"shape", kShapes[static_cast<std::size_t>(zone.shape)]},
+                                {"low_m", zone.low_m},
+                                {"high_m", zone.high_m},
+                                {"radius_m", zone.radius_m},
+                                {"outline_m", zone.outline_m},
+                                {"z_m", zone.z_m}});
+  }
+  return {
+      {"top_z_m", f.top_z_m},
+      {"lowest_m", f.lowest_m},
+      {"plunge", {{"step_m", kPlungeStep_m}, {"stop_s", kPlungeStop_s}, {"limit_s", kPlunge_s}}},
+      {"layers", std::move(layers)},
+      {"material_m", facts.material_m},
+      {"goals", std::move(goals)}};
+}
+
+}  // namespace
+
+std::string session_report_json(const Scene& scene, const SessionFigures& f,
+                                const ReportFacts& facts) {
+  json out = describe_goals(scene, f);
+  out["schema"] = "trocar.session-report/1";
+  out["program"] = "trocar-run " TROCAR_VERSION;
+  out["use"] = "for training, not for planning";
+  out["scene"] = scene.name;
+  out["asset"] = facts.asset;
+  out["force_law"] = facts.force_law;
+  out["clock"] = facts.is_virtual ? "virtual" : "real";
+  out["end"] = name_of(facts.end);
+  out["rate_Hz"] = f.rate_Hz;
+  out["ticks"] = f.ticks;
+  out["ticks_counted"] = f.counted;
+  out["ticks_lost"] = facts.lost_ticks;
+  out["sheets"] = describe_sheets(facts);
+  out["path"] = describe_path(f);
+  out["time"] = describe_time(f);
+  out["force"] = describe_force(f);
+  out["punctures"] = describe_punctures(scene, f, facts);
+  out["punctures_count"] = f.punctures_count;
+  out["break_throughs"] = describe_break_throughs(scene, f, facts);
+  out["break_throughs_count"] = f.break_throughs_count;
+  out["plunge_max_m"] = f.plunge_max_m;
+  out["tremor"] = {{"low_Hz", kTremorLow_Hz},
+                   {"high_Hz", kTremorHigh_Hz},
+                   {"settle_s", kTremorSettle_s},
+                   {"free", describe(f.tremor_free)},
+                   {"contact", describe(f.tremor_contact)}};
+  out["walls"] = describe_walls(f);
+  out["faults"] = describe_faults(f, facts);
+  out["faults_count"] = f.faults_count;
+  out["goals"] = describe_results(f);
+  out["goals_met"] = std::count_if(f.goals.begin(), f.goals.end(),
+                                   [](const GoalResult& goal) { return goal.met; });
+  out["samples"] = describe_samples(f);
+  return json_text(out, 1);
+}
+
+std::string session_report_page(const Scene& scene, const SessionFigures& figures,
+                                const ReportFacts& facts) {
+  return html_page(kSessionPage, {{"report", session_report_json(scene, figures, facts)},
+                                  {"drawing", json_text(describe_drawing(scene, figures, facts))}});
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tremor of the tip: definition 5 of session_figures.h.
+// Tests: tests/e2e/session_report_test.py
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "formats/session/recording.h"
+#include "runtime/reporting/session_figures.h"
+#include "runtime/reporting/vector3.h"
+
+namespace trocar::runtime {
+
+class TremorMeter {
+ public:
+  explicit TremorMeter(double rate_Hz);
+  /// Takes a counted row and adds its tremor to the figures.
+  void observe(const RecordingRow& row, SessionFigures& figures);
+  /// The filters start anew with the next row.
+  void restart() noexcept { filtered_ = 0; }
+
+ private:
+  /// One filter of the second order, for three coordinates.
+  struct Filter {
+    std::array<double, 3> b{}, a{};
+    std::array<Vector3, 2> x{}, y{};
+    Vector3 pass(const Vector3& in) noexcept;
+  };
+  std::array<Filter, 2> filter_;  ///< high-pass, low-pass
+  Vector3 origin_{};              ///< position in the first row
+  std::uint64_t filtered_ = 0, settle_ticks_ = 0;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Points and vectors of three coordinates, as recordings and scenes hold them.
+// Tests: tests/e2e/session_report_test.py
+#pragma once
+
+#include <array>
+#include <cmath>
+
+namespace trocar::runtime {
+
+using Vector3 = std::array<double, 3>;
+
+inline Vector3 minus(const Vector3& a, const Vector3& b) noexcept {
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+inline double dot(const Vector3& a, const Vector3& b) noexcept {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+inline double length(const Vector3& a) noexcept {
+  return std::sqrt(dot(a, a));
+}
+
+}  // namespace trocar::runtime

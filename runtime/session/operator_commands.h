@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// The operator's commands while a session runs: pause, zero, emergency stop, resume, recover.
+//
+// Pause, zero and emergency stop are latched. While one is set, its fault is raised in every tick,
+// so it survives another fault and blocks recovery. `resume` releases the pause, and `recover`
+// releases all three.
+// Tests: tests/runtime/session/live_session_test.cpp
+#pragma once
+
+#include <atomic>
+
+#include "formats/session/recording.h"
+#include "runtime/session/session_options.h"
+#include "runtime/telemetry/session_publisher.h"
+
+namespace trocar::runtime {
+
+class OperatorCommands {
+ public:
+  /// `recover` is SessionOptions::recover and may be null.
+  OperatorCommands(RecoveryPolicy policy, std::atomic<bool>* recover)
+      : policy_(policy), recover_(recover) {}
+
+  // Haptic thread.
+
+  /// `latched`: fault of the safety state machine.
+  void apply(const TelemetryCommands& given, Fault latched) noexcept;
+  /// The fault to raise in each tick while a command is latched, or none.
+  Fault latched_fault() const noexcept;
+  bool is_paused() const noexcept { return is_paused_ && !is_stopped_; }
+  /// A session with RecoveryPolicy::kNever waits for the operator, instead of ending, if this is
+  /// true.
+  bool waits_for_operator(Fault latched) const noexcept {
+    return is_by_operator(latched) && !is_stopped_;
+  }
+  /// Whether to request recovery in this tick; takes the operator's request.
+  bool take_recovery() noexcept;
+  /// A request before a fault does not count for that fault.
+  void forget_recovery() noexcept;
+
+ private:
+  RecoveryPolicy policy_;
+  std::atomic<bool>* recover_;
+  bool is_paused_ = false, is_zeroed_ = false, is_stopped_ = false;
+  bool is_recovery_requested_ = false;  ///< a command requested it
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/session/session_loop.h"
+
+#include <utility>
+
+#include "runtime/realtime/allocation_counter.h"
+#include "runtime/realtime/monotonic_clock.h"
+
+namespace trocar::runtime {
+namespace {
+
+LoopModel make_loop_model(const Scene& scene, const DeviceDescription& description,
+                          const SessionOptions& options) {
+  LoopModel model;
+  model.device = description;
+  model.tool = make_tool(scene.tool);
+  model.limits = options.limits;
+  model.passivity = options.passivity;
+  model.compensation = options.compensation;
+  model.rate_Hz = options.rate_Hz;
+  return model;
+}
+
+}  // namespace
+
+SessionLoop::SessionLoop(const Scene& scene, const DeviceDescription& description,
+                         Remesher& remesher, Device& device,
+                         const std::function<void(double)>& advance, const SessionOptions& options,
+                         const SessionWorkers& workers, SessionClock& clock)
+    : model_(make_loop_model(scene, description, options)),
+      remesher_(remesher),
+      device_(device),
+      law_(*workers.law),
+      advance_(advance),
+      options_(options),
+      clock_(clock),
+      publisher_(workers.publisher.get()),
+      commands_(options.recovery, options.recover),
+      statistics_(options.replay),
+      observers_(workers.observers()),
+      sheets_(remesher.size()) {
+  observers_.insert(observers_.end(), options.observers.begin(), options.observers.end());
+  observers_.push_back(&statistics_);
+}
+
+bool SessionLoop::tick(const TickTiming& timing) noexcept {
+  const NoAllocationScope scope;
+  if (state_.tick == clock_.ticks()) return false;
+  const std::int64_t start_ns = monotonic_ns();
+  if (publisher_ != nullptr) {
+    const TelemetryCommands given = publisher_->take_commands();
+    if (given.stop) return false;
+    commands_.apply(given, state_.safety.fault);
+    if (pauses(start_ns)) return true;
+  }
+  std::int64_t cuts_published = 0;
+  for (std::size_t i = 0; i < sheets_.size(); ++i) {
+    sheets_[i] = remesher_.current(i);
+    cuts_published += sheets_[i]->cuts;
+  }
+  haptic_tick(model_, inputs(timing), device_, law_, state_, result_);
+  if (result_.end_of_data) return false;
+  result_.row.cuts_published = cuts_published;
+  for (const CutRequest& cut : result_.contact.cuts())
+    request_hole(cut);
+  clock_.prefetch(result_.contact.prefetch);
+  if (result_.new_fault != Fault::kNone) commands_.forget_recovery();
+  for (const OperatorMessage& message : messages_.update(result_)) {
+    for (TickObserver* observer : observers_)
+      observer->on_message(message);
+  }
+  const TickView view{result_, state_, sheets_, timing, clock_.is_real_time(), start_ns};
+  for (TickObserver* observer : observers_)
+    observer->on_tick(view);
+  statistics_.add_tick_time(monotonic_ns() - start_ns);
+  advance_(1 / model_.rate_Hz);
+  return goes_on();
+}
+
+/// Whether time is paused in this period: the operator paused it, and torques are zero. A drive
+/// with a clock of its own gets zero torques meanwhile, since its watchdog waits for them.
+bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
+  const bool is_replay = clock_.recorded(state_.tick) != nullptr;
+  const bool is_idle = result_.at_rest || state_.safety.state == SafetyState::kRecovering;
+  const bool was_paused =
+      std::exchange(is_paused_, commands_.is_paused() && (is_idle || is_replay));
+  if (is_paused_ != was_paused)
+    publisher_->push_event(is_paused_ ? TelemetryEventKind::kPaused : TelemetryEventKind::kResumed,
+                           result_.row.t_s);
+  if (!is_paused_) return false;
+  if (!is_replay && !device_.is_paced_by_loop()) {
+    DeviceState ignored = state_.device;
+    device_.read(ignored);
+    device_.write(DeviceCommand{});
+  }
+  publisher_->on_paused_period(now_ns);
+  return true;
+}
+
+TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
+  TickInputs inputs;
+  inputs.sheets = sheets_;
+  inputs.prefetched = clock_.stiffness();
+  if (const RecordingRow* recorded = clock_.recorded(state_.tick)) {
+    inputs.outside = recorded->outside_fault;
+    inputs.recover = recorded->recovery_asked != 0;
+    return inputs;
+  }
+  inputs.gap_s = timing.gap_s;
+  inputs.missed_in_row = timing.missed_in_row;
+  inputs.outside = std::exchange(outside_, Fault::kNone);
+  if (const Fault latched = commands_.latched_fault(); latched != Fault::kNone)
+    inputs.outside = latched;
+  inputs.recover = result_.at_rest && commands_.take_recovery();
+  return inputs;
+}
+
+void SessionLoop::request_hole(const CutRequest& cut) noexcept {
+  if (!remesher_.request(cut)) outside_ = Fault::kRemeshBacklog;
+  if (!cut.is_puncture) return;
+  PunctureEvent event;
+  event.sheet = cut.sheet;
+  event.slice = sheets_[cut.sheet]->slice_index;
+  event.cut = cut.cut;
+  event.t_s = result_.row.t_s;
+  event.tool_z_m = result_.contact.tip_device_m.z();
+  event.penetration_m = result_.contact.penetration_m;
+  event.force_N = result_.contact.force_before_N;
+  event.trial_force_N = result_.contact.trial_force_N;
+  for (TickObserver* observer : observers_)
+    observer->on_puncture(event);
+}
+
+bool SessionLoop::goes_on() const noexcept {
+  return !result_.at_rest || options_.recovery != RecoveryPolicy::kNever ||
+         !options_.replay.empty() || commands_.waits_for_operator(state_.safety.fault);
+}
+
+void SessionLoop::publish_sheets() {
+  if (publisher_ != nullptr) publisher_->publish_sheets(remesher_);
+}
+
+void SessionLoop::start_observers() {
+  for (TickObserver* observer : observers_)
+    observer->start();
+}
+
+void SessionLoop::serve_observers() {
+  for (TickObserver* observer : observers_)
+    observer->serve();
+}
+
+SessionReport SessionLoop::finish() {
+  for (TickObserver* observer : observers_)
+    observer->stop();
+  return statistics_.take(state_, state_.tick == clock_.ticks());
+}
+
+}  // namespace trocar::runtime

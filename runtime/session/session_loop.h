@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// The haptic tick of a session. In: the operator's commands and the current meshes. Out: torques
+// for the device, requests for holes, and the tick for the observers.
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "formats/session/device_description.h"
+#include "formats/session/scene.h"
+#include "runtime/control/haptic_loop.h"
+#include "runtime/device/device.h"
+#include "runtime/session/operator_commands.h"
+#include "runtime/session/session_clock.h"
+#include "runtime/session/session_options.h"
+#include "runtime/session/session_statistics.h"
+#include "runtime/session/session_workers.h"
+#include "runtime/telemetry/operator_messages.h"
+#include "runtime/workers/remesher.h"
+
+namespace trocar::runtime {
+
+class SessionLoop {
+ public:
+  /// All references outlive the loop.
+  SessionLoop(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
+              Device& device, const std::function<void(double dt_s)>& advance,
+              const SessionOptions& options, const SessionWorkers& workers, SessionClock& clock);
+
+  // Haptic thread.
+
+  /// One tick, or one period without a tick while the session is paused. False: the session is
+  /// over.
+  bool tick(const TickTiming& timing) noexcept;
+  void write_zero_torques() noexcept { device_.write(DeviceCommand{}); }
+
+  // The thread that calls tick() in virtual time.
+
+  std::uint64_t ticks_done() const noexcept { return state_.tick; }
+  bool is_paused() const noexcept { return is_paused_; }
+  const ContactOutput& contact() const noexcept { return result_.contact; }
+
+  // The thread that publishes meshes.
+
+  /// Shows new meshes to other processes.
+  void publish_sheets();
+
+  // The thread that runs the session.
+
+  void start_observers();
+  void serve_observers();
+  /// After the last tick.
+  SessionReport finish();
+
+ private:
+  bool pauses(std::int64_t now_ns) noexcept;
+  TickInputs inputs(const TickTiming& timing) noexcept;
+  void request_hole(const CutRequest& cut) noexcept;
+  bool goes_on() const noexcept;
+
+  LoopModel model_;
+  LoopState state_;
+  TickResult result_;
+  Remesher& remesher_;
+  Device& device_;
+  ForceLaw& law_;
+  const std::function<void(double)>& advance_;
+  const SessionOptions& options_;
+  SessionClock& clock_;
+  SessionPublisher* publisher_;  ///< gives the operator's commands; null: none
+  OperatorCommands commands_;
+  MessageSource messages_;
+  SessionStatistics statistics_;
+  std::vector<TickObserver*> observers_;
+  std::vector<const Sheet*> sheets_;  ///< meshes of this tick
+  bool is_paused_ = false;            ///< time is paused
+  Fault outside_ = Fault::kNone;      ///< fault to raise in the next tick
+};
+
+}  // namespace trocar::runtime

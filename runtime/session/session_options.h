@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// The options of a session.
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/recording.h"
+#include "runtime/control/haptic_loop.h"
+#include "runtime/telemetry/frame_display.h"
+#include "runtime/telemetry/session_facts.h"
+#include "runtime/telemetry/tick_feed.h"
+#include "runtime/telemetry/tick_observer.h"
+
+namespace trocar::runtime {
+
+enum class Clock : std::uint8_t {
+  kReal,     ///< wall clock; new meshes are used as soon as they are ready
+  kVirtual,  ///< ticks follow each other at once; the same input gives the same recording
+};
+
+enum class RecoveryPolicy : std::uint8_t {
+  kNever,      ///< a fault ends the session once torques are zero
+  kOnRequest,  ///< the session continues without torques until recovery is requested
+  kAuto,       ///< recovery is requested as soon as torques are zero
+};
+
+struct SessionOptions {
+  Clock clock = Clock::kReal;
+  double rate_Hz = 1000;
+  double duration_s = 1;
+  /// Virtual clock: number of ticks from the request for a hole or for prefetched stiffness until
+  /// the result is used.
+  std::uint64_t handover_ticks = 8;
+  /// Virtual clock: period of the requests for prefetched stiffness.
+  double prefetch_period_s = 0.004;
+  std::optional<std::filesystem::path> record;
+  RecordingOrigin origin;  ///< written into the recording and the black boxes
+  /// Called at once when the recording cannot be continued, never on the realtime haptic thread.
+  /// The session goes on without it.
+  std::function<void(const Error&)> on_recording_error;
+  /// Called at once with each message to the operator, never on the realtime haptic thread.
+  std::function<void(const OperatorMessage&)> on_message;
+  /// If not empty, the session is a replay: the clock is virtual, new meshes and prefetched
+  /// stiffness are used from the recorded ticks on, and torques are compared with the recorded
+  /// ones. The device must be a ReplayDevice over these rows.
+  std::span<const RecordingRow> replay;
+  SafetyLimits limits;
+  PassivityOptions passivity;
+  CouplingOptions coupling;
+  CompensationOptions compensation;
+  RecoveryPolicy recovery = RecoveryPolicy::kNever;
+  /// kOnRequest: set by the operator, cleared when it takes effect.
+  std::atomic<bool>* recover = nullptr;
+  /// Folder of the black boxes; none: they are not written.
+  std::optional<std::filesystem::path> black_box;
+  int cpu = -1;                             ///< RealtimeOptions::cpu
+  const std::atomic<bool>* stop = nullptr;  ///< ends the session between two ticks
+  /// Publishes the session in memory that other processes read, and takes their commands
+  /// (formats/session/telemetry.md).
+  std::optional<TelemetryOptions> telemetry;
+  /// Called at the frame rate, never on the realtime haptic thread.
+  FrameFunction on_frame;
+  double frame_rate_Hz = 30;
+  /// Called with every tick in order, never on the realtime haptic thread.
+  std::function<void(const ObservedTick&)> on_tick;
+  std::vector<TickObserver*> observers;  ///< further observers; they outlive the session
+
+  /// Whether ticks follow the wall clock.
+  bool is_real_time() const noexcept { return clock == Clock::kReal && replay.empty(); }
+};
+
+}  // namespace trocar::runtime

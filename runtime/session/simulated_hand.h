@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// The simulated device in the hand that a scene describes.
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <optional>
+
+#include "formats/base/result.h"
+#include "formats/session/device_description.h"
+#include "formats/session/scene.h"
+#include "runtime/simulation/simulated_device.h"
+
+namespace trocar::runtime {
+
+/// The path along which the scene's hand pulls the tool's tip.
+HandTrajectory hand_trajectory(const Scene& scene);
+
+/// The simulated device held by the scene's hand, at the hand's first keyframe. Without
+/// `mechanics`, the light model is used.
+Result<SimulatedDevice> make_simulated_device(
+    const Scene& scene, const DeviceDescription& description,
+    const std::optional<MechanicsOptions>& mechanics = std::nullopt);
+
+}  // namespace trocar::runtime

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lists the slots that an edit of a SheetMesh has written, so that the edit can be undone, or
+// repeated on a replica of the mesh, in time proportional to the edit.
+//
+// Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
+//  1. An editing function calls touch_*() before it writes a slot, or uses the four functions below
+//     that take and release slots and call touch_*() themselves.
+//  2. undo() restores the mesh of begin() exactly: every slot and the order of the free slots.
+//  3. copy_to() makes a replica that was equal at begin() equal again, in the same sense.
+//  4. Only the constructor allocates. A slot is listed once, so the capacity suffices.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "runtime/sheet_mesh/flat_table.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
+
+namespace trocar::runtime {
+
+class SheetEdit {
+ public:
+  /// A triangle's slot and its content at begin().
+  struct OldTriangle {
+    std::uint32_t slot;
+    Triangle corners;  ///< kFreeSlot if the slot was free
+    std::array<std::uint32_t, 3> across;
+  };
+  struct OldVertex {
+    std::uint32_t slot;
+    LatticePoint point;
+  };
+
+  SheetEdit() = default;
+  /// Allocates memory for edits of meshes with no more slots than `mesh`. O(slots).
+  explicit SheetEdit(const SheetMesh& mesh);
+
+  /// Starts a new edit of `mesh` and clears the lists. O(1).
+  void begin(const SheetMesh& mesh) noexcept;
+
+  void touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept;
+  void touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept;
+
+  /// Takes a free slot and writes the given content to it; kNone if there is no free slot.
+  std::uint32_t take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept;
+  std::uint32_t take_vertex(SheetMesh& mesh, LatticePoint point) noexcept;
+  /// Frees the slot. At the end of the edit nothing may refer to it.
+  void release_triangle(SheetMesh& mesh, std::uint32_t t) noexcept;
+  void release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept;
+
+  /// Every slot written, once, in the order in which they were first written.
+  std::span<const OldTriangle> triangles() const noexcept { return triangles_; }
+  std::span<const OldVertex> vertices() const noexcept { return vertices_; }
+
+  /// Undoes the edit (contract 2) and begins a new one.
+  void undo(SheetMesh& mesh) noexcept;
+  /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.
+  void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
+
+ private:
+  // The changes to a stack of free slots: entries below `untouched` are unchanged; `popped` lists
+  // the former entries above, the topmost first.
+  struct Stack {
+    std::size_t untouched = 0;
+    std::vector<std::uint32_t> popped;
+    void begin(const std::vector<std::uint32_t>& stack) noexcept;
+    std::uint32_t pop(std::vector<std::uint32_t>& stack) noexcept;
+    void undo(std::vector<std::uint32_t>& stack) const noexcept;
+    void copy(const std::vector<std::uint32_t>& from,
+              std::vector<std::uint32_t>& to) const noexcept;
+  };
+
+  std::vector<OldTriangle> triangles_;
+  std::vector<OldVertex> vertices_;
+  Stack free_triangles_, free_vertices_;
+  FlatTable triangle_listed_, vertex_listed_;  ///< the slots listed already
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// The mesh of a sheet that can be edited in place: slots of fixed capacity, with the neighbours of
+// each triangle, so that an edit takes time proportional to what it touches and never allocates.
+//
+// Why not OpenMesh 9: a deleted vertex, edge or face is only marked there, and its slot is reused
+// only after a garbage collection that visits and renumbers the whole mesh, so a mesh that is cut
+// repeatedly must do that or allocate. A half-edge mesh has one fan of faces at a vertex, so if a
+// cut leaves several fans at one, faces must be deleted and added again. Finally, OpenMesh keeps no
+// list of the slots that an edit has written, which is needed to undo it and to repeat it on a
+// replica.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/geometry/slice_mesh.h"
+#include "formats/geometry/triangle_edge.h"
+
+namespace trocar::runtime {
+
+inline constexpr std::uint32_t kNone = 0xffffffff;
+inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
+
+/// Invariants (check_sheet_mesh verifies 1 to 3):
+///  1. A triangle in use is strictly counter-clockwise and has three vertices in use. A free slot
+///     contains kFreeSlot, and `free_triangles` lists each free slot exactly once.
+///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNone on the sheet's
+///     boundary.
+///  3. A vertex in use belongs to a triangle, and its triangles form one fan (a pinch is two
+///     vertices at one point); `free_vertices` lists every other slot exactly once.
+///  4. Only add_slots() changes the size of the three first arrays; the two stacks have capacity
+///     for every slot, in a copy too.
+struct SheetMesh {
+  std::vector<LatticePoint> vertices;
+  std::vector<Triangle> triangles;
+  std::vector<std::array<std::uint32_t, 3>> across;
+  std::vector<std::uint32_t> free_vertices;   ///< free slots; the last one is used next
+  std::vector<std::uint32_t> free_triangles;  ///< likewise
+
+  SheetMesh() = default;
+  ~SheetMesh() = default;
+  SheetMesh(SheetMesh&&) = default;
+  SheetMesh& operator=(SheetMesh&&) = default;
+  SheetMesh(const SheetMesh& other)
+      : vertices(other.vertices),
+        triangles(other.triangles),
+        across(other.across),
+        free_vertices(other.free_vertices),
+        free_triangles(other.free_triangles) {
+    reserve_stacks();
+  }
+  SheetMesh& operator=(const SheetMesh& other) { return *this = SheetMesh(other); }
+
+  /// Establishes invariant 4. All memory is written to, so that no later edit causes a page fault.
+  void reserve_stacks() {
+    const std::size_t vertices_free = free_vertices.size(), triangles_free = free_triangles.size();
+    free_vertices.resize(vertices.size());
+    free_vertices.resize(vertices_free);
+    free_triangles.resize(triangles.size());
+    free_triangles.resize(triangles_free);
+  }
+  /// Adds free slots, which are used after the existing ones, so that equal meshes stay equal.
+  /// O(n), and allocates; no other thread may read the mesh meanwhile.
+  void add_slots(std::size_t more_vertices, std::size_t more_triangles);
+  bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
+  std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
+  std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
+};
+
+inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t t) noexcept {
+  const Triangle& v = mesh.triangles[t];
+  return {mesh.vertices[v[0]], mesh.vertices[v[1]], mesh.vertices[v[2]]};
+}
+
+/// Puts `mesh` (valid by check_mesh) into the first slots, in the same order, and adds
+/// `spare_vertices` and `spare_triangles` free slots, which are used in ascending order. O(n).
+/// Errors: refused if an index is out of range or a directed edge is used twice.
+Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_vertices,
+                                  std::size_t spare_triangles);
+
+/// The triangles in use and their vertices, both in the order of their slots. O(n).
+SliceMesh to_slice_mesh(const SheetMesh& mesh);
+
+/// Verifies the invariants; the error names the first violation and its position. Meant for tests.
+/// O(n log n).
+Result<void> check_sheet_mesh(const SheetMesh& mesh);
+
+}  // namespace trocar::runtime

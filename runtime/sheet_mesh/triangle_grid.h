@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// Finds the triangles of a sheet near a box in time proportional to their number, not to the size
+// of the mesh. A triangle is inserted or removed in constant time.
+//
+// There are several grids, each twice as coarse as the one before. A triangle belongs to a single
+// cell: the one that contains the lower left corner of its box, in the finest grid whose cells are
+// no smaller than the box. It thus extends at most into the next cell, every triangle slot needs
+// one entry, however long and thin its triangle is, and no edit can exceed the capacity ("loose"
+// grids, after Ulrich's loose octree, 2000).
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "formats/geometry/lattice_box.h"
+#include "runtime/sheet_mesh/sheet_edit.h"
+#include "runtime/sheet_mesh/sheet_mesh.h"
+
+namespace trocar::runtime {
+
+inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept {
+  return box_around(corners(mesh, t));
+}
+
+/// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
+/// triangles):
+///  1. for_each() visits every triangle in use whose box is not apart() from the given one, once,
+///     and no other; the order depends only on the mesh at the start and on the edits since.
+///  2. Only the constructor and add_slots() allocate.
+class TriangleGrid {
+ public:
+  TriangleGrid() = default;
+  /// Builds the grid for the triangles in use, with an entry for every slot. All indices must be in
+  /// range. O(slots).
+  explicit TriangleGrid(const SheetMesh& mesh);
+
+  /// Updates the grid after an edit, given the edited mesh; call it once for each edit. Time is
+  /// proportional to the edit.
+  void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
+
+  /// Adds entries after SheetMesh::add_slots().
+  void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }
+
+  /// Calls visit(triangle slot) as in contract 1. No allocation.
+  template <typename Visit>
+  void for_each(const LatticeBox& box, Visit&& visit) const {
+    for (const Level& level : levels_) {
+      if (level.triangles == 0) continue;
+      const std::int64_t left = std::max<std::int64_t>(level.column(*this, box.low.x) - 1, 0);
+      const std::int64_t bottom = std::max<std::int64_t>(level.row(*this, box.low.y) - 1, 0);
+      const std::int64_t right = level.column(*this, box.high.x);
+      const std::int64_t top = level.row(*this, box.high.y);
+      for (std::int64_t r = bottom; r <= top; ++r) {
+        for (std::int64_t c = left; c <= right; ++c) {
+          for (std::uint32_t t = head_[level.cell(r, c)]; t != kNone; t = link_[t].next) {
+            if (!apart(link_[t].box, box)) visit(t);
+          }
+        }
+      }
+    }
+  }
+
+  /// Memory in use.
+  std::size_t bytes() const noexcept {
+    return levels_.capacity() * sizeof(Level) + head_.capacity() * sizeof(std::uint32_t) +
+           link_.capacity() * sizeof(Link);
+  }
+
+ private:
+  struct Level {
+    int shift = 0;                       ///< cells are 2^shift steps wide
+    std::int64_t columns = 1, rows = 1;  ///< points beyond belong to the outermost cells
+    std::size_t first_cell = 0;
+    std::uint32_t triangles = 0;
+
+    std::int64_t column(const TriangleGrid& grid, std::int32_t x) const noexcept {
+      return std::clamp<std::int64_t>((std::int64_t{x} - grid.origin_.x) >> shift, 0, columns - 1);
+    }
+    std::int64_t row(const TriangleGrid& grid, std::int32_t y) const noexcept {
+      return std::clamp<std::int64_t>((std::int64_t{y} - grid.origin_.y) >> shift, 0, rows - 1);
+    }
+    std::size_t cell(std::int64_t r, std::int64_t c) const noexcept {
+      return first_cell + static_cast<std::size_t>(r * columns + c);
+    }
+  };
+  struct Link {
+    LatticeBox box;                              ///< bounding box of the triangle
+    std::uint32_t next = kNone, before = kNone;  ///< neighbours in the list of its cell
+    std::uint32_t cell = kNone;                  ///< its cell, or kNone
+  };
+
+  void insert(const SheetMesh& mesh, std::uint32_t t) noexcept;
+  void remove(std::uint32_t t) noexcept;
+
+  LatticePoint origin_;
+  std::vector<Level> levels_;        ///< the finest first
+  std::vector<std::uint32_t> head_;  ///< first triangle of each cell, level by level
+  std::vector<Link> link_;           ///< list entry of each triangle slot
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames for a display, at frame rate and off the haptic thread: the latest row, the sheet around
+// the tool, and the tool's depth in it.
+// Tests: tests/runtime/session/network_session_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "formats/base/result.h"
+#include "formats/session/recording.h"
+#include "runtime/contact/prefetch_worker.h"
+#include "runtime/realtime/triple_buffer.h"
+#include "runtime/telemetry/tick_observer.h"
+
+namespace trocar::runtime {
+
+/// Receives the latest row and, with the force law `network`, the sheet around the tool (else
+/// null).
+using FrameFunction =
+    std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)>;
+
+/// Calls a function at the frame rate of the wall clock or, in virtual time, of the ticks.
+class FrameDisplay final : public TickObserver {
+ public:
+  /// `prefetch` may be null. `tick_rate_Hz`: rate of the ticks in virtual time; 0: real time.
+  FrameDisplay(FrameFunction show, double frame_rate_Hz, double tick_rate_Hz,
+               const PrefetchWorker* prefetch);
+  ~FrameDisplay() override { stop(); }
+
+  void on_tick(const TickView& tick) noexcept override;
+  void serve() override;
+  /// Ends the thread without a last frame.
+  void stop() override { join(); }
+
+ private:
+  FrameFunction show_;
+  double frame_rate_Hz_, tick_rate_Hz_;
+  const PrefetchWorker* prefetch_;
+  std::uint64_t frames_ = 0;  ///< virtual time: frames so far
+  TripleBuffer<RecordingRow> latest_;
+};
+
+/// Depth to which the tool presses the shape's sheet in this tick: the penetration in contact, else
+/// 0, because the sheet is then at rest.
+double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
+
+/// Frames as JSON lines: a line for each new shape,
+///   {"shape", "slice", "z_m", "cuts", "vertices_m": [[x, y], ...], "triangles", "w"},
+/// and a line for each frame, {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"}, whose
+/// "shape" is the number of the last shape line, or null before the first.
+class FrameWriter {
+ public:
+  explicit FrameWriter(std::filesystem::path file) : file_(std::move(file)) {}
+
+  /// `shape` may be null.
+  void add(const RecordingRow& row, const std::shared_ptr<const SheetShape>& shape);
+  /// Writes the file atomically.
+  Result<void> finish() const;
+
+ private:
+  std::filesystem::path file_;
+  std::string text_;
+  std::shared_ptr<const SheetShape> last_;
+  int shapes_ = 0;
+};
+
+}  // namespace trocar::runtime

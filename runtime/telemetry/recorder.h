@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes every tick's row to a recording, off the haptic thread.
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <optional>
+
+#include "formats/base/result.h"
+#include "formats/session/recording.h"
+#include "runtime/realtime/spsc_queue.h"
+#include "runtime/telemetry/tick_observer.h"
+
+namespace trocar::runtime {
+
+class Recorder final : public TickObserver {
+ public:
+  static constexpr std::size_t kCapacity = 8192;  ///< rows in the queue: one second at 8 kHz
+
+  /// `failed` is called at once when rows cannot be written, on the thread that writes them; later
+  /// rows are discarded.
+  explicit Recorder(RecordingWriter writer, std::function<void(const Error&)> failed = {});
+  ~Recorder() override { stop(); }
+
+  /// If the queue is full, the row is lost and finish() returns an error.
+  void on_tick(const TickView& tick) noexcept override {
+    if (!rows_.push(tick.result.row)) lost_.fetch_add(1, std::memory_order_relaxed);
+  }
+  /// Writes the rows in the queue.
+  void serve() override;
+  /// Stops, and gives the file its name. Unwritable if that fails or a row was lost; the rows that
+  /// could be written are then in RecordingWriter::partial_file().
+  Result<void> finish();
+
+ private:
+  SpscQueue<RecordingRow, kCapacity> rows_;
+  std::atomic<std::uint64_t> lost_{0};
+  std::optional<Error> error_;
+  RecordingWriter writer_;
+  std::function<void(const Error&)> failed_;
+};
+
+}  // namespace trocar::runtime

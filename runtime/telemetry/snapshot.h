@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// The numbers that other processes read of the latest tick, as columns of telemetry.md. A new value
+// for the console is one line in the table of snapshot.cpp.
+// Tests: tests/runtime/session/live_session_test.cpp
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "formats/session/device_description.h"
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
+#include "formats/session/telemetry.h"
+#include "runtime/contact/tool.h"
+#include "runtime/mechanism/motor.h"
+#include "runtime/telemetry/telemetry_histogram.h"
+
+namespace trocar::runtime {
+
+/// Values of a tick that the haptic thread hands over. Counts begin with the session.
+struct TelemetryTick {
+  RecordingRow row;
+  std::int64_t taken_ns = 0;  ///< CLOCK_MONOTONIC
+  std::array<double, kMotors> motor_load_A2s{};
+  std::int32_t active_sheet = -1;
+  double force_N = 0;
+  std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
+  std::int64_t late_max_ns = 0;
+  std::uint64_t sheets_touched = 0, sheets_punctured = 0;  ///< one bit for each sheet
+  std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};
+  bool is_paused = false, has_ended = false;
+};
+static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);
+
+/// Everything that the columns are computed from.
+struct SnapshotSource {
+  const TelemetryTick& tick;
+  const DeviceDescription& device;
+  const MotorModel& motor;
+  const Tool& tool;
+  const TelemetryHistogram& tick_times;
+  const TelemetryHistogram& wake_times;
+  std::uint64_t last_event = 0;
+};
+
+/// Name and number of values of each column, in the order of snapshot_values().
+std::vector<std::pair<const char*, std::size_t>> snapshot_columns();
+/// Number of values of all columns.
+std::size_t snapshot_size();
+void snapshot_values(const SnapshotSource& source, std::span<double> values);
+
+}  // namespace trocar::runtime

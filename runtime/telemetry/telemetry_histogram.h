@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// Durations for the console, in bins of a quarter octave.
+// Tests: tests/runtime/session/live_session_test.cpp
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+
+namespace trocar::runtime {
+
+/// The bins begin at 256 ns; the first one also counts shorter durations, and the last one those
+/// above 14.7 ms. One thread writes, any thread reads.
+class TelemetryHistogram {
+ public:
+  static constexpr std::size_t kBins = 64;
+
+  void add(std::int64_t duration_ns) noexcept {
+    std::atomic<std::uint64_t>& count = counts_[bin(duration_ns)];
+    count.store(count.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+  }
+  std::uint64_t count(std::size_t i) const noexcept {
+    return counts_[i].load(std::memory_order_relaxed);
+  }
+  static std::size_t bin(std::int64_t duration_ns) noexcept;
+  /// Lower end of bin i; 0 for the first bin.
+  static double lower_us(std::size_t i) noexcept;
+
+ private:
+  std::array<std::atomic<std::uint64_t>, kBins> counts_{};
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Hands every tick, together with what was punctured in it, to a function off the haptic thread.
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
+#include "runtime/realtime/spsc_queue.h"
+#include "runtime/telemetry/tick_observer.h"
+
+namespace trocar::runtime {
+
+/// A row, with one bit for each sheet (the topmost is bit 0) or soft layer.
+struct ObservedTick {
+  RecordingRow row;
+  std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
+  std::uint64_t side_cut = 0;   ///< sheets whose wall yielded (force law `cutting`)
+  std::uint64_t layers_punctured = 0;
+};
+static_assert(kMaxSceneSlices <= 64 && kMaxLayers <= 64, "one bit for each");
+
+class TickFeed final : public TickObserver {
+ public:
+  static constexpr std::size_t kCapacity = 8192;  ///< ticks in the queue: one second at 8 kHz
+
+  /// `observe` is called with every tick in order.
+  explicit TickFeed(std::function<void(const ObservedTick&)> observe);
+  ~TickFeed() override { stop(); }
+
+  /// If the queue is full, the tick is lost.
+  void on_tick(const TickView& tick) noexcept override;
+  void serve() override;
+  std::uint64_t lost() const noexcept { return lost_.load(); }
+
+ private:
+  SpscQueue<ObservedTick, kCapacity> ticks_;
+  std::atomic<std::uint64_t> lost_{0};
+  std::function<void(const ObservedTick&)> observe_;
+};
+
+}  // namespace trocar::runtime

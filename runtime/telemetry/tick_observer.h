@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// The interface between the haptic loop and everything that watches it: the recorder, the black
+// box, messages to the operator, the telemetry publisher, the frame display, the tick feed, and the
+// statistics. A new observer is one class derived from TickObserver and one line in make_workers()
+// (runtime/session/session_workers.cpp), or an entry in SessionOptions::observers.
+// Tests: tests/runtime/session/session_test.cpp
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <span>
+
+#include "runtime/control/haptic_loop.h"
+#include "runtime/realtime/polling_thread.h"
+#include "runtime/realtime/realtime_thread.h"
+
+namespace trocar::runtime {
+
+/// Pause and zero are commands, not failures: the session waits for the operator.
+constexpr bool is_by_operator(Fault fault) noexcept {
+  return fault == Fault::kPaused || fault == Fault::kForcesOff;
+}
+
+struct PunctureEvent {
+  std::int32_t sheet = -1;  ///< index of the sheet; the topmost is 0
+  std::int32_t slice = -1;  ///< AssetSlice::index
+  std::uint32_t cut = 0;    ///< number of the hole in this sheet, from 1
+  double t_s = 0;
+  double tool_z_m = 0;
+  double penetration_m = 0;  ///< depth at which the sheet was punctured
+  double force_N = 0;        ///< last force at the tip before the puncture, times force_scale
+  double trial_force_N = 0;  ///< force of the tissue that exceeded the threshold, not scaled
+};
+
+/// A message to the operator while a session runs.
+struct OperatorMessage {
+  enum class Kind : std::uint8_t {
+    kFault,         ///< `detail` was latched
+    kNotRecovered,  ///< recovery was requested, but `detail` or the tool in material prevents it
+    kRecovered,     ///< forces rise again; `detail` only names the fault that has ended
+  };
+  Kind kind = Kind::kFault;
+  double t_s = 0;
+  FaultDetail detail;
+  double retract_distance_m = 0;  ///< kNotRecovered: depth of the tool in material
+};
+
+/// One tick, valid during the call of TickObserver::on_tick().
+struct TickView {
+  const TickResult& result;
+  const LoopState& state;                ///< state after the tick
+  std::span<const Sheet* const> sheets;  ///< meshes that the tick used, the topmost first
+  const TickTiming& timing;              ///< all zero unless is_real_time
+  bool is_real_time = false;             ///< ticks follow the wall clock
+  std::int64_t start_ns = 0;             ///< start of the tick, CLOCK_MONOTONIC
+};
+
+class TickObserver {
+ public:
+  /// In real time a background thread calls serve() every `interval`; 0: there is no such thread.
+  explicit TickObserver(std::chrono::nanoseconds interval = {}) : interval_(interval) {}
+  /// A derived class that overrides serve() calls stop() in its destructor.
+  virtual ~TickObserver() = default;
+  TickObserver(const TickObserver&) = delete;
+  TickObserver& operator=(const TickObserver&) = delete;
+
+  // Haptic thread: without allocation, lock or system call.
+
+  virtual void on_puncture(const PunctureEvent&) noexcept {}
+  virtual void on_message(const OperatorMessage&) noexcept {}
+  /// Called once a tick, after the punctures and messages of that tick.
+  virtual void on_tick(const TickView& tick) noexcept = 0;
+
+  // One other thread: in real time the one that start() creates, in virtual time the caller's.
+
+  /// Handles what the haptic thread left. In virtual time it is called after every tick.
+  virtual void serve() {}
+  void start() {
+    if (interval_.count() > 0) thread_.start(interval_, [this] { serve(); });
+  }
+  /// After the last tick: ends the thread, if any, and handles the rest.
+  virtual void stop() {
+    join();
+    serve();
+  }
+
+ protected:
+  void join() { thread_.stop(); }
+
+ private:
+  std::chrono::nanoseconds interval_;
+  PollingThread thread_;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/workers/remesher.h"
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::chrono::milliseconds kPollInterval{1};
+
+}  // namespace
+
+Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
+    : replica{sheet, sheet},
+      edit(sheet.mesh),
+      doubled_area(trocar::doubled_area(to_slice_mesh(sheet.mesh))),
+      published(replica.data()) {
+  first = sheet;
+  first.mesh = std::move(*make_sheet_mesh(to_slice_mesh(sheet.mesh), 0, 0));
+  first.grid = TriangleGrid();
+}
+
+Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                   const RemesherOptions& options)
+    : options_(options) {
+  for (const auto& sheet : sheets) {
+    vertex_slots_ = std::max(vertex_slots_, sheet->mesh.vertices.size());
+    triangle_slots_ = std::max(triangle_slots_, sheet->mesh.triangles.size());
+    pairs_.push_back(std::make_unique<ReplicaPair>(*sheet));
+  }
+  make_workspaces();
+  ready_.reserve(pairs_.size());
+  records_.reserve(kMaxRecords);
+  hole_points_.reserve(kMaxHolePoints);
+  ring_end_.reserve(kMaxHolePoints / 3);
+}
+
+void Remesher::make_workspaces() {
+  work_ = std::make_unique<CutWorkspace>(capacity_for(vertex_slots_, triangle_slots_));
+  refinement_ = std::make_unique<LocalRefinementWorkspace>(vertex_slots_, triangle_slots_);
+}
+
+Remesher::~Remesher() {
+  stop();
+}
+
+const Sheet* Remesher::current(std::size_t sheet) noexcept {
+  ReplicaPair& pair = *pairs_[sheet];
+  const Sheet* latest = pair.published.load(std::memory_order_acquire);
+  // Versions only get newer, so older ones are not read from here on.
+  pair.used_cuts.store(latest->cuts, std::memory_order_release);
+  return latest;
+}
+
+void Remesher::catch_up(ReplicaPair& pair) {
+  if (!pair.older_is_behind || pair.unpublished) return;
+  const Sheet& newer = pair.replica[pair.newer];
+  if (pair.used_cuts.load(std::memory_order_acquire) < newer.cuts && !reader_stopped_) return;
+  Sheet& older = pair.replica[1 - pair.newer];
+  if (older.mesh.triangles.size() < newer.mesh.triangles.size()) {
+    older.mesh.add_slots(newer.mesh.vertices.size() - older.mesh.vertices.size(),
+                         newer.mesh.triangles.size() - older.mesh.triangles.size());
+    older.grid.add_slots(older.mesh);
+  }
+  pair.edit.copy_to(newer.mesh, older.mesh);
+  older.grid.update(pair.edit, older.mesh);
+  older.cuts = newer.cuts;
+  pair.older_is_behind = false;
+}
+
+void Remesher::improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept {
+  if (options_.min_angle_deg <= 0) return;
+  LocalRefinementOptions options;
+  options.min_angle_deg = options_.min_angle_deg;
+  const LocalRefinementResult result =
+      refine_locally(sheet.mesh, pair.edit, work_->stitch.created, options, *refinement_);
+  record.quality_vertices = result.vertices_added;
+  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, pair.edit);
+}
+
+void Remesher::keep_hole(CutRecord& record) noexcept {
+  const HoleOutline& hole = work_->hole;
+  record.hole_vertices = static_cast<std::uint32_t>(hole.points.size());
+  record.first_ring = static_cast<std::uint32_t>(ring_end_.size());
+  if (hole_points_.size() + hole.points.size() > hole_points_.capacity() ||
+      ring_end_.size() + hole.rings() > ring_end_.capacity())
+    return;
+  record.rings = static_cast<std::uint32_t>(hole.rings());
+  for (std::size_t r = 0; r < hole.rings(); ++r) {
+    const std::span<const LatticePoint> ring = hole.ring(r);
+    hole_points_.insert(hole_points_.end(), ring.begin(), ring.end());
+    ring_end_.push_back(static_cast<std::uint32_t>(hole_points_.size()));
+  }
+}
+
+std::vector<Ring> Remesher::hole(const CutRecord& record) const {
+  std::vector<Ring> rings;
+  for (std::uint32_t r = record.first_ring; r < record.first_ring + record.rings; ++r) {
+    const std::uint32_t start = r == 0 ? 0 : ring_end_[r - 1];
+    rings.emplace_back(hole_points_.begin() + start, hole_points_.begin() + ring_end_[r]);
+  }
+  return rings;
+}
+
+void Remesher::add_capacity(ReplicaPair& pair, Sheet& older) {
+  older.mesh.add_slots(kSpareVertices, kSpareTriangles);
+  older.grid.add_slots(older.mesh);
+  pair.edit = SheetEdit(older.mesh);
+  if (older.mesh.triangles.size() <= triangle_slots_ && older.mesh.vertices.size() <= vertex_slots_)
+    return;
+  vertex_slots_ = std::max(vertex_slots_, older.mesh.vertices.size());
+  triangle_slots_ = std::max(triangle_slots_, older.mesh.triangles.size());
+  make_workspaces();
+}
+
+CutReport Remesher::cut_with_capacity(ReplicaPair& pair, Sheet& older,
+                                      const LatticeOutline& outline) {
+  if (older.mesh.free_vertices.size() < kMinFreeVertices ||
+      older.mesh.free_triangles.size() < kMinFreeTriangles)
+    add_capacity(pair, older);
+  CutReport report;
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    if (attempt > 0) add_capacity(pair, older);
+    report = cut_in_place(older.mesh, older.grid,
+                          std::span(outline.points.data(), static_cast<std::size_t>(outline.size)),
+                          *work_, pair.edit);
+    if (report.outcome != CutOutcome::kCapacity) break;
+  }
+  return report;
+}
+
+// Precondition: the older replica equals the newer one and is not visible to the haptic thread.
+void Remesher::serve_one(const CutRequest& request) {
+  const auto start = std::chrono::steady_clock::now();
+  const auto index = static_cast<std::size_t>(request.sheet);
+  ReplicaPair& pair = *pairs_[index];
+  const std::uint32_t cuts = pair.replica[pair.newer].cuts;
+  Sheet& next = pair.replica[1 - pair.newer];
+  CutRecord record;
+  record.request = request;
+  record.doubled_area_before = pair.doubled_area;
+  if (request.cut != cuts + 1) {
+    record.error = bug("a cut before this one failed");
+  } else {
+    record.cut = cut_with_capacity(pair, next, request.outline);
+    if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNoOverlap) {
+      if (record.cut.outcome == CutOutcome::kCut) improve(pair, next, record);
+      next.grid.update(pair.edit, next.mesh);
+      next.cuts = cuts + 1;
+      keep_hole(record);
+      pair.doubled_area -= record.cut.doubled_area_removed;
+      pair.newer = 1 - pair.newer;
+      pair.older_is_behind = true;
+      pair.unpublished = true;
+      ready_.push_back(index);
+    } else if (record.cut.outcome == CutOutcome::kCapacity) {
+      record.error = refused("cut: it exceeds the capacity of the mesh");
+    } else {
+      record.error = bug("cut: " + std::string(to_string(record.cut.outcome)) +
+                         (record.cut.bug != nullptr ? std::string(": ") + record.cut.bug : ""));
+    }
+  }
+  record.remesh_us =
+      std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start).count();
+  if (records_.size() < kMaxRecords) records_.push_back(record);
+}
+
+void Remesher::serve() {
+  for (const auto& pair : pairs_)
+    catch_up(*pair);
+  CutRequest request;
+  while (waiting_ || requests_.pop(request)) {
+    if (waiting_) request = *waiting_;
+    waiting_.reset();
+    if (pairs_[static_cast<std::size_t>(request.sheet)]->older_is_behind) {
+      waiting_ = request;
+      return;
+    }
+    serve_one(request);
+  }
+}
+
+bool Remesher::publish_next() {
+  if (ready_.empty()) return false;
+  ReplicaPair& pair = *pairs_[ready_.front()];
+  ready_.erase(ready_.begin());
+  pair.published.store(&pair.replica[pair.newer], std::memory_order_release);
+  pair.unpublished = false;
+  return true;
+}
+
+void Remesher::start(std::function<void()> between) {
+  thread_.start(kPollInterval, [this, between = std::move(between)] {
+    serve();
+    while (publish_next()) {
+    }
+    if (between) between();
+  });
+}
+
+void Remesher::stop() {
+  thread_.stop();
+  reader_stopped_ = true;
+  do {
+    serve();
+  } while (publish_next() || waiting_);
+  reader_stopped_ = false;
+}
+
+}  // namespace trocar::runtime

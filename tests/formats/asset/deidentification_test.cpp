@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// What check_deidentified_asset() refuses: each kind of thing that could tell whose scan it was, planted
+// in an asset that is valid otherwise.
+#include "formats/asset/deidentification.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <functional>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
+
+namespace trocar {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+Asset plain_asset() {
+  Asset asset;
+  asset.generator = "trocar-mesh 0.2.0";
+  asset.parameters_json =
+      R"({"axis":"coronal","contour":"subpixel","crop":[1,2,3,4],"fill_mm2":"all","grade_hu":50,"hu":false,"threshold":226.5})";
+  asset.materials = {{"L3", 22}, {"disc L3/L4 (left)", {}}};
+  AssetSlice slice;
+  slice.mesh = {{{0, 0}, {300, 0}, {0, 300}}, {{0, 1, 2}}};
+  slice.hu = {100, 200, 300};
+  slice.pslg = boundary_rings(slice.mesh);
+  for (int index = 0; index < 3; ++index) {
+    slice.index = index;
+    slice.z_mm = 0.7 * index;
+    slice.T_lps_plane = Eigen::Translation3d(1, 2, slice.z_mm);
+    asset.slices.push_back(slice);
+  }
+  return asset;
+}
+
+std::string found_in(const Bytes& glb) {
+  EXPECT_TRUE(decode_asset(glb, "x.glb"));
+  const auto ok = check_deidentified_asset(glb, "x.glb");
+  if (ok) return {};
+  EXPECT_EQ(ok.error().code, ExitCode::kRefused);
+  EXPECT_EQ(ok.error().message.find('\n'), std::string::npos);
+  return ok.error().message;
+}
+
+TEST(PrivateAsset, AnAssetAsItIsWrittenIsPrivate) {
+  Asset asset = plain_asset();
+  EXPECT_EQ(found_in(*encode_asset(asset)), "");
+  asset.lines = true;
+  asset.input_key_digest = std::string(64, 'a');
+  EXPECT_EQ(found_in(*encode_asset(asset)), "");
+  asset.colours = true;
+  EXPECT_EQ(found_in(*encode_asset(asset)), "");
+  asset.slices[1].measures_json = R"({"mean_hu":300.25,"patient":"DOE"})";
+  asset.slices[1].hu.clear();
+  EXPECT_EQ(found_in(*encode_asset(asset)), "");
+}
+
+TEST(PrivateAsset, PlantedTextIsNamed) {
+  const std::vector<std::pair<std::function<void(Asset&)>, std::string>> planted{
+      {[](Asset& a) { a.parameters_json = R"({"patient":1})"; },
+       "its JSON has /extras/trocar/parameters/patient"},
+      {[](Asset& a) { a.parameters_json = R"({"series":"1.2.826.0.1"})"; },
+       "its JSON has /extras/trocar/parameters/series"},
+      {[](Asset& a) { a.parameters_json = R"({"axis":"DOE"})"; },
+       R"(its JSON has /extras/trocar/parameters/axis "DOE")"},
+      {[](Asset& a) { a.parameters_json = R"({"modality":"1.2.826.0.1"})"; },
+       R"(its JSON has /extras/trocar/parameters/modality "1.2.826.0.1")"},
+      {[](Asset& a) { a.parameters_json = R"({"labels":["DOE"]})"; },
+       R"(its JSON has /extras/trocar/parameters/labels/[] "DOE")"},
+      {[](Asset& a) { a.generator = "trocar-mesh 0.2.0 /home/doe"; },
+       R"(its JSON has /asset/generator "trocar-mesh 0.2.0 /home/doe")"},
+      {[](Asset& a) { a.materials[1].name = "DOE 19470213"; }, "19470213"},
+      {[](Asset& a) { a.materials[1].name = "1.2.826.0.1"; }, "1.2.826.0.1"},
+      {[](Asset& a) { a.input_key_digest = "42ba"; }, "input_key_digest"}};
+  for (const auto& [plant, what] : planted) {
+    Asset asset = plain_asset();
+    plant(asset);
+    const std::string found = found_in(*encode_asset(asset));
+    EXPECT_NE(found.find("x.glb: not de-identified: its JSON has /"), std::string::npos) << found;
+    EXPECT_NE(found.find(what), std::string::npos) << found;
+  }
+}
+
+TEST(PrivateAsset, BytesThatBelongToNothingAreFound) {
+  Asset asset = plain_asset();
+  Bytes glb = *encode_asset(asset);
+  const auto last_record = [&glb] {
+    MemorySource source(glb);
+    return *read_record(source, **find_index(source), 2);
+  };
+  for (int step = 1; last_record().draco_bytes % 4 == 0; ++step) {  // until there is padding
+    ASSERT_LT(step, 100);
+    for (float& hu : asset.slices[2].hu)
+      hu += static_cast<float>(8 * step * step);
+    glb = *encode_asset(asset);
+  }
+  const SliceRecord last = last_record();
+  MemorySource source(glb);
+  const IndexedFile file = **find_index(source);
+  Bytes gap = glb;
+  gap[file.binary_at + last.draco_offset + last.draco_bytes] = 'D';
+  EXPECT_NE(found_in(gap).find("do not belong to any content"), std::string::npos);
+
+  const auto put = [](Bytes& bytes, std::size_t at, std::size_t value) {
+    const auto number = static_cast<std::uint32_t>(value);
+    std::memcpy(bytes.data() + at, &number, 4);
+  };
+  Bytes longer = glb;  // four bytes at the end, with all sizes right
+  longer.insert(longer.end(), {'D', 'O', 'E', 0});
+  put(longer, 8, longer.size());
+  put(longer, file.binary_at - 8, file.header.binary_bytes + 4);
+  put(longer, file.binary_at + offsetof(IndexHeader, binary_bytes), file.header.binary_bytes + 4);
+  EXPECT_NE(found_in(longer).find("do not belong to any content"), std::string::npos);
+
+  Bytes chunk = glb;  // a chunk of another kind
+  chunk.insert(chunk.end(), {4, 0, 0, 0, 'D', 'O', 'E', 0, 1, 2, 3, 4});
+  put(chunk, 8, chunk.size());
+  EXPECT_NE(found_in(chunk).find("chunks beside"), std::string::npos);
+
+  Bytes spaces = glb;  // a space for each of the JSON's bytes could be a text
+  spaces.insert(spaces.begin() + static_cast<std::ptrdiff_t>(file.binary_at - 8), 4, ' ');
+  put(spaces, 8, spaces.size());
+  put(spaces, 12, file.header.json_bytes + 4);
+  put(spaces, file.binary_at + 4 + offsetof(IndexHeader, json_bytes), file.header.json_bytes + 4);
+  EXPECT_NE(found_in(spaces).find("more characters"), std::string::npos);
+}
+
+TEST(PrivateAsset, PlainNames) {
+  for (const char* name : {"L3", "disc L3-L4", "vertebra_22", "a, b (left)/c+d", "1234"})
+    EXPECT_TRUE(is_plain_name(name)) << name;
+  for (const char* name :
+       {"", "1.2", "12345", "19470213", "D\xC3\xB6", "a\tb", "a\nb", "x@y", "C:"})
+    EXPECT_FALSE(is_plain_name(name)) << name;
+  EXPECT_FALSE(is_plain_name(std::string(65, 'a')));
+  EXPECT_FALSE(is_plain_name(std::string_view("a\0b", 3)));
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,344 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Simplification that keeps areas: validity, area and distance of 10,000 random slices, of the
+// phantom and of real scans, as stored after refinement; and against Douglas-Peucker.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <random>
+
+#include "formats/geometry/mesh_validity.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/scan/mesh_slice.h"
+#include "pipeline/triangulation/refined_rings.h"
+#include "pipeline/triangulation/triangulation.h"
+#include "sample_ct/render.h"
+#include "tests/support/synthetic_fields.h"
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr Lattice kLattice{8};
+constexpr double kStep_mm = 1.0 / 256;
+#ifdef TROCAR_SANITIZED
+constexpr std::uint64_t kNoiseSlices = 500;
+#else
+constexpr std::uint64_t kNoiseSlices = 10'000;
+#endif
+
+SimplificationOptions area_to(double tolerance_mm) {
+  return {tolerance_mm, SimplificationMethod::kArea};
+}
+
+double distance_to_ring(double x, double y, const Ring& ring) {
+  double best2 = std::numeric_limits<double>::max();
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+    const double dx = b.x - a.x, dy = b.y - a.y, px = x - a.x, py = y - a.y;
+    const double t = std::clamp((px * dx + py * dy) / (dx * dx + dy * dy), 0.0, 1.0);
+    best2 = std::min(best2, (px - t * dx) * (px - t * dx) + (py - t * dy) * (py - t * dy));
+  }
+  return std::sqrt(best2);
+}
+
+// Distances from samples of one ring, at most `spacing` steps apart, to another, by brute force.
+struct Distances {
+  double sum = 0, worst = 0;  // the sum weighted by length; steps
+  double length = 0;
+
+  void add(const Ring& from, const Ring& to, double spacing) {
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      const LatticePoint a = from[i], b = from[(i + 1) % from.size()];
+      const double along = std::sqrt(static_cast<double>(distance2(a, b)));
+      const int n = 1 + static_cast<int>(along / spacing);
+      for (int k = 0; k < n; ++k) {
+        const double t = (k + 0.5) / n;
+        const double d = distance_to_ring(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to);
+        sum += d * along / n;
+        worst = std::max(worst, d);
+      }
+      worst = std::max(worst, distance_to_ring(a.x, a.y, to));
+      length += along;
+    }
+  }
+  double mean_mm() const { return sum / length * kStep_mm; }
+};
+
+double area_mm2(std::int64_t doubled) {
+  return 0.5 * static_cast<double>(doubled) * kStep_mm * kStep_mm;
+}
+
+double longest_edge(const Ring& ring) {
+  std::int64_t longest2 = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i)
+    longest2 = std::max(longest2, distance2(ring[i], ring[(i + 1) % ring.size()]));
+  return std::sqrt(static_cast<double>(longest2));
+}
+
+// Validity by check_pslg() (crossings, collapses, nesting), orientation, area; the distance as
+// hausdorff_mm() finds it, and that this is no less than samples show.
+void expect_sound(const Pslg& full, const Pslg& simple, double tolerance_mm, bool by_samples,
+                  const std::string& what) {
+  const auto valid = check_pslg(simple);
+  ASSERT_TRUE(valid) << what << ": " << valid.error().message;
+  ASSERT_EQ(simple.rings.size(), full.rings.size()) << what;
+  const double reported_mm = hausdorff_mm(full, simple, kLattice);
+  ASSERT_LE(reported_mm, tolerance_mm) << what;
+  for (std::size_t r = 0; r < full.rings.size(); ++r) {
+    ASSERT_EQ(doubled_area(simple.rings[r]) > 0, doubled_area(full.rings[r]) > 0) << what;
+    if (!by_samples) continue;
+    Distances both;
+    both.add(full.rings[r], simple.rings[r], 8);
+    both.add(simple.rings[r], full.rings[r], 8);
+    ASSERT_LE(both.worst * kStep_mm, reported_mm + 1e-9) << what;
+  }
+}
+
+// Each slice is simplified, triangulated and refined; what is stored is compared with the contour.
+TEST(AreaCollapse, TenThousandRandomSlices) {
+  const PixelGrid grid{0.5, 0.5, 0, 0, kLattice};
+  constexpr int kPasses[] = {0, 1, 2, 3, 5, 8, 13, 21};
+  constexpr double kTolerances_px[] = {0.1, 0.3, 0.5, 1.0, 2.0, 3.0};
+  std::size_t vertices = 0, vertices_dp = 0, rings = 0, kept = 0;
+  for (std::uint64_t seed = 0; seed < kNoiseSlices; ++seed) {
+    const std::string what = "seed " + std::to_string(seed);
+    const double tolerance_mm = kTolerances_px[seed / 8 % 6] * grid.spacing_u_mm;
+    const ContourKind kind = seed / 48 % 3 == 0 ? ContourKind::kPixel : ContourKind::kSubpixel;
+    const Pslg full = contours(noise_field(24 + static_cast<int>(seed % 17), kPasses[seed % 8],
+                                           90'000 + seed, seed % 5 == 0),
+                               grid, kind);
+    const Pslg simple = simplify(full, kLattice, area_to(tolerance_mm));
+    expect_sound(full, simple, tolerance_mm, seed % 20 == 0, what);
+    if (HasFatalFailure()) return;
+    for (std::size_t r = 0; r < full.rings.size(); ++r) {
+      const std::int64_t off = doubled_area(simple.rings[r]) - doubled_area(full.rings[r]);
+      kept += std::abs(static_cast<double>(off)) <= longest_edge(simple.rings[r]) ? 1U : 0U;
+      ++rings;
+      vertices += simple.rings[r].size();
+    }
+    for (const Ring& ring :
+         simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker}).rings)
+      vertices_dp += ring.size();
+    RefinementOptions options;
+    options.keep_area = true;
+    options.max_distance_steps = std::min(
+        options.max_distance_steps, left_for_refinement_steps(kLattice, area_to(tolerance_mm)));
+    const Refined refined = refine(*triangulate(simple), kLattice, options);
+    const Pslg stored = refined_rings(refined, simple);
+    const auto valid = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
+    ASSERT_TRUE(valid) << what << ": " << valid.error().message;
+    ASSERT_TRUE(is_constrained_delaunay(refined.mesh)) << what;
+    ASSERT_EQ(doubled_area(stored), doubled_area(refined.mesh)) << what;
+    expect_sound(full, stored, tolerance_mm, seed % 20 == 0, what);
+    if (HasFatalFailure()) return;
+  }
+  std::printf(
+      "  %zu rings, %.2f %% within half a step times the longest edge; %zu vertices, %zu by dp\n",
+      rings, 100.0 * static_cast<double>(kept) / static_cast<double>(rings), vertices, vertices_dp);
+  EXPECT_GE(static_cast<double>(kept), 0.99 * static_cast<double>(rings));
+  EXPECT_LT(vertices, vertices_dp);
+}
+
+// A slice's contours and the outline that its mesh stores.
+struct Slice {
+  Pslg full, stored;
+};
+
+class Scans : public testing::Test {
+ protected:
+  // Calls visit(slice) for some slices of the phantom and of each scan that there is.
+  template <typename Visit>
+  void for_slices(int wanted, const MeshOptions& options, const Visit& visit) {
+    const sample::PhantomOptions phantom;
+    const sample::ScanGeometry geometry = *sample::sample_geometry(512, 35);
+    const SampleStack sample(phantom, geometry);
+    visit_slices("phantom", sample, wanted, options, visit);
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
+    const char* const folder = std::getenv("TROCAR_REAL_CT");
+    // NOLINTNEXTLINE(concurrency-mt-unsafe)
+    const char* const head = std::getenv("TROCAR_HEAD_CT");
+    std::vector<std::string> scans;
+    if (folder != nullptr) scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
+    if (head != nullptr) scans.emplace_back(head);
+    for (const std::string& scan : scans) {
+      if (!std::filesystem::exists(scan)) continue;
+      const auto stack = open_stack({scan}, {});
+      ASSERT_TRUE(stack) << stack.error().message;
+      visit_slices(scan, **stack, wanted, options, visit);
+    }
+  }
+
+ private:
+  class SampleStack final : public SliceStack {
+   public:
+    SampleStack(const sample::PhantomOptions& phantom, const sample::ScanGeometry& geometry)
+        : phantom_(phantom), geometry_(geometry) {
+      plane_.spacing_u_mm = plane_.spacing_v_mm = geometry.pixel_mm;
+    }
+    int size() const override { return 35; }
+    int width() const override { return geometry_.columns; }
+    int height() const override { return geometry_.rows; }
+    PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+    const SlicePlane& plane(int /*slice*/) const override { return plane_; }
+    std::string name(int slice) const override { return "phantom " + std::to_string(slice); }
+    Result<Image> read(int slice) const override {
+      Image out{width(), height(), {}};
+      const auto noise = sample::noise_slice(geometry_, 7, 12, slice);
+      const auto values = sample::render_slice(phantom_, geometry_, slice);
+      for (std::size_t i = 0; i < values.size(); ++i)
+        out.values.push_back(static_cast<float>(std::rint(values[i] + noise[i])));
+      return out;
+    }
+
+   private:
+    const sample::PhantomOptions& phantom_;
+    const sample::ScanGeometry& geometry_;
+    SlicePlane plane_;
+  };
+
+  template <typename Visit>
+  static void visit_slices(const std::string& name, const SliceStack& stack, int wanted,
+                           const MeshOptions& options, const Visit& visit) {
+    const int every = std::max(1, stack.size() / wanted);
+    for (int k = every / 2; k < stack.size(); k += every) {
+      const auto meshed = mesh_slice(stack, k, options);
+      ASSERT_TRUE(meshed) << meshed.error().message;
+      visit(name + " slice " + std::to_string(k), meshed->materials[0]);
+      if (HasFatalFailure()) return;
+    }
+  }
+};
+
+TEST_F(Scans, KeepTheirAreasAndTheToleranceAsStored) {
+  MeshOptions options;
+  double worst_slice = 0, worst_ring = 0, worst_mm = 0;
+  std::size_t rings = 0;
+  for_slices(1000, options, [&](const std::string& what, const MeshedMaterial& slice) {
+    const Pslg stored = refined_rings(slice.refined, slice.pslg);
+    EXPECT_EQ(doubled_area(stored), doubled_area(slice.refined.mesh)) << what;
+    EXPECT_LE(slice.simplification_error_mm, options.simplification.tolerance_mm) << what;
+    EXPECT_EQ(slice.simplification_error_mm, hausdorff_mm(slice.contours, stored, kLattice));
+    worst_mm = std::max(worst_mm, slice.simplification_error_mm);
+    if (slice.contours.rings.empty()) return;
+    const double full_mm2 = area_mm2(doubled_area(slice.contours));
+    const double off = std::abs(area_mm2(doubled_area(stored)) / full_mm2 - 1);
+    EXPECT_LE(off, 0.0005) << what << " of " << full_mm2 << " mm^2";
+    worst_slice = std::max(worst_slice, off);
+    for (std::size_t r = 0; r < stored.rings.size(); ++r) {
+      const double ring_mm2 = area_mm2(doubled_area(slice.contours.rings[r]));
+      if (std::abs(ring_mm2) <= 10) continue;
+      ++rings;
+      const double ring_off = std::abs(area_mm2(doubled_area(stored.rings[r])) / ring_mm2 - 1);
+      EXPECT_LE(ring_off, 0.001) << what << ", a ring of " << ring_mm2 << " mm^2, simplified "
+                                 << area_mm2(doubled_area(slice.pslg.rings[r])) << ", stored "
+                                 << area_mm2(doubled_area(stored.rings[r])) << ", vertices "
+                                 << slice.pslg.rings[r].size() << ", " << stored.rings[r].size();
+      worst_ring = std::max(worst_ring, ring_off);
+    }
+  });
+  std::printf("  worst slice %.4f %%, worst of %zu rings %.4f %%, farthest %.4f mm\n",
+              100 * worst_slice, rings, 100 * worst_ring, worst_mm);
+}
+
+TEST_F(Scans, HaveFewerVerticesThatAreNearerThanDouglasPeuckers) {
+  // Those of the report (scripts/report).
+  constexpr double kTolerances_mm[] = {0.02, 0.035, 0.05, 0.07, 0.1, 0.14, 0.2,
+                                       0.25, 0.35,  0.5,  0.7,  1.0, 1.4};
+  struct Method {
+    std::size_t vertices = 0;
+    Distances distances;
+  };
+  std::map<std::pair<std::string, double>, std::array<Method, 2>> found;
+  for_slices(4, {}, [&](const std::string& what, const MeshedMaterial& slice) {
+    const std::string scan = what.substr(0, what.find(" slice"));
+    for (const double tolerance_mm : kTolerances_mm) {
+      for (const auto method :
+           {SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker}) {
+        const Pslg simple = simplify(slice.contours, kLattice, {tolerance_mm, method});
+        Method& sum = found[{scan, tolerance_mm}][static_cast<std::size_t>(method)];
+        for (std::size_t r = 0; r < simple.rings.size(); ++r) {
+          sum.vertices += simple.rings[r].size();
+          sum.distances.add(simple.rings[r], slice.contours.rings[r], 48);
+          sum.distances.add(slice.contours.rings[r], simple.rings[r], 48);
+        }
+      }
+    }
+  });
+  for (const auto& [key, methods] : found) {
+    const auto& [area, dp] = methods;
+    std::printf("  %s, %.2f mm: %zu vertices at %.4f mm; Douglas-Peucker %zu at %.4f mm\n",
+                std::filesystem::path(key.first).filename().c_str(), key.second, area.vertices,
+                area.distances.mean_mm(), dp.vertices, dp.distances.mean_mm());
+    EXPECT_LT(area.vertices, dp.vertices) << key.first << " at " << key.second;
+    EXPECT_LT(area.distances.mean_mm(), dp.distances.mean_mm())
+        << key.first << " at " << key.second;
+  }
+}
+
+// An edge of a hole that touches the outline in two vertices may be passed without a crossing.
+TEST(AreaCollapse, KeepsRingsThatTouchAndVerticesInBays) {
+  const std::int32_t s = 256;
+  const Pslg bay{{{{0, 0},
+                   {20 * s, 0},
+                   {20 * s, 10 * s},
+                   {12 * s, 10 * s},
+                   {10 * s, 8 * s},
+                   {8 * s, 10 * s},
+                   {0, 10 * s}},
+                  {{10 * s - 40, 9 * s}, {10 * s + 40, 9 * s}, {10 * s, 9 * s + 60}}}};
+  const Pslg touching{
+      {{{0, 0}, {10 * s, 0}, {10 * s, 9 * s}, {7 * s, 10 * s}, {3 * s, 10 * s}, {0, 9 * s}},
+       {{7 * s, 10 * s}, {5 * s, 8 * s}, {3 * s, 10 * s}, {5 * s, 9 * s}}}};
+  for (const Pslg& full : {bay, touching}) {
+    const auto valid = check_pslg(full);
+    ASSERT_TRUE(valid) << valid.error().message;
+    for (const double tolerance_mm : {0.5, 1.0, 2.0, 3.0, 5.0})
+      expect_sound(full, simplify(full, kLattice, area_to(tolerance_mm)), tolerance_mm, true, "");
+  }
+}
+
+// A ring is simplified part by part; all of it is, and alike.
+TEST(AreaCollapse, SimplifiesLongRingsThroughout) {
+  constexpr std::size_t kVertices = 32'768, kSectors = 16;
+  constexpr double kRadius = 400'000, kTolerance_mm = 0.2;
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> rough(-30, 30);
+  Ring ring;
+  for (std::size_t k = 0; k < kVertices; ++k) {
+    const double turn = 2 * std::numbers::pi * static_cast<double>(k) / kVertices,
+                 radius = kRadius + 60 * std::sin(3'000 * turn) + rough(random);
+    ring.push_back({static_cast<std::int32_t>(std::lround(radius * std::cos(turn))),
+                    static_cast<std::int32_t>(std::lround(radius * std::sin(turn)))});
+  }
+  const Pslg simple = simplify({{ring}}, kLattice, area_to(kTolerance_mm));
+  ASSERT_TRUE(check_pslg(simple));
+  std::array<int, kSectors> in_sector{};
+  for (const LatticePoint p : simple.rings[0]) {
+    const double turns = std::atan2(p.y, p.x) / (2 * std::numbers::pi) + 0.5;
+    ++in_sector[std::min(kSectors - 1, static_cast<std::size_t>(turns * kSectors))];
+  }
+  const auto [least, most] = std::minmax_element(in_sector.begin(), in_sector.end());
+  EXPECT_LT(*most, 1.1 * *least) << simple.rings[0].size() << " vertices";
+}
+
+// The farthest point of the long upper edge from the notched contour lies within the edge: at its
+// middle, equally far from both flanks of the notch.
+TEST(HausdorffMm, IsFoundWithinEdges) {
+  const Ring notched{{0, 0}, {4000, 0}, {4000, 1000}, {2000, 100}, {0, 1000}};
+  const Ring straight{{0, 0}, {4000, 0}, {4000, 1000}, {0, 1000}};
+  const double to_flank = 900 * 2000 / std::hypot(2000, 900);
+  // The other way, from the notch's corner to the lower edge, it is less.
+  EXPECT_NEAR(hausdorff_mm({{notched}}, {{straight}}, kLattice), to_flank * kStep_mm, 1e-9);
+  EXPECT_NEAR(hausdorff_mm({{straight}}, {{notched}}, kLattice), to_flank * kStep_mm, 1e-9);
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

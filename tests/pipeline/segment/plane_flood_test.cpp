@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/segment/plane_flood.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+
+namespace trocar::pipeline {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+struct Case {
+  std::vector<double> u_mm, v_mm;
+  Bytes solid;
+  PlaneGrid grid() const { return {u_mm, v_mm}; }
+  double apart2(std::size_t a, std::size_t b) const {
+    const double u = u_mm[a % u_mm.size()] - u_mm[b % u_mm.size()];
+    const double v = v_mm[a / u_mm.size()] - v_mm[b / u_mm.size()];
+    return u * u + v * v;
+  }
+};
+
+std::vector<double> positions(std::mt19937_64& random, std::size_t n, bool even) {
+  std::uniform_real_distribution<double> width(0.4, 2.5);
+  const double same = width(random);
+  std::vector<double> at{0};
+  while (at.size() < n)
+    at.push_back(at.back() + (even ? same : width(random)));
+  return at;
+}
+
+Case random_case(std::mt19937_64& random, double share) {
+  std::uniform_int_distribution<std::size_t> side(1, 24);
+  Case out;
+  out.u_mm = positions(random, side(random), random() % 2 == 0);
+  out.v_mm = positions(random, side(random), random() % 2 == 0);
+  std::bernoulli_distribution is_solid(share);
+  for (std::size_t i = 0; i < out.grid().size(); ++i)
+    out.solid.push_back(is_solid(random) ? 1 : 0);
+  return out;
+}
+
+// Every pair of pixels.
+double nearest2(const Case& c, const Bytes& set, std::size_t from) {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < set.size(); ++i)
+    if (set[i] != 0) least = std::min(least, c.apart2(from, i));
+  return least;
+}
+
+// Grows `seed` through `open` by edges until nothing changes.
+Bytes grown(const Case& c, Bytes seed, const Bytes& open) {
+  const std::size_t width = c.u_mm.size();
+  for (bool changes = true; changes;) {
+    changes = false;
+    for (std::size_t i = 0; i < seed.size(); ++i) {
+      if (seed[i] != 0 || open[i] == 0) continue;
+      const bool touches =
+          (i % width > 0 && seed[i - 1] != 0) || (i % width + 1 < width && seed[i + 1] != 0) ||
+          (i >= width && seed[i - width] != 0) || (i + width < seed.size() && seed[i + width] != 0);
+      if (touches) seed[i] = 1, changes = true;
+    }
+  }
+  return seed;
+}
+
+// The definition in plane_flood.h, by brute force.
+Bytes enclosed_by_definition(const Case& c, double radius_mm, double largest_mm2) {
+  const std::size_t width = c.u_mm.size(), height = c.v_mm.size(), n = c.solid.size();
+  const double radius2 = radius_mm * radius_mm * (1 + 2e-6);
+  Bytes open(n), border(n, 0), rest(n), out(n, 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    open[i] = nearest2(c, c.solid, i) > radius2 ? 1 : 0;
+    const std::size_t x = i % width, y = i / width;
+    border[i] = open[i] != 0 && (x == 0 || y == 0 || x + 1 == width || y + 1 == height) ? 1 : 0;
+  }
+  const Bytes outside = grown(c, border, open);
+  for (std::size_t i = 0; i < n; ++i)
+    rest[i] = c.solid[i] == 0 && nearest2(c, outside, i) > radius2 ? 1 : 0;
+  const auto cell = [](const std::vector<double>& at, std::size_t i) {
+    if (at.size() < 2) return 1.0;
+    if (i == 0) return at[1] - at[0];
+    if (i + 1 == at.size()) return at[i] - at[i - 1];
+    return 0.5 * (at[i + 1] - at[i - 1]);
+  };
+  for (std::size_t i = 0; i < n; ++i) {
+    if (rest[i] == 0) continue;
+    Bytes seed(n, 0);
+    seed[i] = 1;
+    const Bytes patch = grown(c, seed, rest);
+    double area = 0;
+    for (std::size_t k = 0; k < n; ++k)
+      if (patch[k] != 0) area += cell(c.u_mm, k % width) * cell(c.v_mm, k / width);
+    out[i] = area <= largest_mm2 ? 1 : 0;
+  }
+  return out;
+}
+
+TEST(PlaneFlood, DistancesAreThoseOfAllPairs) {
+  std::mt19937_64 random(1);
+  for (int run = 0; run < 300; ++run) {
+    const Case c = random_case(random, run % 3 == 0 ? 0.01 : 0.2);
+    std::vector<float> squared;
+    squared_distances(c.grid(), c.solid, squared);
+    for (std::size_t i = 0; i < squared.size(); ++i) {
+      const double expected = nearest2(c, c.solid, i);
+      if (std::isinf(expected)) {
+        ASSERT_TRUE(std::isinf(squared[i]));
+      } else {
+        ASSERT_NEAR(squared[i], expected, 1e-6 * (1 + expected));
+      }
+    }
+  }
+}
+
+TEST(PlaneFlood, EnclosedIsWhatItsDefinitionSays) {
+  std::mt19937_64 random(2);
+  int found = 0;
+  for (int run = 0; run < 300; ++run) {
+    const Case c = random_case(random, run % 2 == 0 ? 0.45 : 0.15);
+    const double radius = run % 3 == 0 ? 0 : std::uniform_real_distribution<double>(0.3, 4)(random);
+    const double largest = run % 5 == 0 ? 6 : 1e9;
+    Bytes enclosed;
+    find_enclosed(c.grid(), c.solid, radius, largest, enclosed);
+    ASSERT_EQ(enclosed, enclosed_by_definition(c, radius, largest)) << run;
+    found += static_cast<int>(std::count(enclosed.begin(), enclosed.end(), 1));
+  }
+  EXPECT_GT(found, 1000);
+}
+
+// A square ring with a gap: closed by discs wider than the gap only, whatever the inside's size.
+TEST(PlaneFlood, AGapIsClosedByADiscThatDoesNotPassIt) {
+  Case c;
+  for (int i = 0; i < 60; ++i)
+    c.u_mm.push_back(i);
+  c.v_mm = c.u_mm;
+  c.solid.assign(3600, 0);
+  for (std::size_t k = 10; k < 50; ++k)
+    for (const std::size_t i : {10 * 60 + k, 49 * 60 + k, k * 60 + 10, k * 60 + 49})
+      c.solid[i] = 1;
+  for (std::size_t x = 28; x <= 32; ++x)  // solid pixels at 27 and 33: a disc of radius < 3 passes
+    c.solid[10 * 60 + x] = 0;
+  const std::size_t middle = 30 * 60 + 30;
+  Bytes enclosed;
+  find_enclosed(c.grid(), c.solid, 2.9, 1e9, enclosed);
+  EXPECT_EQ(enclosed[middle], 0);
+  find_enclosed(c.grid(), c.solid, 3, 1e9, enclosed);
+  EXPECT_EQ(enclosed[middle], 1);
+  find_enclosed(c.grid(), c.solid, 3, 1000, enclosed);  // 38 x 38 mm^2 and the gap
+  EXPECT_EQ(enclosed[middle], 0);
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/segment/solid_bone.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+
+#include "pipeline/contour/contour.h"
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr int kSide = 40;
+
+// A volume of kSide^3 voxels of 1 mm, its values given by a function of the place.
+class BlockStack final : public SliceStack {
+ public:
+  explicit BlockStack(const std::function<double(double x, double y, double z)>& value) {
+    for (int z = 0; z < kSide; ++z) {
+      Image image{kSide, kSide, {}};
+      for (int y = 0; y < kSide; ++y)
+        for (int x = 0; x < kSide; ++x)
+          image.values.push_back(static_cast<float>(value(x, y, z)));
+      images_.push_back(std::move(image));
+      SlicePlane plane{1, 1, Eigen::Affine3d::Identity(), static_cast<double>(z)};
+      plane.T_lps_plane.translation() = Eigen::Vector3d(100, 0, z);
+      planes_.push_back(plane);
+    }
+  }
+  int size() const override { return kSide; }
+  int width() const override { return kSide; }
+  int height() const override { return kSide; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
+  std::string name(int slice) const override { return "block, slice " + std::to_string(slice); }
+  Result<Image> read(int slice) const override { return images_[slice]; }
+
+  std::vector<SlicePlane> planes_;
+
+ private:
+  std::vector<Image> images_;
+};
+
+double from_middle(double x, double y, double z) {
+  return std::hypot(x - 20, y - 20, z - 20);
+}
+
+SolidBone made(const BlockStack& stack, const SolidOptions& options) {
+  auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
+  EXPECT_TRUE(out) << out.error().message;
+  return std::move(*out);
+}
+
+SolidOptions filling(double close_mm, double fill_mm2) {
+  SolidOptions out;
+  out.close_mm = close_mm;
+  out.fill_mm2 = fill_mm2;
+  return out;
+}
+
+// A shell of bone around marrow with a hole of about 4 mm on its top, and a bubble of air in it.
+BlockStack shell_with_hole() {
+  return BlockStack([](double x, double y, double z) {
+    const double r = from_middle(x, y, z);
+    if (from_middle(x, y, z - 4) < 2) return -900.0;
+    if (r < 12) return 50.0;
+    const bool in_hole = z > 20 && std::hypot(x - 20, y - 20) < 2;
+    return r < 15 && !in_hole ? 600.0 : 0.0;
+  });
+}
+
+TEST(SolidBone, AShellWithAHoleIsFilledAndItsAirStaysOpen) {
+  const BlockStack stack = shell_with_hole();
+  const SolidBone solid = made(stack, filling(3, 2500));
+  EXPECT_TRUE(solid.inside(20, 20, 15));   // marrow
+  EXPECT_FALSE(solid.inside(24, 20, 20));  // air
+  EXPECT_FALSE(solid.inside(20, 2, 20));   // outside
+  EXPECT_NEAR(solid.filled_mm3(), 4.0 / 3 * M_PI * 12 * 12 * 12, 0.03 * 7238);
+  EXPECT_EQ(solid.dropped_mm3(), 0);
+}
+
+TEST(SolidBone, PatchesAboveTheLimitStayOpen) {
+  const BlockStack stack = shell_with_hole();
+  EXPECT_FALSE(made(stack, filling(3, 300)).inside(20, 20, 15));  // 452 mm^2 in the middle
+}
+
+TEST(SolidBone, ACanalIsEnclosedInOneDirectionOnlyAndStaysOpen) {
+  const BlockStack stack([](double x, double y, double) {
+    const double r = std::hypot(x - 20, y - 20);
+    return r < 15 && r >= 6 ? 600.0 : 30.0;
+  });
+  const SolidBone solid = made(stack, filling(3, 2500));
+  for (int z = 0; z < kSide; ++z)
+    EXPECT_FALSE(solid.inside(z, 20, 20)) << z;
+}
+
+TEST(SolidBone, SpecksAreDroppedBeforeTheyCloseAGap) {
+  // Specks in the hole of the shell, too small for a bone, would close it.
+  const BlockStack stack([](double x, double y, double z) {
+    const double r = from_middle(x, y, z);
+    if (r < 12) return 50.0;
+    const double from_axis = std::hypot(x - 20, y - 20);
+    if (z > 20 && from_axis < 6) return from_axis < 1.5 && r < 15 ? 600.0 : 0.0;
+    return r < 15 ? 600.0 : 0.0;
+  });
+  SolidOptions options = filling(2.5, 2500);
+  EXPECT_TRUE(made(stack, options).inside(20, 20, 15));
+  options.min_volume_mm3 = 100;
+  const SolidBone solid = made(stack, options);
+  EXPECT_FALSE(solid.inside(20, 20, 15));
+  EXPECT_FALSE(solid.inside(33, 20, 20));  // the speck
+  EXPECT_GT(solid.dropped_mm3(), 10);
+}
+
+// Two balls side by side, one larger.
+BlockStack two_balls() {
+  return BlockStack([](double x, double y, double z) {
+    const double a = std::hypot(x - 10, y - 20, z - 20), b = std::hypot(x - 28, y - 20, z - 20);
+    return a < 6 || b < 9 ? 400.0 : 0.0;
+  });
+}
+
+TEST(SolidBone, TheLargestPieceOrTheSeedsPieceStays) {
+  const BlockStack stack = two_balls();
+  SolidOptions largest;
+  largest.largest = 1;
+  EXPECT_TRUE(made(stack, largest).inside(20, 28, 20));
+  EXPECT_FALSE(made(stack, largest).inside(20, 10, 20));
+  SolidOptions seeded;
+  seeded.seeds_lps_mm = {{110, 20, 20}};  // the volume begins at x = 100
+  EXPECT_FALSE(made(stack, seeded).inside(20, 28, 20));
+  EXPECT_TRUE(made(stack, seeded).inside(20, 10, 20));
+}
+
+TEST(SolidBone, ASeedInTheAirIsRefused) {
+  const BlockStack stack = two_balls();
+  SolidOptions options;
+  options.seeds_lps_mm = {{20, 20, 20}};
+  const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
+  ASSERT_FALSE(out);
+  EXPECT_EQ(out.error().code, ExitCode::kRefused);
+  EXPECT_NE(out.error().message.find("--seed 20,20,20: no material within 10 mm"),
+            std::string::npos);
+}
+
+TEST(SolidBone, NothingLeftIsRefused) {
+  const BlockStack stack = two_balls();
+  SolidOptions options;
+  options.min_volume_mm3 = 1e6;
+  const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
+  ASSERT_FALSE(out);
+  EXPECT_EQ(out.error().code, ExitCode::kRefused);
+}
+
+TEST(SolidBone, SlicesThatAreNotParallelAreRefused) {
+  BlockStack stack = two_balls();
+  stack.planes_[7].T_lps_plane.rotate(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX()));
+  const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, filling(0, 10));
+  ASSERT_FALSE(out);
+  EXPECT_NE(out.error().message.find("slice 7"), std::string::npos);
+}
+
+// The outline is unchanged to the bit where no voxel was changed, and the field agrees with the mask.
+TEST(SolidBone, TheOuterOutlineStaysWhereItWas) {
+  const BlockStack stack = shell_with_hole();
+  const SolidBone solid = made(stack, filling(3, 2500));
+  for (const int z : {10, 14, 20}) {
+    Field plain = segment(*stack.read(z), PixelUnit::kHounsfield, Threshold{226});
+    Field filled = plain;
+    ASSERT_TRUE(solid.apply(z, 0, 0, filled));
+    for (int i = 0; i < kSide * kSide; ++i)
+      ASSERT_EQ(filled.image.values[i] >= filled.iso, solid.inside(z, i % kSide, i / kSide));
+    const PixelGrid grid;
+    const Pslg before = contours(plain, grid, ContourKind::kSubpixel);
+    const Pslg after = contours(filled, grid, ContourKind::kSubpixel);
+    ASSERT_EQ(after.rings.size(), 1U);
+    ASSERT_GT(before.rings.size(), 1U);
+    EXPECT_NE(std::find(before.rings.begin(), before.rings.end(), after.rings[0]),
+              before.rings.end());
+  }
+}
+
+TEST(SolidBone, AChangedPixelBesideAnEqualOneMeetsItHalfWay) {
+  Field field{{4, 1, {50, 50, 50, 50}}, 226};
+  const BlockStack stack([](double x, double, double) { return x < 2 ? 400.0 : 50.0; });
+  SolidOptions all;
+  all.largest = 1;
+  const SolidBone solid = made(stack, all);
+  ASSERT_TRUE(solid.apply(0, 0, 0, field));
+  EXPECT_EQ(field.image.values, (std::vector<float>{402, 402, 50, 50}));  // 226 lies in the middle
+}
+
+TEST(SolidBone, TheMeanIsThatOfTheValuesBefore) {
+  const BlockStack stack = shell_with_hole();
+  const SolidBone solid = made(stack, filling(3, 2500));
+  Field field = segment(*stack.read(20), PixelUnit::kHounsfield, Threshold{226});
+  double sum = 0;
+  int count = 0;
+  for (int i = 0; i < kSide * kSide; ++i) {
+    if (!solid.inside(20, i % kSide, i / kSide)) continue;
+    sum += static_cast<double>(field.image.values[i]);
+    ++count;
+  }
+  const auto mean = solid.apply(20, 0, 0, field);
+  ASSERT_TRUE(mean);
+  EXPECT_NEAR(*mean, sum / count, 1e-9);
+  EXPECT_LT(*mean, 500);  // marrow counts
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

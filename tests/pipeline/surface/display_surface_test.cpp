@@ -1,0 +1,374 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Surfaces for display against shapes whose surface is known: balls, the phantom, labels.
+#include "pipeline/surface/display_surface.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/verify/surface_proof.h"
+#include "sample_ct/render.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <functional>
+
+namespace trocar::pipeline {
+namespace {
+
+using Eigen::Vector3d;
+
+// A stack in memory; its slices may be tilted (their origins move by `shear_mm` a slice) and
+// unevenly spaced.
+class Synthetic : public SliceStack {
+ public:
+  Synthetic(std::array<int, 3> size, const Vector3d& spacing_mm, double shear_mm,
+            const std::function<double(const Vector3d&)>& hu)
+      : size_(size) {
+    for (int k = 0; k < size[2]; ++k) {
+      SlicePlane plane{spacing_mm.x(), spacing_mm.y(), Eigen::Affine3d::Identity(), 0};
+      plane.z_mm = (k + 0.2 * (k % 2)) * spacing_mm.z();
+      plane.T_lps_plane.linear() =
+          Eigen::AngleAxisd(0.4, Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+      plane.T_lps_plane.translation() =
+          Vector3d(-80, 30, 500) +
+          plane.T_lps_plane.linear() * Vector3d(0, shear_mm * k, plane.z_mm);
+      planes_.push_back(plane);
+      Image image{size[0], size[1], {}};
+      for (int y = 0; y < size[1]; ++y)
+        for (int x = 0; x < size[0]; ++x)
+          image.values.push_back(static_cast<float>(
+              hu(plane.T_lps_plane * Vector3d(x * spacing_mm.x(), y * spacing_mm.y(), 0))));
+      images_.push_back(std::move(image));
+    }
+  }
+  int size() const override { return size_[2]; }
+  int width() const override { return size_[0]; }
+  int height() const override { return size_[1]; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  const SlicePlane& plane(int k) const override { return planes_[static_cast<std::size_t>(k)]; }
+  std::string name(int k) const override { return "slice " + std::to_string(k); }
+  Result<Image> read(int k) const override { return images_[static_cast<std::size_t>(k)]; }
+
+ private:
+  std::array<int, 3> size_;
+  std::vector<SlicePlane> planes_;
+  std::vector<Image> images_;
+};
+
+// HU 1000 a mm below the surfaces of balls, about 226 at them.
+std::function<double(const Vector3d&)> balls(const std::vector<std::pair<Vector3d, double>>& all) {
+  return [all](const Vector3d& p) {
+    double least = 1e3;
+    for (const auto& [centre, radius] : all)
+      least = std::min(least, (p - centre).norm() - radius);
+    return 226 - std::clamp(least, -5.0, 5.0) * 100;
+  };
+}
+
+Vector3d place(const TriangleSurface& s, std::uint32_t v) {
+  const SpacePoint& p = s.vertices[v];
+  return {s.lattice.to_mm(p[0]), s.lattice.to_mm(p[1]), s.lattice.to_mm(p[2])};
+}
+
+// Corners and middles of all triangles.
+std::vector<Vector3d> samples(const TriangleSurface& s) {
+  std::vector<Vector3d> out;
+  for (const auto& t : s.triangles) {
+    out.emplace_back(place(s, t[0]));
+    out.emplace_back((place(s, t[0]) + place(s, t[1]) + place(s, t[2])) / 3);
+    out.emplace_back((place(s, t[0]) + place(s, t[1])) / 2);
+  }
+  return out;
+}
+
+double percentile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+}
+
+void expect_proved(const TriangleSurface& surface) {
+  const auto ok = check_triangle_surface(surface);
+  EXPECT_TRUE(ok) << ok.error().message;
+  EXPECT_TRUE(self_intersecting_triangles(surface).empty());
+}
+
+Result<DisplaySurface> surface_of(const SliceStack& stack, const MaterialOptions& options,
+                                  int triangles) {
+  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, options);
+  if (!volume) return volume.error();
+  return make_display_surface(*volume, {triangles});
+}
+
+TEST(DisplaySurface, OfATiltedStackIsWhereTheBallsAre) {
+  // 24 balls apart, of 2.2 to 4.5 voxels' radius.
+  std::vector<std::pair<Vector3d, double>> all;
+  const Synthetic frame({1, 1, 60}, {0.8, 0.8, 0.9}, 0.2, [](const Vector3d&) { return 0.0; });
+  for (int i = 0; i < 24; ++i) {
+    const SlicePlane& plane = frame.plane(10 + 14 * (i % 4));
+    const int column = i / 4 % 3, row = i / 12;
+    all.emplace_back(plane.T_lps_plane * Vector3d(9 + 11 * column, 9 + 13 * row, 0),
+                     1.8 + 0.08 * i);
+  }
+  const Synthetic stack({50, 48, 60}, {0.8, 0.8, 0.9}, 0.2, balls(all));
+  const auto made = surface_of(stack, {}, 20'000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  EXPECT_EQ(made->parts, all.size());
+  EXPECT_LE(made->surface.triangles.size(), 20'000U);
+  std::vector<double> off;
+  for (const Vector3d& p : samples(made->surface)) {
+    double least = 1e3;
+    for (const auto& [centre, radius] : all)
+      least = std::min(least, std::abs((p - centre).norm() - radius));
+    off.push_back(least);
+  }
+  EXPECT_LT(percentile(off, 0.99), made->bound_mm);
+  EXPECT_LT(percentile(off, 1), 0.9);
+  EXPECT_LT(made->distance.p99_mm, made->bound_mm);
+  double expected = 0;
+  for (const auto& [centre, radius] : all)
+    expected += 4.0 / 3 * 3.14159265358979 * std::pow(radius, 3);
+  const double volume =
+      enclosed_volume(made->surface) * std::pow(made->surface.lattice.step_mm(), 3);
+  EXPECT_NEAR(volume / expected, 1, 0.07);  // corners on the balls, triangles within them
+}
+
+TEST(DisplaySurface, IsClosedWhereTheScanEnds) {
+  const Synthetic stack({30, 30, 20}, {1, 1, 1}, 0, [](const Vector3d&) { return 500.0; });
+  const auto made = surface_of(stack, {}, 5000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  EXPECT_EQ(made->parts, 1U);
+}
+
+TEST(DisplaySurface, HasThinWalls) {
+  // A shell of 0.8 voxels, and one voxel between two halves of a ball.
+  const Synthetic frame({1, 1, 60}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
+  const Eigen::Affine3d back = frame.plane(0).T_lps_plane.inverse();
+  const auto hu = [&](const Vector3d& p) {
+    const Vector3d q = back * p;
+    const double shell = std::abs((q - Vector3d(20, 20, 24)).norm() - 15) - 0.4,
+                 ball = std::max((q - Vector3d(20, 20, 24)).norm() - 9, 0.5 - std::abs(q.x() - 20));
+    return 226 - std::clamp(std::min(shell, ball), -2.0, 2.0) * 200;
+  };
+  const Synthetic stack({41, 41, 44}, {1, 1, 1}, 0, hu);
+  const auto made = surface_of(stack, {}, 50'000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  std::printf("thin walls: p99 %.3f mm, left out p99 %.3f mm, bound %.3f mm\n",
+              made->distance.p99_mm, made->left_out.p99_mm, made->bound_mm);
+  EXPECT_LT(made->distance.p99_mm, made->bound_mm);
+  EXPECT_LT(made->left_out.p99_mm, made->bound_mm);
+}
+
+TEST(DisplaySurface, HasMoreTrianglesWhereItsBoundNeedsThem) {
+  const Synthetic frame({1, 1, 1}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
+  const Synthetic stack({34, 34, 28}, {1, 1, 1}, 0,
+                        balls({{frame.plane(0).T_lps_plane * Vector3d(16, 16, 15), 12}}));
+  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
+  ASSERT_TRUE(volume) << volume.error().message;
+  const auto few = make_display_surface(*volume, {40, true}),
+             enough = make_display_surface(*volume, {40, false});
+  ASSERT_TRUE(few && enough);
+  EXPECT_LE(few->surface.triangles.size(), 40U);
+  EXPECT_FALSE(few->is_within_bound());
+  EXPECT_GT(enough->surface.triangles.size(), 40U);
+  EXPECT_LT(enough->surface.triangles.size(), enough->mesher_triangles);
+  EXPECT_TRUE(enough->is_within_bound());
+}
+
+TEST(DisplaySurface, SaysWhatIsTooSmall) {
+  const Synthetic stack({20, 20, 20}, {1, 1, 2}, 0, [i = 0](const Vector3d&) mutable {
+    const int x = i % 20, y = i / 20 % 20, z = i / 400;
+    ++i;
+    const bool ball = std::hypot(x - 10, y - 10, z - 10) < 6;
+    const bool hole = x == 10 && y == 10 && (z == 10 || z == 11);
+    const bool speck = x == 1 && y >= 1 && y <= 3 && z == 1;
+    return (ball && !hole) || speck ? 500.0 : 0.0;
+  });
+  const auto volume = read_surface_volume(stack, 0, 19, {});
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ(volume->dropped.specks, 1U);
+  EXPECT_EQ(volume->dropped.holes, 1U);
+  EXPECT_NEAR(volume->dropped.largest_mm3, 6, 0.4);  // slices are unevenly spaced
+  const auto none = read_surface_volume(stack, 0, 3, {});
+  ASSERT_TRUE(none) << none.error().message;
+  EXPECT_TRUE(none->empty());
+  EXPECT_EQ(none->dropped.specks, 1U);
+}
+
+TEST(DisplaySurface, OfNoiseIsProvedToo) {
+  std::uint64_t state = 7;
+  const Synthetic stack({16, 16, 12}, {1, 1, 1.5}, 0.1, [&state](const Vector3d&) {
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return static_cast<double>(state >> 54) - 200;
+  });
+  const auto made = surface_of(stack, {}, 4000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+}
+
+TEST(DisplaySurface, OfLabelsStaysWithinHalfAVoxel) {
+  // A ball and a plate two voxels thick.
+  const auto inside = [](const Vector3d& q) {
+    return (q - Vector3d(14, 14, 14)).norm() < 9 || (q.x() >= 28 && q.x() < 30);
+  };
+  const Synthetic frame({1, 1, 1}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
+  const Eigen::Affine3d back = frame.plane(0).T_lps_plane.inverse();
+  const Synthetic stack({40, 30, 30}, {1, 1, 1}, 0,
+                        [&](const Vector3d& p) { return inside(back * p) ? 5.0 : 0.0; });
+  MaterialOptions options;
+  options.segmentation = Labels{{5}};
+  const auto made = surface_of(stack, options, 20'000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  EXPECT_EQ(made->parts, 2U);
+  std::vector<double> ball;
+  for (const Vector3d& p : samples(made->surface)) {
+    const Vector3d q = back * p;
+    if (q.x() < 25) ball.push_back(std::abs((q - Vector3d(14, 14, 14)).norm() - 9));
+  }
+  EXPECT_LT(percentile(ball, 0.99), 0.75);  // half a voxel and half a voxel of the mask's steps
+}
+
+TEST(DisplaySurface, OfThePhantomIsWithinItsBoundOfTheExactSurface) {
+  const sample::PhantomOptions phantom;
+  const sample::ScanGeometry scan = *sample::sample_geometry(160, 35);
+  const sample::Scan rendered = sample::render_scan(phantom, scan, 0);
+  std::size_t i = 0;
+  const Eigen::Affine3d origin(
+      Eigen::Translation3d(scan.first_pixel_mm.x, scan.first_pixel_mm.y, scan.first_pixel_mm.z));
+  struct Phantom : Synthetic {
+    Phantom(const sample::ScanGeometry& scan, const Eigen::Affine3d& T,
+            const std::function<double(const Vector3d&)>& hu)
+        : Synthetic({scan.columns, scan.rows, scan.slices}, {scan.pixel_mm, scan.pixel_mm, 1}, 0,
+                    hu) {
+      for (int k = 0; k < scan.slices; ++k) {
+        SlicePlane plane{scan.pixel_mm, scan.pixel_mm, T, k * scan.slice_step_mm};
+        plane.T_lps_plane.translation().z() += k * scan.slice_step_mm;
+        own.push_back(plane);
+      }
+    }
+    const SlicePlane& plane(int k) const override { return own[static_cast<std::size_t>(k)]; }
+    std::vector<SlicePlane> own;
+  };
+  const Phantom stack(scan, origin,
+                      [&](const Vector3d&) { return static_cast<double>(rendered.hu[i++]); });
+  const auto made = surface_of(stack, {}, 50'000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  // The points at which a noiseless scanner reads 226 HU, along the gradient. Caps at the first and last slice
+  // are no part of the exact surface.
+  const auto hu = [&](const Vector3d& p) {
+    return sample::scanner_hu(phantom, scan, {p.x(), p.y(), p.z()}) - 226;
+  };
+  std::vector<double> off;
+  const auto all = samples(made->surface);
+  const std::size_t stride = all.size() / 3000;
+  for (std::size_t k = 0; k < all.size(); k += stride) {
+    const Vector3d& p = all[k];
+    if (std::abs(p.z()) > 16.5) continue;
+    const double here = hu(p), h = 0.05;
+    const Vector3d up = Vector3d(hu(p + Vector3d(h, 0, 0)) - hu(p - Vector3d(h, 0, 0)),
+                                 hu(p + Vector3d(0, h, 0)) - hu(p - Vector3d(0, h, 0)),
+                                 hu(p + Vector3d(0, 0, h)) - hu(p - Vector3d(0, 0, h)))
+                            .normalized();
+    double t = 0;
+    while (t < 3 && (hu(p + (here > 0 ? -t : t) * up) > 0) == (here > 0))
+      t += 0.02;
+    off.push_back(t);
+  }
+  std::printf("phantom: to the exact surface p50 %.3f p99 %.3f mm, stated %.3f, bound %.3f mm\n",
+              percentile(off, 0.5), percentile(off, 0.99), made->distance.p99_mm, made->bound_mm);
+  EXPECT_LT(percentile(off, 0.99), made->bound_mm);
+  EXPECT_LT(made->distance.p99_mm, made->bound_mm);
+}
+
+TEST(DisplaySurface, OfARealVertebra) {
+  const char* folder = std::getenv("TROCAR_REAL_CT");  // NOLINT(concurrency-mt-unsafe)
+  const auto file =
+      std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
+  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real scan";
+  const auto stack = open_stack({file}, {});
+  ASSERT_TRUE(stack) << stack.error().message;
+  const auto made = surface_of(**stack, {}, 50'000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  EXPECT_LE(made->surface.triangles.size(), 50'000U);
+  EXPECT_LT(made->distance.p99_mm, made->bound_mm);
+}
+
+TEST(SurfaceProof, FindsASelfIntersection) {
+  // Two tetrahedra, one with a corner in the other.
+  TriangleSurface s;
+  for (const std::int32_t shift : {0, 3}) {
+    const auto first = static_cast<std::uint32_t>(s.vertices.size());
+    for (const SpacePoint& p :
+         {SpacePoint{0, 0, 0}, SpacePoint{10, 0, 0}, SpacePoint{0, 10, 0}, SpacePoint{0, 0, 10}})
+      s.vertices.push_back({p[0] + shift, p[1] + shift, p[2] + shift});
+    for (const std::array<std::uint32_t, 3>& t :
+         {std::array<std::uint32_t, 3>{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}})
+      s.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+  }
+  EXPECT_TRUE(check_triangle_surface(s));
+  EXPECT_FALSE(self_intersecting_triangles(s).empty());
+  for (std::size_t v = 4; v < 8; ++v)
+    s.vertices[v][0] += 100;
+  EXPECT_TRUE(self_intersecting_triangles(s).empty());
+}
+
+TEST(TriangleSurface, NamesWhatIsWrong) {
+  TriangleSurface s;
+  s.vertices = {{0, 0, 0}, {10, 0, 0}, {0, 10, 0}, {0, 0, 10}};
+  s.triangles = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}};
+  ASSERT_TRUE(check_triangle_surface(s));
+  EXPECT_NEAR(enclosed_volume(s), 1000.0 / 6, 1e-9);
+  EXPECT_NEAR(vertex_normals(s)[1].norm(), 1, 1e-6);
+  const auto reason = [](TriangleSurface bad, const auto& damage) {
+    damage(bad);
+    const auto ok = check_triangle_surface(bad);
+    return ok ? std::string("valid") : ok.error().message;
+  };
+  EXPECT_NE(reason(s, [](TriangleSurface& b) { b.triangles.pop_back(); }).find("not closed"),
+            std::string::npos);
+  EXPECT_NE(reason(s, [](TriangleSurface& b) { std::swap(b.triangles[0][0], b.triangles[0][1]); })
+                .find("same direction"),
+            std::string::npos);
+  EXPECT_NE(reason(s,
+                   [](TriangleSurface& b) {
+                     for (auto& t : b.triangles)
+                       std::swap(t[0], t[1]);
+                   })
+                .find("inside out"),
+            std::string::npos);
+  EXPECT_NE(reason(s,
+                   [](TriangleSurface& b) {
+                     b.vertices.push_back({5, 5, 5});
+                   })
+                .find("no triangle"),
+            std::string::npos);
+  EXPECT_NE(reason(s, [](TriangleSurface& b) { b.triangles[0][0] = 9; }).find("no such vertex"),
+            std::string::npos);
+  EXPECT_NE(reason(s,
+                   [](TriangleSurface& b) {
+                     b.vertices[0] = {5, 5, 0};
+                   })
+                .find("no area"),
+            std::string::npos);
+  EXPECT_NE(reason(s, [](TriangleSurface& b) { b.vertices[0][0] = 1 << 25; }).find("range"),
+            std::string::npos);
+  EXPECT_NE(reason(s,
+                   [](TriangleSurface& b) {  // two that meet in a vertex
+                     b.vertices.insert(b.vertices.end(), {{-10, 0, 0}, {0, -10, 0}, {0, 0, -10}});
+                     for (const auto& t : std::vector(b.triangles)) {
+                       const auto other = [](std::uint32_t v) { return v == 0 ? 0 : v + 3; };
+                       b.triangles.push_back({other(t[0]), other(t[2]), other(t[1])});
+                     }
+                   })
+                .find("fan"),
+            std::string::npos);
+  EXPECT_NE(reason(s, [](TriangleSurface& b) { b.triangles.clear(); }).find("no triangles"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

@@ -1,0 +1,475 @@
+// SPDX-License-Identifier: Apache-2.0
+// The law `cutting` on sheets, tick by tick, with holes cut and published as a session does.
+#include "runtime/bone_cutting/contact/bone_contact.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+
+#include "runtime/hole_cutting/cut.h"
+#include "tests/support/body_fixture.h"
+#include "tests/support/counted_allocations.h"
+#include "tests/support/random_geometry.h"
+
+namespace trocar::runtime {
+namespace {
+
+using test::body_scene;
+using test::cutting_scene;
+using test::kHexagon_m2;
+using test::spaced_asset;
+using test::square_asset;
+using test::stack;
+
+constexpr double kTick_s = 1e-3;
+
+/// A body, a plate that is put anywhere, and what a session does with the holes.
+class DryRun {
+ public:
+  DryRun(Scene scene, const Asset& asset, bool is_rigid = true)
+      : placed_(scene, asset), bone_(*make_bone_volume(scene, placed_.sheets)) {
+    bone_.options.coupling.is_rigid = is_rigid;
+    state_ = make_bone_contact_state(bone_);
+  }
+
+  const ContactOutput& tick(double x_m, double z_m, double interval_s = kTick_s) {
+    Pose T;
+    T.p_m = {x_m, 0, z_m};
+    update_bone_contact(bone_, placed_.sheets, T, T, interval_s, tracks_.tracks, state_, out_);
+    EXPECT_FALSE(out_.backlog);
+    for (const CutRequest& cut : out_.cuts()) {
+      requests_.push_back(cut);
+      (cut.is_puncture ? fronts_ : sides_) += 1;
+    }
+    peak_N_ = std::max(peak_N_, state_.result.tip_N);
+    most_in_a_tick_ = std::max(most_in_a_tick_, out_.cuts().size());
+    return out_;
+  }
+  /// In steps of 20 um.
+  void move(double x0_m, double z0_m, double x1_m, double z1_m) {
+    const int steps = std::max(1, static_cast<int>(std::hypot(x1_m - x0_m, z1_m - z0_m) / 20e-6));
+    for (int k = 0; k <= steps; ++k) {
+      const double part = static_cast<double>(k) / steps;
+      tick(x0_m + part * (x1_m - x0_m), z0_m + part * (z1_m - z0_m));
+    }
+  }
+  /// Cuts all holes that were requested and puts the meshes in use.
+  void publish() {
+    for (const CutRequest& request : requests_) {
+      const auto i = static_cast<std::size_t>(request.sheet);
+      const Sheet& before = *placed_.sheets[i];
+      EXPECT_EQ(request.cut, before.cuts + 1) << "in order";
+      auto after = std::make_unique<Sheet>(before);
+      auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
+      ASSERT_TRUE(result) << result.error().message;
+      after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
+      after->grid = TriangleGrid(after->mesh);
+      ++after->cuts;
+      placed_.owned.push_back(std::move(after));
+      placed_.sheets[i] = placed_.owned.back().get();
+    }
+    requests_.clear();
+  }
+  double force_N() const { return state_.wrench_device[2]; }
+  double side_N() const { return state_.wrench_device[0]; }
+
+  test::Placed placed_;
+  BoneVolume bone_;
+  BoneContactState state_;
+  ContactState tracks_;
+  ContactOutput out_;
+  std::vector<CutRequest> requests_;
+  int fronts_ = 0, sides_ = 0;
+  double peak_N_ = 0;
+  std::size_t most_in_a_tick_ = 0;
+};
+
+/// The default tool's corners in mm.
+Polygon hexagon(double x_mm) {
+  Polygon out;
+  for (int k = 0; k < 6; ++k) {
+    const double angle = std::numbers::pi / 3 * k;
+    out.push_back({x_mm + 3 * std::cos(angle), 3 * std::sin(angle)});
+  }
+  return out;
+}
+
+double area_mm2(const Polygon& p) {
+  Real doubled = 0;
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    const auto &a = p[i], &b = p[(i + 1) % p.size()];
+    doubled += a[0] * b[1] - a[1] * b[0];
+  }
+  return static_cast<double>(doubled / 2);
+}
+
+/// The part of a hexagon beside another of the same kind, or of the square to x = 20 mm.
+double share_beside(double off_mm) {
+  Polygon both = hexagon(off_mm);
+  const Polygon old = hexagon(0);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const auto point = [&](std::size_t k) {
+      return LatticePoint{static_cast<int>(std::lround(1e6 * static_cast<double>(old[k % 6][0]))),
+                          static_cast<int>(std::lround(1e6 * static_cast<double>(old[k % 6][1])))};
+    };
+    for (auto& p : both)
+      p = {p[0] * 1e6L, p[1] * 1e6L};
+    both = clip(both, point(i), point(i + 1));
+    for (auto& p : both)
+      p = {p[0] / 1e6L, p[1] / 1e6L};
+  }
+  return 1 - area_mm2(both) / area_mm2(hexagon(0));
+}
+
+// --- contract 1: share and HU ---
+
+TEST(BodyContact, ARimBreaksAtItsShareOfTheThreshold) {
+  for (const double x_mm : {10.0, 17.5, 19.0, 20.0, 21.5, 22.6}) {
+    Polygon over = hexagon(x_mm);
+    over = clip(over, {20, -40}, {20, 40});
+    const double share = area_mm2(over) / area_mm2(hexagon(0));
+    DryRun trial(cutting_scene({0.12}), square_asset(1));
+    trial.move(x_mm * 1e-3, 0.121, x_mm * 1e-3, 0.11);
+    EXPECT_EQ(trial.fronts_, 1) << x_mm;
+    // The peak of a tick: at most a step's force below.
+    EXPECT_LE(trial.peak_N_, 35 * share * 1.002 + 1e-9) << x_mm;
+    EXPECT_GE(trial.peak_N_, 35 * share * 0.998 - 5000 * 20e-6) << x_mm;
+    EXPECT_EQ(trial.force_N(), 0) << "punctured";
+  }
+  DryRun beside(cutting_scene({0.12}), square_asset(1));
+  beside.move(0.0231, 0.121, 0.0231, 0.11);
+  EXPECT_EQ(beside.peak_N_, 0);
+  EXPECT_EQ(beside.fronts_ + beside.sides_, 0);
+  EXPECT_EQ(beside.out_.phase, ContactPhase::kMissed);
+}
+
+TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
+  Scene scene = body_scene(0, 9, 0.12);
+  scene.tissue.cut = CutTissue{};
+  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.stiffness_N_per_m = 200'000;
+  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
+  for (AssetSlice& slice : asset.slices)
+    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
+      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  for (const double x_mm : {-10.0, 10.0}) {
+    const double hu = x_mm < 0 ? 150 : 350;
+    DryRun trial(scene, asset);
+    trial.move(x_mm * 1e-3, 0.122, x_mm * 1e-3, 0.1155);
+    EXPECT_NEAR(trial.force_N(), (-0.75 + 24.9 * 8e-4 * hu) * 1e6 * kHexagon_m2, 0.05) << hu;
+  }
+}
+
+// A wide shell must not be taken for the body's inside.
+TEST(BodyContact, AShellLiesWhereTheToolComesInAndGoesOutOnly) {
+  for (const double spacing_mm : {0.5, 1.0, 2.0}) {
+    for (const double shell_mm : {0.6, 1.0, 1.5, 4.0, 6.0}) {
+      for (const double off_mm : {0.0, 0.3}) {
+        const int slices = static_cast<int>(24 / spacing_mm);
+        const double top_m = 0.12 - off_mm * 1e-3;
+        Scene scene = body_scene(0, slices - 1, top_m);
+        scene.body->shell_m = shell_mm * 1e-3;
+        scene.body->shell_factor = 3;
+        scene.tissue.threshold_N = 10;
+        scene.tissue.stiffness_N_per_m = 50'000;
+        DryRun trial(scene, spaced_asset(slices, spacing_mm));
+        const double top = -trial.bone_.sheets.front().top_m,
+                     bottom = -trial.bone_.sheets.back().bottom_m;
+        double inside_N = 0, shell_in_m = 0, shell_out_m = 0, last_m = -top;
+        for (int step = 0;; ++step) {
+          const double z_m = top + 1e-3 - step * 20e-6;
+          if (z_m <= bottom - 2e-3) break;
+          trial.tick(0, z_m);
+          const double front_m = trial.state_.result.front_m;
+          if (!std::isfinite(front_m)) break;
+          const double into_m = front_m + top, left_m = -bottom - front_m;
+          const double step_m = front_m - last_m;
+          last_m = front_m;
+          if (into_m > (shell_mm + 0.1) * 1e-3 && left_m > (shell_mm + 0.1) * 1e-3)
+            inside_N = std::max(inside_N, trial.state_.result.tip_N);
+          if (trial.state_.result.tip_N > 29) (into_m < 12e-3 ? shell_in_m : shell_out_m) += step_m;
+        }
+        const std::string where = std::to_string(spacing_mm) + " mm, shell " +
+                                  std::to_string(shell_mm) + ", off " + std::to_string(off_mm);
+        EXPECT_NEAR(trial.peak_N_, 30, 1e-6) << where;
+        EXPECT_LT(inside_N, 10 + 1e-6) << where;
+        // A part that is thinner than the tip's stretch is passed by a jump.
+        EXPECT_NEAR(shell_in_m, shell_mm * 1e-3, 0.05e-3) << where;
+        EXPECT_NEAR(shell_out_m, shell_mm * 1e-3, 0.05e-3) << where;
+        // The front's work is that of both shells and the bone between.
+        EXPECT_NEAR(trial.state_.energy.cut_J,
+                    2 * 30 * shell_mm * 1e-3 + 10 * (24 - 2 * shell_mm) * 1e-3, 1e-6)
+            << where;
+      }
+    }
+  }
+}
+
+// --- contract 2: holes ---
+
+TEST(BodyContact, ASnapRequestsAHoleOfEverySheetThatItPasses) {
+  // A hard slice over nine soft ones: from 35 N to 5 N at 5 kN/m the front jumps 6 mm.
+  Scene scene = cutting_scene(stack(0.12, 1e-3, 10));
+  NamedTissue soft;
+  soft.name = "soft";
+  soft.tissue.threshold_N = 5;
+  scene.tissues = {soft};
+  for (std::size_t i = 1; i < 10; ++i)
+    scene.slices[i].tissue = "soft";
+  DryRun trial(scene, square_asset(10));
+  // The hard slab's strength falls towards its neighbour.
+  trial.move(0, 0.1215, 0, 0.104);
+  EXPECT_GE(trial.most_in_a_tick_, 4U);
+  ASSERT_EQ(trial.requests_.size(), 10U);
+  std::set<int> sheets;
+  for (const CutRequest& request : trial.requests_) {
+    EXPECT_TRUE(request.is_puncture);
+    EXPECT_EQ(request.cut, 1U);
+    sheets.insert(request.sheet);
+    EXPECT_NEAR(static_cast<double>(doubled_area(to_ring(request.outline))) / 2 / 65536,
+                kHexagon_m2 * 1e6, 0.05);
+  }
+  EXPECT_EQ(sheets.size(), 10U) << "each once";
+  // Slab means times 1 mm, whatever the jumps.
+  EXPECT_NEAR(trial.state_.energy.cut_J, (35 + 9 * 5) * 1e-3, 1e-9);
+}
+
+TEST(BodyContact, WhatIsCutIsFreeOnReEntryAndElsewhereItIsTheShare) {
+  for (const bool published : {false, true}) {
+    for (const double off_mm : {0.0, 0.01, 0.5, 1.0, 2.5, 4.0, 6.5}) {
+      DryRun trial(cutting_scene({0.12}), square_asset(1));
+      trial.move(0, 0.121, 0, 0.111);
+      ASSERT_EQ(trial.fronts_, 1);
+      if (published) trial.publish();
+      trial.move(0, 0.111, 0, 0.121);
+      trial.move(0, 0.121, off_mm * 1e-3, 0.121);
+      trial.peak_N_ = 0;
+      trial.move(off_mm * 1e-3, 0.121, off_mm * 1e-3, 0.111);
+      const double share = share_beside(off_mm);
+      if (off_mm < 0.05) {
+        EXPECT_EQ(trial.peak_N_, 0) << off_mm;
+        EXPECT_EQ(trial.fronts_, 1) << off_mm;
+        continue;
+      }
+      EXPECT_EQ(trial.fronts_, 2) << off_mm;
+      EXPECT_LE(trial.peak_N_, 35 * share + 0.2) << off_mm;
+      EXPECT_GE(trial.peak_N_, 35 * share - 0.2 - 5000 * 20e-6) << off_mm;
+    }
+  }
+}
+
+TEST(BodyContact, InABodyAHoleIsEnteredAgainWithoutWork) {
+  Scene scene = body_scene(0, 9, 0.12);
+  scene.tissue.threshold_N = 10;
+  scene.tissue.stiffness_N_per_m = 50'000;
+  DryRun trial(scene, spaced_asset(10, 1));
+  trial.move(0, 0.121, 0, 0.1153);
+  const int before = trial.fronts_;
+  EXPECT_EQ(before, 5);
+  trial.publish();
+  const double cut_J = trial.state_.energy.cut_J;
+  trial.move(0, 0.1153, 0, 0.121);
+  trial.peak_N_ = 0;
+  trial.move(0, 0.121, 0, 0.1156);
+  EXPECT_EQ(trial.peak_N_, 0) << "to where it was cut";
+  EXPECT_EQ(trial.state_.energy.cut_J, cut_J);
+  trial.move(0, 0.1156, 0, 0.113);
+  EXPECT_NEAR(trial.peak_N_, 10, 1e-6) << "and on from there";
+  EXPECT_EQ(trial.fronts_, 7);
+  EXPECT_EQ(trial.sides_, 0);
+}
+
+// --- contract 3: walls ---
+
+/// Ten slices of 1 mm whose walls yield at 0.5 mm.
+Scene walled() {
+  Scene scene = body_scene(0, 9, 0.12);
+  scene.tissue.cut = CutTissue{0.2, std::nullopt, 0, 1, 0, 0, 0, 10, 5};
+  scene.tissue.stiffness_N_per_m = 50'000;
+  return scene;
+}
+
+TEST(BodyContact, AWallIsCutWhereItYieldedAndNotBefore) {
+  DryRun trial(walled(), spaced_asset(10, 1));
+  trial.move(0, 0.121, 0, 0.1146);
+  trial.publish();
+  const int fronts = trial.fronts_;
+  trial.move(0, 0.1146, 0.4e-3, 0.1146);
+  for (int k = 0; k < 200; ++k)
+    trial.tick(0.4e-3, 0.1146);
+  EXPECT_EQ(trial.sides_, 0) << "below the strength nothing yields";
+  // 10 N/mm^3 over the width and the depth that the shaft fills.
+  const double length_m = trial.state_.result.embedded_m;
+  EXPECT_NEAR(-trial.side_N(), 10e9 * test::kHexagonWidth_m * length_m * 0.4e-3,
+              0.02 * -trial.side_N());
+  trial.move(0.4e-3, 0.1146, 0, 0.1146);
+  EXPECT_NEAR(trial.side_N(), 0, 1) << "it was elastic";
+  trial.move(0, 0.1146, 3e-3, 0.1146);
+  for (int k = 0; k < 200; ++k)
+    trial.tick(3e-3, 0.1146);
+  EXPECT_GT(trial.sides_, 0);
+  EXPECT_EQ(trial.fronts_, fronts) << "no front has moved";
+  EXPECT_NEAR(-trial.side_N(), 5e6 * test::kHexagonWidth_m * length_m, 0.02 * -trial.side_N())
+      << "the lateral strength";
+  for (const CutRequest& request : trial.requests_) {
+    EXPECT_FALSE(request.is_puncture);
+    EXPECT_LT(request.sheet, 6) << "the front is above";
+    const LatticeBox box = box_around(request.outline);
+    const double middle_mm = (box.low.x + box.high.x) / 512.0 - 80;
+    EXPECT_GT(middle_mm, 0.25 * 3 * 0.9) << "a quarter of the radius, at least";
+    EXPECT_LT(middle_mm, 2.5 + 0.05) << "what has yielded: 3 mm less the elastic 0.5 mm";
+  }
+  trial.publish();
+}
+
+TEST(BodyContact, BesideMaterialItsEdgeIsTheWall) {
+  // The square ends at 20 mm; the tool's disc has a radius of 2.73 mm.
+  for (const bool is_rigid : {true, false}) {
+    DryRun trial(walled(), spaced_asset(10, 1), is_rigid);
+    trial.move(25e-3, 0.121, 25e-3, 0.113);
+    EXPECT_EQ(trial.fronts_, 0);
+    EXPECT_EQ(trial.out_.phase, ContactPhase::kMissed);
+    trial.move(25e-3, 0.113, 22.8e-3, 0.113);
+    EXPECT_NEAR(trial.side_N(), 0, 1e-6) << "not touched";
+    trial.move(22.8e-3, 0.113, 22.6e-3, 0.113);
+    for (int k = 0; k < 50; ++k)
+      trial.tick(22.6e-3, 0.113);
+    EXPECT_GT(trial.side_N(), 1) << "the wall pushes outwards";
+    EXPECT_EQ(trial.sides_, 0);
+    trial.move(22.6e-3, 0.113, 25e-3, 0.113);
+    EXPECT_NEAR(trial.side_N(), 0, 1e-6);
+  }
+}
+
+// --- contract 4 ---
+
+TEST(BodyContact, WithoutANewPoseNothingIsDoneTwice) {
+  Scene scene = walled();
+  scene.tissue.cut->friction_kPa = 20;
+  DryRun once(scene, spaced_asset(10, 1)), twice(scene, spaced_asset(10, 1));
+  for (int step = 0; step < 200; ++step) {
+    const double z_m = 0.121 - step * 30e-6;
+    once.tick(0, z_m);
+    twice.tick(0, z_m);
+    const Wrench before = twice.state_.wrench_device;
+    const BoneEnergyAccount energy = twice.state_.energy;
+    for (int k = 0; k < 3; ++k)
+      twice.tick(0, z_m, 0);
+    EXPECT_LT((twice.state_.wrench_device - before).norm(), 1e-6);
+    EXPECT_EQ(twice.state_.energy.absorbed_J, energy.absorbed_J);
+  }
+  EXPECT_EQ(once.fronts_, twice.fronts_);
+  EXPECT_NEAR(once.state_.energy.cut_J, twice.state_.energy.cut_J, 1e-9);
+  EXPECT_NEAR(once.state_.energy.absorbed_J, twice.state_.energy.absorbed_J, 1e-9);
+}
+
+TEST(BodyContact, AFaultUnderLoadNeedsLifting) {
+  DryRun trial(cutting_scene({0.12}), square_asset(1));
+  Pose T;
+  T.p_m = {0, 0, 0.121};
+  trial.move(0, 0.121, 0, 0.116);
+  EXPECT_EQ(retract_distance_m(trial.bone_, T, trial.state_), 0) << "no fault";
+  EXPECT_NEAR(trial.force_N(), 20, 0.01);
+  for (int k = 0; k < 3; ++k) {
+    reset_motion(trial.state_);
+    for (const double z_m : {0.116, 0.118, 0.1199, 0.12, 0.121}) {
+      T.p_m.z() = z_m;
+      EXPECT_NEAR(retract_distance_m(trial.bone_, T, trial.state_), std::max(0.0, 0.12 - z_m),
+                  1e-9);
+    }
+  }
+  // Lifted, and on again: as new.
+  trial.tick(0, 0.1201);
+  EXPECT_EQ(trial.force_N(), 0);
+  trial.move(0, 0.1201, 0, 0.116);
+  EXPECT_NEAR(trial.force_N(), 20, 0.01);
+  EXPECT_EQ(trial.fronts_, 0);
+  trial.move(0, 0.116, 0, 0.111);
+  EXPECT_EQ(trial.fronts_, 1);
+  reset_motion(trial.state_);
+  T.p_m.z() = 0.111;
+  EXPECT_EQ(retract_distance_m(trial.bone_, T, trial.state_), 0) << "nothing bears it";
+}
+
+// Holes are kept; that the tool is in one is not.
+TEST(BodyContact, AfterAFaultTheToolMayGoOnElsewhere) {
+  DryRun trial(walled(), spaced_asset(10, 1));
+  trial.move(0, 0.121, 0, 0.109);
+  EXPECT_EQ(trial.fronts_, 10);
+  trial.publish();
+  reset_motion(trial.state_);
+  // Out of the hole without force, and down beside the square.
+  trial.move(0, 0.13, 25e-3, 0.13);
+  trial.move(25e-3, 0.13, 25e-3, 0.113);
+  EXPECT_EQ(trial.out_.phase, ContactPhase::kMissed);
+  trial.move(25e-3, 0.113, 22.6e-3, 0.113);
+  EXPECT_GT(trial.side_N(), 1) << "the edge is a wall still";
+}
+
+// --- the energy account ---
+
+TEST(BodyContact, TheLedgerIsThatOfTheHeldWrench) {
+  Scene scene = walled();
+  scene.tissue.cut->friction_kPa = 20;
+  DryRun trial(scene, spaced_asset(10, 1));
+  double absorbed_J = 0, z_before_m = 0.121, before_N = 0;
+  for (int k = 0; k < 500; ++k) {
+    const double z_m = 0.121 - 6e-3 * std::sin(k * 0.01);
+    absorbed_J += k == 0 ? 0 : before_N * (z_before_m - z_m);
+    trial.tick(0, z_m);
+    before_N = trial.force_N();
+    z_before_m = z_m;
+    EXPECT_NEAR(trial.state_.energy.absorbed_J, absorbed_J, 1e-12);
+    EXPECT_EQ(trial.state_.energy.stored_J, trial.state_.result.stored_J);
+  }
+  EXPECT_GT(absorbed_J, 1e-3);
+  EXPECT_GE(trial.state_.energy.released_max_J, 0);
+}
+
+// --- contract 5 ---
+
+TEST(BodyContact, ATickAllocatesNothing) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  Scene scene = walled();
+  scene.body->shell_m = 1.3e-3;
+  scene.body->shell_factor = 2;
+  scene.tissue.cut->friction_kPa = 10;
+  for (const bool is_rigid : {true, false}) {
+    DryRun trial(scene, spaced_asset(10, 1), is_rigid);
+    const std::uint64_t before = allocations_in_scopes();
+    std::size_t cuts = 0, sides = 0;
+    const auto go = [&](double x0_m, double z0_m, double x1_m, double z1_m, int steps) {
+      for (int k = 0; k <= steps; ++k) {
+        const double part = static_cast<double>(k) / steps;
+        Pose T;
+        T.p_m = {x0_m + part * (x1_m - x0_m), 0, z0_m + part * (z1_m - z0_m)};
+        const NoAllocationScope scope;
+        update_bone_contact(trial.bone_, trial.placed_.sheets, T, T, kTick_s, trial.tracks_.tracks,
+                            trial.state_, trial.out_);
+        cuts += trial.out_.cuts().size();
+        for (const CutRequest& cut : trial.out_.cuts())
+          sides += cut.is_puncture ? 0 : 1;
+      }
+    };
+    go(17e-3, 0.121, 17e-3, 0.1145, 300);
+    go(17e-3, 0.1145, 14.5e-3, 0.1145, 200);
+    {
+      const NoAllocationScope scope;
+      reset_motion(trial.state_);
+    }
+    go(14.5e-3, 0.121, 25e-3, 0.121, 200);
+    go(25e-3, 0.121, 25e-3, 0.112, 200);
+    go(25e-3, 0.112, 22.4e-3, 0.112, 200);
+    EXPECT_GE(cuts, 5U);
+    if (is_rigid) {
+      EXPECT_GT(sides, 0U);
+    }
+    EXPECT_EQ(allocations_in_scopes(), before);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

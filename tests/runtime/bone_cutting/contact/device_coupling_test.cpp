@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: Apache-2.0
+// The coupling of tool and plate against the device's damping and torques, computed directly.
+#include "runtime/bone_cutting/contact/device_coupling.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+
+#include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/torque_allocation.h"
+#include "tests/support/body_fixture.h"
+#include "tests/support/device_workspace.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+Pose upright(double x_m = 0, double z_m = 0.15) {
+  Pose T;
+  T.p_m = {x_m, 0, z_m};
+  return T;
+}
+
+/// Motor rates by central differences of the inverse kinematics.
+Jacobian by_differences(const DeviceDescription& device, const Pose& T) {
+  constexpr double kStep = 2e-7;
+  Jacobian G;
+  for (int column = 0; column < 6; ++column) {
+    std::array<MotorVector, 2> angles;
+    for (int side = 0; side < 2; ++side) {
+      Eigen::Vector3d along = Eigen::Vector3d::Zero();
+      along[column % 3] = side == 0 ? -kStep : kStep;
+      Pose moved = T;
+      if (column < 3)
+        moved.p_m += along;
+      else
+        moved.q = from_rotation_vector(along) * T.q;
+      const InverseResult joints = inverse_kinematics(device, moved);
+      EXPECT_TRUE(joints.status);
+      angles[static_cast<std::size_t>(side)] = motor_angles(joints.joints);
+    }
+    G.col(column) = (angles[1] - angles[0]) / (2 * kStep);
+  }
+  return G;
+}
+
+Matrix6 damping_of(const DeviceDescription& device, const Pose& T) {
+  const Jacobian G = by_differences(device, T);
+  return device.joint_viscous_friction_Nms_per_rad * G.transpose() * G;
+}
+
+Matrix6 stiffness(double translation_N_per_m, double rotation_Nm_per_rad) {
+  Eigen::Matrix<double, 6, 1> K;
+  K << Eigen::Vector3d::Constant(translation_N_per_m),
+      Eigen::Vector3d::Constant(rotation_Nm_per_rad);
+  return K.asDiagonal();
+}
+
+double smallest_eigenvalue(const Matrix6& A) {
+  return Eigen::SelfAdjointEigenSolver<Matrix6>(A).eigenvalues().minCoeff();
+}
+
+/// A sheet of no thickness: 5 kN/m, no shaft.
+BoneVolume one_sheet() {
+  return test::bone_volume_of(test::cutting_scene({0.12}), test::square_asset(1));
+}
+
+/// A body with walls of 55 kN/m a millimetre.
+BoneVolume bone() {
+  Scene scene = test::cutting_scene(test::stack(0.12, 1e-3, 4));
+  scene.tissue.cut = CutTissue{4, std::nullopt, 0, 1, 0, 0, 20, 10, 12};
+  return test::bone_volume_of(scene, test::square_asset(4));
+}
+
+SceneForceLaw coupled(double translation_N_per_m = 10'000, double rotation_Nm_per_rad = 25) {
+  SceneForceLaw law;
+  law.kind = ForceLawKind::kCutting;
+  law.axis = ToolAxis::kCoupled;
+  law.coupling_N_per_m = translation_N_per_m;
+  law.coupling_Nm_per_rad = rotation_Nm_per_rad;
+  return law;
+}
+
+DeviceCoupling choose(BoneVolume body, const SceneForceLaw& law, const DeviceDescription& device,
+                      const Pose& T = upright(), double rate_Hz = 1000) {
+  // Sets the options as make_bone_volume() does from the scene's law.
+  body.options.coupling.translation_N_per_m = law.coupling_N_per_m;
+  body.options.coupling.rotation_Nm_per_rad = law.coupling_Nm_per_rad;
+  return choose_coupling(body, law, device, T, rate_Hz);
+}
+
+TEST(DeviceCoupling, TheAxisIsRigidIfTheSceneSaysSoOrTheTissueIsSofter) {
+  const DeviceDescription device = default_device_description();
+  SceneForceLaw law = coupled();
+  EXPECT_FALSE(choose(one_sheet(), law, device).coupling.is_rigid);
+  law.axis = ToolAxis::kRigid;
+  EXPECT_TRUE(choose(one_sheet(), law, device).coupling.is_rigid);
+  EXPECT_TRUE(choose(bone(), law, device).coupling.is_rigid);
+  law.axis = ToolAxis::kAuto;
+  EXPECT_TRUE(choose(one_sheet(), law, device).coupling.is_rigid) << "5 kN/m, 10 kN/m";
+  EXPECT_FALSE(choose(bone(), law, device).coupling.is_rigid) << "walls";
+  law.coupling_N_per_m = 4900;
+  EXPECT_FALSE(choose(one_sheet(), law, device).coupling.is_rigid) << "5 kN/m, 4.9 kN/m";
+  law.coupling_N_per_m = 5100;
+  EXPECT_TRUE(choose(one_sheet(), law, device).coupling.is_rigid);
+  // Viscous friction is as stiff as its change in a tick: 10 N s/m at 1 kHz are 10 kN/m.
+  Scene scene = test::cutting_scene({0.12});
+  scene.tissue.shaft.viscous_friction_N_s_per_m = 9;
+  law.coupling_N_per_m = 10'000;
+  const BoneVolume viscous = test::bone_volume_of(scene, test::square_asset(1));
+  EXPECT_TRUE(choose(viscous, law, device).coupling.is_rigid);
+  EXPECT_FALSE(choose(viscous, law, device, upright(), 2000).coupling.is_rigid);
+}
+
+TEST(DeviceCoupling, TheDampingShareIsTheLargestForWhichTheDampingSuffices) {
+  testing_support::Random random(11);
+  const testing_support::Workspace workspace;
+  for (int trial = 0; trial < 40; ++trial) {
+    DeviceDescription device = default_device_description();
+    device.joint_viscous_friction_Nms_per_rad = 0.001 * (1 + trial);
+    const Pose T = trial == 0 ? upright() : random_workspace_pose(random, workspace);
+    const double rate_Hz = 500.0 * (1 + trial % 8), scale = trial % 3 == 0 ? 1 : 0.2;
+    SceneForceLaw law = coupled(2000.0 + 700 * trial, 2.0 + trial);
+    law.force_scale = scale;
+    law.prediction = PosePrediction::kOff;
+    const double share = choose(bone(), law, device, T, rate_Hz).damping_share;
+    ASSERT_GT(share, 0);
+    const Matrix6 B = damping_of(device, T),
+                  need = scale / (2 * rate_Hz) *
+                         stiffness(law.coupling_N_per_m, law.coupling_Nm_per_rad);
+    const double direct = Eigen::GeneralizedSelfAdjointEigenSolver<Matrix6>(
+                              B, need, Eigen::EigenvaluesOnly | Eigen::Ax_lBx)
+                              .eigenvalues()
+                              .minCoeff();
+    EXPECT_NEAR(share, direct, 1e-5 * direct) << trial;
+    EXPECT_GT(smallest_eigenvalue(B - 0.999 * share * need), 0) << trial;
+    EXPECT_LT(smallest_eigenvalue(B - 1.001 * share * need), 0) << trial;
+  }
+}
+
+// K <= 2 b / T: at the limit of a direction with damping b the share is 1.
+TEST(DeviceCoupling, TheLimitIsTwiceTheDampingOverTheTick) {
+  const DeviceDescription device = default_device_description();
+  const Matrix6 B = damping_of(device, upright());
+  const double b = smallest_eigenvalue(B);
+  ASSERT_GT(b, 0);
+  for (const double rate_Hz : {1000.0, 4000.0, 8000.0}) {
+    // All of translation's and rotation's stiffness at the same multiple of the damping.
+    const double share =
+        choose(bone(), coupled(1000, 1000), device, upright(), rate_Hz).damping_share;
+    EXPECT_NEAR(share * 1000, 2 * b * rate_Hz, 1e-5 * share * 1000) << "at equal figures";
+  }
+  // Alone, as where rotation is next to free.
+  const double z = B(2, 2), share = choose(bone(), coupled(1000, 1e-9), device).damping_share;
+  EXPECT_LE(share * 1000, 2 * z * 1000 * (1 + 1e-6)) << "no direction holds more";
+  SceneForceLaw law = coupled(1000, 1000);
+  law.force_scale = 0.25;
+  EXPECT_NEAR(choose(bone(), law, device).damping_share,
+              4 * choose(bone(), coupled(1000, 1000), device).damping_share, 1e-9)
+      << "only the scaled stiffness acts on the hand";
+}
+
+TEST(DeviceCoupling, ItPredictsWhereTheDampingIsTooSmall) {
+  DeviceDescription device = default_device_description();
+  for (const double friction : {1e-4, 5.0}) {
+    device.joint_viscous_friction_Nms_per_rad = friction;
+    SceneForceLaw law = coupled();
+    DeviceCoupling chosen = choose(bone(), law, device);
+    ASSERT_EQ(chosen.damping_share < 1, friction < 1);
+    EXPECT_EQ(chosen.predicts_pose, friction < 1);
+    law.prediction = PosePrediction::kOn;
+    EXPECT_TRUE(choose(bone(), law, device).predicts_pose);
+    law.prediction = PosePrediction::kOff;
+    chosen = choose(bone(), law, device);
+    EXPECT_FALSE(chosen.predicts_pose);
+    EXPECT_EQ(chosen.coupling.translation_N_per_m, 10'000) << "as the scene says";
+    EXPECT_EQ(chosen.coupling.rotation_Nm_per_rad, 25);
+  }
+}
+
+TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
+  const DeviceDescription device = default_device_description();
+  for (const double rate_Hz : {100.0, 500.0, 1000.0, 4000.0}) {
+    for (const double scale : {0.1, 1.0, 4.0}) {
+      for (const ToolAxis axis : {ToolAxis::kCoupled, ToolAxis::kAuto}) {
+        for (const BoneVolume& body : {bone(), one_sheet()}) {
+          SceneForceLaw law = coupled(1e6, 1e4);
+          law.axis = axis;
+          law.prediction = PosePrediction::kOn;
+          law.force_scale = scale;
+          const DeviceCoupling chosen = choose(body, law, device, upright(), rate_Hz);
+          const double most_N_per_m = 0.5 * device.plate_mass_kg * rate_Hz * rate_Hz,
+                       most_Nm_per_rad = 0.5 * device.plate_inertia_kg_m2[0] * rate_Hz * rate_Hz;
+          const double K = chosen.coupling.is_rigid
+                               ? std::max(body.along_N_per_m, body.across_N_per_m)
+                               : chosen.coupling.translation_N_per_m;
+          EXPECT_LE(scale * K, most_N_per_m * (1 + 1e-12))
+              << rate_Hz << " Hz, scale " << scale << (chosen.coupling.is_rigid ? ", rigid" : "");
+          if (chosen.coupling.is_rigid) continue;
+          EXPECT_LE(scale * chosen.coupling.rotation_Nm_per_rad, most_Nm_per_rad * (1 + 1e-12));
+          EXPECT_NEAR(scale * chosen.coupling.translation_N_per_m,
+                      std::min(scale * 1e6, most_N_per_m), 1e-6 * most_N_per_m)
+              << "no softer than needed";
+        }
+      }
+    }
+  }
+}
+
+TEST(DeviceCoupling, TheLargestForceIsWhatTheDeviceGivesAtItsPeak) {
+  const DeviceDescription device = default_device_description();
+  testing_support::Random random(12);
+  const testing_support::Workspace workspace;
+  for (int trial = 0; trial < 20; ++trial) {
+    const Pose T = trial == 0 ? upright() : random_workspace_pose(random, workspace);
+    const Jacobian G = by_differences(device, T);
+    SceneForceLaw law = coupled();
+    const BoneVolume body = bone();
+    const DeviceCoupling chosen = choose(body, law, device, T);
+    const Eigen::Vector3d up = T.q * body.tool.axis_plate;
+    const auto is_given = [&](double force_N, double moment_Nm, const Eigen::Vector3d& about) {
+      Wrench wrench;
+      wrench << force_N * up, moment_Nm * about;
+      return allocate_torques(G, wrench, device.motor_peak_torque_Nm).scale >= 1;
+    };
+    ASSERT_GT(chosen.most_N, 1);
+    EXPECT_EQ(chosen.coupling.most_force_N, chosen.most_N);
+    EXPECT_TRUE(is_given(0.99 * chosen.most_N, 0, up)) << trial;
+    EXPECT_FALSE(is_given(1.01 * chosen.most_N, 0, up)) << trial;
+    bool one_is_not = false;
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_TRUE(is_given(0, 0.99 * chosen.coupling.most_moment_Nm, Eigen::Vector3d::Unit(i)));
+      one_is_not |= !is_given(0, 1.01 * chosen.coupling.most_moment_Nm, Eigen::Vector3d::Unit(i));
+    }
+    EXPECT_TRUE(one_is_not) << trial;
+    law.force_scale = 0.2;
+    EXPECT_NEAR(choose(body, law, device, T).most_N, 5 * chosen.most_N, 1e-6 * chosen.most_N)
+        << "of tissue";
+  }
+}
+
+TEST(DeviceCoupling, OutOfReachNothingIsKnown) {
+  const DeviceCoupling chosen = choose(bone(), coupled(), default_device_description(), upright(5));
+  EXPECT_EQ(chosen.damping_share, 0);
+  EXPECT_TRUE(chosen.predicts_pose);
+}
+
+TEST(DeviceCoupling, ItSaysInALineWhatWasChosen) {
+  SceneForceLaw law = coupled();
+  law.force_scale = 0.25;
+  DeviceCoupling chosen = choose(bone(), law, default_device_description());
+  std::string line = describe(chosen, law);
+  EXPECT_EQ(line.find('\n'), std::string::npos);
+  EXPECT_NE(line.find("coupled"), std::string::npos) << line;
+  EXPECT_NE(line.find("0.25"), std::string::npos) << line;
+  EXPECT_EQ(line.find("a tick ahead") != std::string::npos, chosen.predicts_pose) << line;
+  law.axis = ToolAxis::kRigid;
+  line = describe(choose(bone(), law, default_device_description()), law);
+  EXPECT_NE(line.find("rigid"), std::string::npos) << line;
+}
+
+}  // namespace
+}  // namespace trocar::runtime

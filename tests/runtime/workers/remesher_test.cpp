@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// The remesher: replicas are swapped, each hole is cut once, and the haptic thread's version never
+// changes while it is in use.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+
+#include "runtime/workers/remesher.h"
+#include "tests/support/sheet_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+TEST(Remesher, ItsThreadServesAndPublishesRequests) {
+  const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
+  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
+  const std::int64_t whole = doubled_area(to_slice_mesh(remesher.current(0)->mesh));
+  remesher.start();
+  std::int64_t removed = 0;
+  for (std::uint32_t i = 0; i < 20; ++i) {
+    CutRequest request;
+    request.sheet = static_cast<std::int32_t>(i % 2);
+    request.cut = i / 2 + 1;
+    Pose pose;
+    // The holes overlap.
+    pose.p_m = {-0.015 + 0.003 * (request.cut - 1), 0.001 * (i % 7), 0.1};
+    const Sheet* before = remesher.current(request.sheet);
+    request.outline =
+        outline_on_lattice(make_tool(scene.tool), pose, before->transform, before->z_m);
+    ASSERT_TRUE(remesher.request(request));
+    // The haptic thread uses the old version until the new one is published.
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (remesher.current(request.sheet)->cuts < request.cut) {
+      ASSERT_LT(std::chrono::steady_clock::now(), until);
+      ASSERT_GT(remesher.current(request.sheet)->mesh.triangles_in_use(), 0U);
+    }
+  }
+  remesher.stop();
+  for (const CutRecord& record : remesher.records()) {
+    ASSERT_FALSE(record.error) << record.error->message;
+    if (record.request.sheet == 0) removed += record.cut.doubled_area_removed;
+  }
+  EXPECT_EQ(remesher.records().size(), 20U);
+  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.last_version(0).mesh)), whole - removed);
+  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.first_version(0).mesh)), whole);
+}
+
+class TwoReplicas : public testing::Test {
+ protected:
+  TwoReplicas() {
+    scene_ = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
+    remesher_ = std::make_unique<Remesher>(*place_slices(scene_, test::square_asset(2), "a"));
+  }
+  void ask(std::int32_t sheet, std::uint32_t cut) {
+    Pose pose;
+    pose.p_m = {-0.015 + 0.002 * cut, 0, 0.1};
+    const Sheet& placed = remesher_->first_version(static_cast<std::size_t>(sheet));
+    ASSERT_TRUE(remesher_->request(
+        {sheet, cut,
+         outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
+  }
+  Scene scene_;
+  std::unique_ptr<Remesher> remesher_;
+};
+
+TEST_F(TwoReplicas, TheOlderReplicaIsNotWrittenWhileTheReaderUsesIt) {
+  const Sheet* const first = remesher_->current(0);
+  const SheetMesh before = first->mesh;
+  ask(0, 1);
+  ask(0, 2);
+  remesher_->serve();
+  EXPECT_EQ(remesher_->records().size(), 1U) << "at most one unpublished version";
+  EXPECT_EQ(remesher_->current(0), first);
+  EXPECT_TRUE(remesher_->publish_next());
+  EXPECT_FALSE(remesher_->publish_next());
+  for (int i = 0; i < 3; ++i)
+    remesher_->serve();
+  EXPECT_EQ(remesher_->records().size(), 1U) << "the reader still uses the first version";
+  EXPECT_EQ(first->mesh.triangles, before.triangles);
+  EXPECT_EQ(first->mesh.vertices, before.vertices);
+  const Sheet* const second = remesher_->current(0);
+  EXPECT_NE(second, first);
+  EXPECT_EQ(second->cuts, 1U);
+  remesher_->serve();
+  ASSERT_EQ(remesher_->records().size(), 2U);
+  EXPECT_TRUE(remesher_->publish_next());
+  EXPECT_EQ(remesher_->current(0), first) << "two replicas, not more";
+  EXPECT_EQ(first->cuts, 2U);
+  for (const Sheet* sheet : {first, second})
+    EXPECT_TRUE(check_sheet_mesh(sheet->mesh));
+  std::int64_t removed = 0;
+  for (const CutRecord& record : remesher_->records()) {
+    ASSERT_FALSE(record.error);
+    removed += record.cut.doubled_area_removed;
+    std::int64_t of_hole = 0;
+    for (const Ring& ring : remesher_->hole(record))
+      of_hole += doubled_area(ring);
+    EXPECT_EQ(of_hole, record.cut.doubled_area_removed);
+  }
+  EXPECT_EQ(doubled_area(to_slice_mesh(before)) - doubled_area(to_slice_mesh(first->mesh)),
+            removed);
+}
+
+TEST_F(TwoReplicas, SheetsDoNotWaitForOneAnotherAndStopServesTheRest) {
+  ask(0, 1);
+  ask(1, 1);
+  remesher_->serve();
+  EXPECT_EQ(remesher_->records().size(), 2U);
+  ask(1, 2);
+  ask(1, 3);
+  ask(0, 2);
+  remesher_->stop();
+  EXPECT_EQ(remesher_->records().size(), 5U);
+  EXPECT_EQ(remesher_->current(0)->cuts, 2U);
+  EXPECT_EQ(remesher_->current(1)->cuts, 3U);
+}
+
+TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetIsUnchanged) {
+  const SheetMesh before = remesher_->current(0)->mesh;
+  CutRequest not_a_tool;
+  not_a_tool.sheet = 0;
+  not_a_tool.cut = 1;
+  ASSERT_TRUE(remesher_->request(not_a_tool));
+  ask(0, 2);
+  remesher_->serve();
+  EXPECT_FALSE(remesher_->publish_next());
+  ASSERT_EQ(remesher_->records().size(), 2U);
+  for (const CutRecord& record : remesher_->records())
+    EXPECT_TRUE(record.error);
+  EXPECT_EQ(remesher_->current(0)->cuts, 0U);
+  EXPECT_EQ(remesher_->current(0)->mesh.triangles, before.triangles);
+}
+
+TEST_F(TwoReplicas, TheQualityPassLeavesNoAngleBelowItsBound) {
+  for (const double min_angle_deg : {0.0, 20.0}) {
+    Remesher remesher(*place_slices(scene_, test::square_asset(2), "a"), {min_angle_deg});
+    Pose pose;
+    pose.p_m = {0.0004, 0.0003, 0.1};
+    const Sheet& placed = remesher.first_version(0);
+    ASSERT_TRUE(remesher.request(
+        {0, 1, outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
+    remesher.stop();
+    const SliceMesh mesh = to_slice_mesh(remesher.last_version(0).mesh);
+    double smallest_deg = 90;
+    for (const Triangle& t : mesh.triangles) {
+      for (int i = 0; i < 3; ++i) {
+        const LatticePoint a = mesh.vertices[t[i]], b = mesh.vertices[t[(i + 1) % 3]],
+                           c = mesh.vertices[t[(i + 2) % 3]];
+        const double cross = static_cast<double>(orient2d(a, b, c));
+        const double dot = static_cast<double>(diametral_dot(b, c, a));
+        smallest_deg = std::min(smallest_deg, std::atan2(cross, dot) * 180 / 3.14159265358979);
+      }
+    }
+    EXPECT_EQ(smallest_deg >= 20, min_angle_deg > 0) << smallest_deg;
+    EXPECT_EQ(remesher.records()[0].quality_vertices > 0, min_angle_deg > 0);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime
