@@ -122,7 +122,7 @@ TEST_F(BatchTest, EachWayToFailIsAnEntryAndTheOthersAreDone) {
   EXPECT_EQ(of("change").reason,
             changed + ": changed while the scan was read; run again when it is complete");
   EXPECT_EQ(of("gone").reason,
-            gone + ": No such file or directory; it was there when this scan was begun");
+            gone + ": No such file or directory; it existed when the work on this scan began");
   EXPECT_EQ(of("abort").signal, SIGKILL);
   EXPECT_EQ(of("abort").exit_code, 137);
   EXPECT_EQ(of("abort").reason, "its process was killed by signal 9 (SIGKILL)");

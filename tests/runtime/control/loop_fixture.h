@@ -75,10 +75,10 @@ class LoopFixture : public testing::Test {
     model_.limits.energy_limit_J = may ? 1e3 : 0.05;
     state_.limits.has_pose = false;
   }
-  /// Starts again before the first tick.
+  /// Starts again before the first tick, with the law's options as they are.
   void restart() {
     state_ = LoopState{};
-    law_ = test::hooke_law(model_);
+    law_ = SheetLaw{law_.model(), law_.coupling_options()};
   }
   void use_tool(const Tool& tool) { model_.tool = law_.model().tool = tool; }
   void go_to(double z_m, double x_m = 0) {
