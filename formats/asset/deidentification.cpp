@@ -43,8 +43,11 @@ const std::map<std::string, Allowed>& allowed_values() {
     // Each word of `names` is a path below `base`; a dot is `base` itself.
     const auto add = [&out](Kind kind, const std::string& base, const char* names) {
       std::istringstream words(names);
-      for (std::string word; words >> word;)
-        out[word == "." ? base : base + "/" + word] = {kind, nullptr};
+      for (std::string word; words >> word;) {
+        std::string path = base;
+        if (word != ".") path.append("/").append(word);
+        out[std::move(path)] = {kind, nullptr};
+      }
     };
     const auto add_text = [&out](const char* path, bool (*text)(const std::string&),
                                  Kind kind = Kind::kText) {

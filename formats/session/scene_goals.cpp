@@ -115,7 +115,9 @@ std::vector<std::array<double, 2>> read_polygon(StrictObject& object, const char
     if (is_pair) polygon_m.push_back({corner[0].get<double>(), corner[1].get<double>()});
     if (!is_pair || !(std::abs(polygon_m[i][0]) <= max_m && std::abs(polygon_m[i][1]) <= max_m)) {
       const std::string max = nlohmann::json(max_m).dump();
-      object.error(key, "must be pairs of numbers within -" + max + " and " + max);
+      std::string reason = "must be pairs of numbers within -";
+      reason.append(max).append(" and ").append(max);
+      object.error(key, reason);
       return {};
     }
   }

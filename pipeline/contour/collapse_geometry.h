@@ -218,7 +218,9 @@ inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n)
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {
-  const auto [contour, n, from, to] = part;
+  const LatticePoint* const contour = part.contour;
+  const std::uint32_t n = part.n;
+  const ContourPosition from = part.from, to = part.to;
   std::uint32_t inner = to.k >= from.k ? to.k - from.k : to.k + n - from.k;
   if (inner == 0 && to.t < from.t) inner = n;  // the whole contour
   const Point at = point(e);

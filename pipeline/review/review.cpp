@@ -93,7 +93,8 @@ json asset_json(const Store& store, const farm::Object& object) {
 json card_json(const Store& now, const Store* before, const Card& card) {
   json out = {{"name", card.name}};
   if (card.now) out["asset"] = asset_json(now, *card.now);
-  if (card.now && card.before) out["before"] = asset_json(*before, *card.before);
+  if (before != nullptr && card.now && card.before)
+    out["before"] = asset_json(*before, *card.before);
   if (card.difference != nullptr) out["difference"] = difference_json(*card.difference);
   if (!card.reason.empty()) out["reason"] = card.reason;
   return out;

@@ -151,7 +151,7 @@ std::map<std::string, double> thread_times(const std::vector<double>& task_ms, d
 // meanwhile.
 Result<Finished> digest_and_mesh(Run& run, const Result<DracoGrid>& grid) {
   const std::vector<std::filesystem::path> files = files_to_digest(run);
-  const std::size_t slices = static_cast<std::size_t>(run.last - run.first + 1);
+  const std::size_t slices = static_cast<std::size_t>(run.last - run.first) + 1;
   Finished out{std::vector<Result<std::string>>(files.size(), std::string()),
                std::vector<std::optional<Result<FinishedSlice>>>(slices)};
   std::vector<double> task_ms(files.size() + slices);

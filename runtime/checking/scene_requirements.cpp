@@ -71,6 +71,7 @@ Result<SceneRequirements> describe_requirements(
                    (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
 
   std::vector<const Sheet*> all;
+  all.reserve(sheets.size());
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
   const auto law = make_force_law({scene, device, all, rate_Hz, {}});

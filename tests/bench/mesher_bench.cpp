@@ -61,7 +61,7 @@ struct Case {
   }
   std::optional<double> area_steps2() const {
     if (max_area_mm2 <= 0) return std::nullopt;
-    return max_area_mm2 / (kLattice.step_mm() * kLattice.step_mm());
+    return std::ldexp(max_area_mm2, 2 * kLattice.bits);
   }
 };
 

@@ -288,7 +288,7 @@ RC_GTEST_PROP(Refinement, GivesAValidMesh, ()) {
       RC_ASSERT(runtime::nearest_edge(p.x, p.y, outline.rings) < 3);
   }
   if (refined.outcome != RefinementOutcome::kRefined) return;
-  const double steps2 = 2 * options.max_area_mm2 / (kLattice.step_mm() * kLattice.step_mm());
+  const double steps2 = std::ldexp(options.max_area_mm2, 2 * kLattice.bits + 1);
   for (const Triangle& t : refined.mesh.triangles) {
     const auto& at = refined.mesh.vertices;
     RC_ASSERT(static_cast<double>(orient2d(at[t[0]], at[t[1]], at[t[2]])) <= steps2);

@@ -45,7 +45,7 @@ void act(const char* name) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (const char* const text = std::getenv("TROCAR_FAILPOINT")) {
+  if (const char* const text = std::getenv("TROCAR_FAILPOINT")) {  // NOLINT(concurrency-mt-unsafe)
     std::istringstream words(text);
     std::getline(words, wanted.who, ':');
     std::getline(words, wanted.where, ':');
