@@ -16,6 +16,27 @@ namespace {
 
 constexpr const char* kIndicesSetAside = "trocar_indices";
 
+// File functions that open nothing, so that an asset cannot name a file that would be read. A template, because only newer
+// releases of tinygltf (2.9) have a function for a file's size.
+template <typename Callbacks>
+Callbacks no_files() {
+  Callbacks none{};
+  none.FileExists = [](const std::string&, void*) { return false; };
+  none.ExpandFilePath = [](const std::string& path, void*) { return path; };
+  none.ReadWholeFile = [](std::vector<unsigned char>*, std::string* error, const std::string&,
+                          void*) {
+    *error += "external files are not read";
+    return false;
+  };
+  none.WriteWholeFile = [](std::string*, const std::string&, const std::vector<unsigned char>&,
+                           void*) { return false; };
+  if constexpr (requires { none.GetFileSizeInBytes; })
+    none.GetFileSizeInBytes = [](std::size_t*, std::string*, const std::string&, void*) {
+      return false;
+    };
+  return none;
+}
+
 // tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, although this is how
 // glTF says that the indices are in the Draco payload. This moves the number of such an accessor
 // into the Draco extension, where draco_primitive() finds it.
@@ -92,17 +113,7 @@ Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::st
   document.nodes = std::move((*root)["nodes"]);
   root = nlohmann::json();
   tinygltf::TinyGLTF gltf;
-  gltf.SetFsCallbacks(
-      {[](const std::string&, void*) { return false; },
-       [](const std::string& path, void*) { return path; },
-       [](std::vector<unsigned char>*, std::string* err, const std::string&, void*) {
-         *err += "external files are not read";
-         return false;
-       },
-       [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
-         return false;
-       },
-       nullptr});
+  gltf.SetFsCallbacks(no_files<tinygltf::FsCallbacks>());
   tinygltf::Model& model = document.model;
   std::string error, warning;
   bool ok = false;

@@ -4,7 +4,11 @@
 #include "pipeline/surface/display_surface.h"
 
 #include <CGAL/AABB_face_graph_triangle_primitive.h>
+#if __has_include(<CGAL/AABB_traits_3.h>)  // since CGAL 6
+#include <CGAL/AABB_traits_3.h>
+#else
 #include <CGAL/AABB_traits.h>
+#endif
 #include <CGAL/AABB_tree.h>
 #include <CGAL/Complex_2_in_triangulation_3.h>
 #include <CGAL/Implicit_surface_3.h>
@@ -458,8 +462,13 @@ class DistanceTo {
   using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
   using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
   using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
+#if __has_include(<CGAL/AABB_traits_3.h>)
+  using Traits = CGAL::AABB_traits_3<Kernel, Primitive>;
+#else
+  using Traits = CGAL::AABB_traits<Kernel, Primitive>;
+#endif
   Mesh mesh_;
-  CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>> tree_;
+  CGAL::AABB_tree<Traits> tree_;
 };
 
 // 2. Decimation -----------------------------------------------------------------------------------

@@ -138,7 +138,7 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   DcmPixelData* pixels = dicom_pixel_data(format);
   if (pixels == nullptr) return "its PixelData element is of another kind";
   const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
-  if (DcmXfer(syntax).isEncapsulated()) {
+  if (dicom_encapsulated(syntax)) {
     if (h.bits_allocated == 1) return "compressed pixels of one bit, which are not read";
     return {};
   }

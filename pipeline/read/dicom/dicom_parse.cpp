@@ -138,4 +138,23 @@ DcmPixelData* dicom_pixel_data(DcmFileFormat& format) {
   return dynamic_cast<DcmPixelData*>(element);
 }
 
+bool dicom_encapsulated(E_TransferSyntax syntax) {
+#if PACKAGE_VERSION_NUMBER >= 369
+  return DcmXfer(syntax).usesEncapsulatedFormat();
+#else
+  return DcmXfer(syntax).isEncapsulated();
+#endif
+}
+
+Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed) {
+  Uint32 bytes = 0;
+#if PACKAGE_VERSION_NUMBER >= 369
+  const OFCondition found = pixels.getUncompressedFrameSize(&data, bytes, !compressed);
+#else
+  static_cast<void>(compressed);
+  const OFCondition found = pixels.getUncompressedFrameSize(&data, bytes);
+#endif
+  return found.good() ? bytes : 0;
+}
+
 }  // namespace trocar::pipeline

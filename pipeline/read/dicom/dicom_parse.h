@@ -37,4 +37,11 @@ int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);
 /// The pixel data element, null if there is none.
 DcmPixelData* dicom_pixel_data(DcmFileFormat& format);
 
+/// True if pixels of this transfer syntax stand in fragments, as compressed ones do.
+bool dicom_encapsulated(E_TransferSyntax syntax);
+
+/// The size in bytes of one frame of uncompressed pixels, without padding; 0 if the dataset does not say it.
+/// `compressed` tells how the pixels stand in the file.
+Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed);
+
 }  // namespace trocar::pipeline

@@ -133,7 +133,7 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
   if (pixels == nullptr) return refused(h.name() + ": its PixelData element is of another kind");
   const E_TransferSyntax syntax = data.getOriginalXfer();
   DcmPixelSequence* sequence = nullptr;
-  if (DcmXfer(syntax).isEncapsulated() &&
+  if (dicom_encapsulated(syntax) &&
       (pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).bad() ||
        sequence == nullptr)) {
     return refused(h.name() + ": its compressed pixels cannot be read");
@@ -156,10 +156,10 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
   }
   std::vector<std::uint16_t> words(count);
   const std::size_t bytes = count * (h.bits_allocated / 8);
-  Uint32 frame_size = 0, fragment = 0;
+  Uint32 fragment = 0;
   OFString colour_model;
-  if (pixels->getUncompressedFrameSize(&data, frame_size).bad() ||
-      (frame_size != bytes && frame_size != bytes + 1)) {
+  const Uint32 frame_size = dicom_frame_bytes(*pixels, data, sequence != nullptr);
+  if (frame_size != bytes && frame_size != bytes + 1) {
     return refused(h.name() + ": its frames are not of " + std::to_string(bytes) + " bytes");
   }
   words.resize(std::max(count, (static_cast<std::size_t>(frame_size) + 1) / 2));
@@ -191,7 +191,7 @@ Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
   DcmPixelSequence* sequence = nullptr;
   if (DcmPixelData* pixels = dicom_pixel_data(format)) {
     const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
-    if (DcmXfer(syntax).isEncapsulated() &&
+    if (dicom_encapsulated(syntax) &&
         pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).good() &&
         sequence != nullptr) {
       release_fragments(*sequence);
