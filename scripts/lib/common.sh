@@ -53,9 +53,10 @@ quietly() {
   return "$code"
 }
 
-# configure_and_build [TARGET...]: the release preset; cmake and ninja skip what is up to date.
+# configure_and_build [TARGET...]: the release preset; cmake and ninja skip what is up to date. With TROCAR_WERROR=ON in the
+# environment, as .ci/run sets it, warnings are errors.
 configure_and_build() {
-  quietly "$build/configure.log" cmake -S "$root" -B "$build" --preset "$preset" ||
+  quietly "$build/configure.log" cmake -S "$root" -B "$build" --preset "$preset" "-DTROCAR_WERROR=${TROCAR_WERROR:-OFF}" ||
     die 1 "the build could not be configured"
   say "building in ${build#"$root"/} (the first time takes some minutes)"
   local targets=()
