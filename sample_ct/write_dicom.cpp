@@ -11,10 +11,10 @@
 #include <cerrno>
 #include <cstdio>
 #include <exception>
-#include <system_error>
 #include <utility>
 #include <vector>
 
+#include "formats/base/system_message.h"
 #include "sample_ct/random.h"
 
 // DCMTK comes last, because its configuration header defines names of its own.
@@ -177,7 +177,7 @@ Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder) 
       const int reason = errno;  // DCMTK's own message for a full disk is about suspended streams
       if (outcome.bad()) {
         return unwritable(file.string() + ": " +
-                          (reason != 0 ? std::generic_category().message(reason) : outcome.text()));
+                          (reason != 0 ? system_message(reason) : outcome.text()));
       }
     } catch (const std::exception& e) {
       return unwritable(file.string() + ": " + e.what());

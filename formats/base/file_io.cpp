@@ -11,30 +11,11 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
+#include "formats/base/system_message.h"
+
 namespace trocar {
-namespace {
-
-std::string why(int error) {
-  return std::generic_category().message(error);
-}
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  int get() const { return fd_; }
-  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
-
- private:
-  int fd_;
-};
-
-}  // namespace
+namespace {}  // namespace
 
 Result<void> ByteSource::read(std::uint64_t offset, std::span<std::uint8_t> into) {
   if (offset > size() || into.size() > size() - offset)
@@ -52,7 +33,7 @@ namespace {
 
 class FileSource : public ByteSource {
  public:
-  FileSource(Descriptor fd, std::uint64_t size) : fd_(std::move(fd)), size_(size) {}
+  FileSource(FileDescriptor fd, std::uint64_t size) : fd_(std::move(fd)), size_(size) {}
   std::uint64_t size() const override { return size_; }
 
  private:
@@ -62,14 +43,14 @@ class FileSource : public ByteSource {
       const ssize_t got = ::pread(fd_.get(), into.data() + done, into.size() - done,
                                   static_cast<off_t>(offset + done));
       if (got < 0 && errno == EINTR) continue;
-      if (got < 0) return refused(why(errno));
+      if (got < 0) return refused(system_message(errno));
       if (got == 0) return refused("shrank while being read");
       done += static_cast<std::size_t>(got);
     }
     return {};
   }
 
-  Descriptor fd_;
+  FileDescriptor fd_;
   std::uint64_t size_;
 };
 
@@ -77,10 +58,10 @@ class FileSource : public ByteSource {
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
   // O_NONBLOCK avoids waiting for the other end if the file is a pipe.
-  Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
+  FileDescriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (fd.get() < 0) return refused(file.string() + ": " + system_message(errno));
   struct stat status {};
-  if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));
+  if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + system_message(errno));
   if (S_ISDIR(status.st_mode)) return refused(file.string() + ": is a folder, not a file");
   if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
   return std::unique_ptr<ByteSource>(
@@ -113,7 +94,8 @@ Result<void> check_writable(const std::filesystem::path& file) {
     return unwritable(file.string() + ": there is no folder " + folder.string());
   }
   if (::access(folder.c_str(), W_OK) != 0) {
-    return unwritable(file.string() + ": its folder cannot be written to: " + why(errno));
+    return unwritable(file.string() +
+                      ": its folder cannot be written to: " + system_message(errno));
   }
   return {};
 }
@@ -159,12 +141,12 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes) {
   if (auto ok = check_writable(file); !ok) return ok;
   std::string temporary = file.string() + ".XXXXXX";
-  Descriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
-  if (fd.get() < 0) return unwritable(file.string() + ": " + why(errno));
+  FileDescriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
+  if (fd.get() < 0) return unwritable(file.string() + ": " + system_message(errno));
   const auto fail = [&]() -> Error {
     const int error = errno;
     ::unlink(temporary.c_str());
-    return unwritable(file.string() + ": " + why(error));
+    return unwritable(file.string() + ": " + system_message(error));
   };
   std::size_t done = 0;
   while (done < bytes.size()) {
@@ -181,7 +163,7 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
     return fail();
   }
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
-  const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  const FileDescriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (directory.get() >= 0) ::fsync(directory.get());
   return {};
 }

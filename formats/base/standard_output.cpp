@@ -3,9 +3,9 @@
 
 #include <cerrno>
 #include <cstdio>
-#include <system_error>
 
 #include "formats/base/result.h"
+#include "formats/base/system_message.h"
 
 namespace trocar {
 
@@ -14,7 +14,7 @@ int finish_output(const char* program, int code) {
   errno = 0;
   const bool fails_now = std::fflush(stdout) != 0;
   if ((!failed_before && !fails_now) || errno == EPIPE) return code;
-  const std::string why = errno == 0 ? "" : ": " + std::generic_category().message(errno);
+  const std::string why = errno == 0 ? "" : ": " + system_message(errno);
   std::fprintf(stderr, "%s: standard output could not be written%s\n", program, why.c_str());
   return code == 0 ? static_cast<int>(ExitCode::kUnwritable) : code;
 }

@@ -38,9 +38,9 @@ Result<void> add_borders(std::size_t region, const Ring& ring, const Ring& store
   return {};
 }
 
-struct Edge {
+struct BorderEdge {
   LatticePoint from, to;
-  friend bool operator<(const Edge& e, const Edge& f) {
+  friend bool operator<(const BorderEdge& e, const BorderEdge& f) {
     return std::pair{e.from, e.to} < std::pair{f.from, f.to};
   }
 };
@@ -57,7 +57,7 @@ bool is_before_clockwise(LatticePoint p, LatticePoint start, LatticePoint a, Lat
 
 // Joins directed edges with the material on their left into closed paths. If several paths meet in
 // a point, each continues along the same material.
-Result<Pslg> rings_of(std::vector<Edge> edges) {
+Result<Pslg> rings_of(std::vector<BorderEdge> edges) {
   std::sort(edges.begin(), edges.end());
   std::vector<char> is_used(edges.size(), 0);
   Pslg out;
@@ -72,8 +72,9 @@ Result<Pslg> rings_of(std::vector<Edge> edges) {
         e = first;
         continue;
       }
-      const auto low = std::lower_bound(edges.begin(), edges.end(), to,
-                                        [](const Edge& f, LatticePoint p) { return f.from < p; });
+      const auto low =
+          std::lower_bound(edges.begin(), edges.end(), to,
+                           [](const BorderEdge& f, LatticePoint p) { return f.from < p; });
       std::size_t best = edges.size();
       for (auto k = static_cast<std::size_t>(low - edges.begin());
            k < edges.size() && edges[k].from == to; ++k) {
@@ -113,7 +114,7 @@ Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const
   }
   std::sort(borders.begin(), borders.end(),
             [](const Border& b, const Border& c) { return b.ends() < c.ends(); });
-  std::vector<Edge> outer;
+  std::vector<BorderEdge> outer;
   for (std::size_t i = 0; i < borders.size(); ++i) {
     const Border& b = borders[i];
     if (i > 0 && b.ends() == borders[i - 1].ends())

@@ -10,10 +10,10 @@
 namespace trocar {
 namespace {
 
-constexpr std::uint32_t kNone = 0xffffffff;
+constexpr std::uint32_t kNotNumbered = 0xffffffff;
 
 // A boundary edge; the regions' vertices are numbered consecutively.
-struct Edge {
+struct RegionEdge {
   LatticePoint from, to;
   std::uint32_t first, second;
   std::size_t region;
@@ -21,7 +21,7 @@ struct Edge {
 };
 
 Result<void> add_boundary(const SliceMesh& mesh, std::size_t region, std::uint32_t first,
-                          std::vector<Edge>& out) {
+                          std::vector<RegionEdge>& out) {
   using Pair = std::pair<std::uint32_t, std::uint32_t>;
   std::vector<Pair> edges;
   edges.reserve(3 * mesh.triangles.size());
@@ -42,22 +42,22 @@ Result<void> add_boundary(const SliceMesh& mesh, std::size_t region, std::uint32
 }  // namespace
 
 Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions) {
-  std::vector<Edge> edges;
+  std::vector<RegionEdge> edges;
   std::uint32_t vertices = 0;
   for (std::size_t k = 0; k < regions.size(); ++k) {
     if (auto ok = add_boundary(*regions[k], k, vertices, edges); !ok) return ok.error();
     vertices += static_cast<std::uint32_t>(regions[k]->vertices.size());
   }
   std::sort(edges.begin(), edges.end(),
-            [](const Edge& e, const Edge& f) { return e.ends() < f.ends(); });
+            [](const RegionEdge& e, const RegionEdge& f) { return e.ends() < f.ends(); });
   DisjointSets sets(vertices);
   for (std::size_t i = 0; i < edges.size(); ++i) {
-    const Edge& edge = edges[i];
+    const RegionEdge& edge = edges[i];
     if (i > 0 && edges[i - 1].ends() == edge.ends())
       return refused("two meshes lie on the same side of an edge at " + to_text(edge.from));
     const auto twin =
         std::lower_bound(edges.begin(), edges.end(), std::pair{edge.to, edge.from},
-                         [](const Edge& e, const auto& ends) { return e.ends() < ends; });
+                         [](const RegionEdge& e, const auto& ends) { return e.ends() < ends; });
     if (twin == edges.end() || twin->ends() != std::pair{edge.to, edge.from} ||
         twin->region == edge.region)
       continue;
@@ -67,13 +67,13 @@ Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions) {
 
   // The root of a set is its first vertex.
   WeldedRegions out;
-  std::vector<std::uint32_t> number(vertices, kNone);
+  std::vector<std::uint32_t> number(vertices, kNotNumbered);
   std::uint32_t first = 0;
   for (const SliceMesh* const region : regions) {
     std::vector<std::uint32_t>& vertex = out.vertex.emplace_back();
     for (std::uint32_t v = 0; v < region->vertices.size(); ++v) {
       std::uint32_t& merged = number[sets.root(first + v)];
-      if (merged == kNone) {
+      if (merged == kNotNumbered) {
         merged = static_cast<std::uint32_t>(out.mesh.vertices.size());
         out.mesh.vertices.push_back(region->vertices[v]);
       }

@@ -8,10 +8,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <system_error>
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/base/system_message.h"
 #include "formats/session/recording.h"
 #include "formats/session/recording_fields.h"
 
@@ -111,7 +111,7 @@ Error RecordingWriter::failure(int error) {
       lines_ < 2 ? "no row was kept"
                  : "the first " + std::to_string(lines_ - 1) + " rows are in " + partial_;
   end();
-  return unwritable(file_.string() + ": " + std::generic_category().message(error) + "; " + kept);
+  return unwritable(file_.string() + ": " + system_message(error) + "; " + kept);
 }
 
 Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
@@ -121,7 +121,7 @@ Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
   const int fd = open_partial(partial);
   if (fd < 0 && errno == EWOULDBLOCK)
     return unwritable(partial + ": another program is recording there");
-  if (fd < 0) return unwritable(partial + ": " + std::generic_category().message(errno));
+  if (fd < 0) return unwritable(partial + ": " + system_message(errno));
   const std::string* law = origin.find("force-law");
   const bool with_cutting = law != nullptr && *law == "cutting";
   RecordingWriter writer(file, partial, fd, with_cutting);

@@ -5,16 +5,11 @@
 
 #include <climits>
 #include <cstdio>
-#include <system_error>
 
 #include "formats/session/telemetry.h"
 
 namespace trocar {
 namespace telemetry_layout {
-
-std::string error_text(int error) {
-  return std::generic_category().message(error);
-}
 
 std::string read_link(const std::filesystem::path& file) {
   std::array<char, PATH_MAX> text;

@@ -83,7 +83,6 @@ inline struct flock whole_file() {
   return lock;
 }
 
-std::string error_text(int error);
 /// The text of a symbolic link; empty if `file` is none.
 std::string read_link(const std::filesystem::path& file);
 /// Has the link's text the form that TelemetryWriter::link() writes, "/proc/PID/fd/N"?

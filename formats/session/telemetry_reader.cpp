@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <utility>
 
+#include "formats/base/system_message.h"
 #include "formats/session/telemetry.h"
 #include "formats/session/telemetry_layout.h"
 
@@ -39,7 +40,7 @@ Result<std::unique_ptr<TelemetryReader>> TelemetryReader::open(const std::filesy
     const int error = errno;
     if (error == ENOENT && is_session_link(read_link(file)))
       return refused(name + ": its session has ended");
-    return refused(name + ": " + error_text(error));
+    return refused(name + ": " + system_message(error));
   }
   if (Result<void> mapped = reader->map(name); !mapped) return mapped.error();
   return reader;
@@ -56,7 +57,7 @@ Result<void> TelemetryReader::map(const std::string& name) {
     return refused(name + ": not the memory of a session: " + what);
   };
   struct stat status {};
-  if (::fstat(fd_, &status) != 0) return no(error_text(errno));
+  if (::fstat(fd_, &status) != 0) return no(system_message(errno));
   const int seals = ::fcntl(fd_, F_GET_SEALS);
   if (!S_ISREG(status.st_mode) || seals < 0) return no("not a memfd");
   if ((seals & kSeals) != kSeals) return no("it is not sealed");
@@ -64,7 +65,7 @@ Result<void> TelemetryReader::map(const std::string& name) {
   if (size < 2 * kPage || size > kMaxBytes || size % kPage != 0)
     return no("its size of " + std::to_string(size) + " bytes is not possible");
   void* memory = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, fd_, 0);
-  if (memory == MAP_FAILED) return no("mmap: " + error_text(errno));
+  if (memory == MAP_FAILED) return no("mmap: " + system_message(errno));
   memory_ = memory;
   bytes_ = size;
 
@@ -111,7 +112,7 @@ Result<void> TelemetryReader::map(const std::string& name) {
   }
   void* page = ::mmap(nullptr, kPage, PROT_READ | PROT_WRITE, MAP_SHARED, fd_,
                       static_cast<off_t>(header[kCommandsOffset]));
-  if (page == MAP_FAILED) return no("mmap: " + error_text(errno));
+  if (page == MAP_FAILED) return no("mmap: " + system_message(errno));
   command_page_ = page;
   commands_ = static_cast<Word*>(page);
   about_.assign(static_cast<const char*>(memory) + header[kAboutOffset], header[kAboutBytes]);

@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <system_error>
 #include <utility>
 
+#include "formats/base/system_message.h"
 #include "formats/session/telemetry.h"
 #include "formats/session/telemetry_layout.h"
 
@@ -108,7 +108,7 @@ Result<std::unique_ptr<TelemetryWriter>> TelemetryWriter::make(const TelemetrySi
   std::unique_ptr<TelemetryWriter> writer(new TelemetryWriter());
   const auto failed = [&](const char* what, int error) {
     return unwritable("shared memory of " + std::to_string(bytes) + " bytes: " + what + ": " +
-                      error_text(error));
+                      system_message(error));
   };
   writer->fd_ = ::memfd_create("trocar-live", MFD_CLOEXEC | MFD_ALLOW_SEALING);
   if (writer->fd_ < 0) return failed("memfd_create", errno);
@@ -167,18 +167,18 @@ Result<void> TelemetryWriter::link(const std::filesystem::path& file) {
                         "); end it or name another file");
     // The link may lead nowhere, or to another file: the process number may have been reused.
     if (!other && ::access(file.c_str(), F_OK) != 0 && errno != ENOENT)
-      return unwritable(name + ": what it links to cannot be checked: " + error_text(errno) +
+      return unwritable(name + ": what it links to cannot be checked: " + system_message(errno) +
                         "; remove it if no session runs");
   }
   std::filesystem::path temporary = file;
   temporary += std::to_string(::getpid()).insert(0, 1, '.') + ".new";
   ::unlink(temporary.c_str());
   if (::symlink(target_.c_str(), temporary.c_str()) != 0)
-    return unwritable(name + ": " + error_text(errno));
+    return unwritable(name + ": " + system_message(errno));
   if (::rename(temporary.c_str(), file.c_str()) != 0) {
     const int reason = errno;
     ::unlink(temporary.c_str());
-    return unwritable(name + ": " + error_text(reason));
+    return unwritable(name + ": " + system_message(reason));
   }
   link_ = std::filesystem::absolute(file, error);
   return {};

@@ -11,7 +11,9 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/file_io.h"
+#include "formats/base/system_message.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/process_identity.h"
 
@@ -19,21 +21,6 @@ namespace trocar::farm {
 namespace {
 
 namespace fs = std::filesystem;
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  int get() const { return fd_; }
-  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
-
- private:
-  int fd_;
-};
 
 // Removes a temporary file that has not become the target.
 class Temporary {
@@ -90,12 +77,11 @@ fs::path temporary_name(const fs::path& folder) {
 }
 
 Error cannot_write(const fs::path& file, int error) {
-  return unwritable(file.string() +
-                    ": cannot be written: " + std::generic_category().message(error));
+  return unwritable(file.string() + ": cannot be written: " + system_message(error));
 }
 
 Result<void> sync_folder(const fs::path& folder) {
-  const Descriptor fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  const FileDescriptor fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (fd.get() < 0) return cannot_write(folder, errno);
   // Some file systems sync no folders.
   if (::fsync(fd.get()) != 0 && errno != EINVAL && errno != ENOTSUP)
@@ -107,7 +93,7 @@ Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8
   const fs::path folder = file.target.parent_path();
   if (auto ok = make_folder(folder); !ok) return ok;
   Temporary temporary(temporary_name(file.tmp));
-  Descriptor fd(::open(temporary.name(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  FileDescriptor fd(::open(temporary.name(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   if (fd.get() < 0) return cannot_write(file.target, errno);
   failpoint("created");
   const std::size_t half = bytes.size() / 2;

@@ -11,7 +11,8 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <system_error>
+
+#include "formats/base/system_message.h"
 
 namespace trocar::farm {
 namespace {
@@ -37,8 +38,7 @@ Processes::~Processes() {
 Result<void> Processes::start(std::size_t task, const std::function<std::string()>& work) {
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
-    return bug("cannot create a pipe for a scan's process: " +
-               std::generic_category().message(errno));
+    return bug("cannot create a pipe for a scan's process: " + system_message(errno));
   std::fflush(nullptr);
   const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
@@ -46,7 +46,7 @@ Result<void> Processes::start(std::size_t task, const std::function<std::string(
     const int error = errno;
     ::close(ends[0]);
     ::close(ends[1]);
-    return bug("cannot create a process for a scan: " + std::generic_category().message(error));
+    return bug("cannot create a process for a scan: " + system_message(error));
   }
   if (pid == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);

@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <system_error>
 #include <thread>
 #include <unordered_map>
 
+#include "formats/base/system_message.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/file_names.h"
@@ -24,7 +24,7 @@ using nlohmann::json;
 Result<struct stat> status_of(const fs::path& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) != 0)
-    return refused(path.string() + ": " + std::generic_category().message(errno));
+    return refused(path.string() + ": " + system_message(errno));
   return status;
 }
 

@@ -13,6 +13,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/system_message.h"
 #include "pipeline/read/file_names.h"
 
 namespace trocar::pipeline {
@@ -114,7 +115,7 @@ class Search {
 
 Result<void> check_readable(const fs::path& file) {
   if (::access(file.c_str(), R_OK) == 0 || errno != EACCES) return {};
-  return refused(file.string() + ": " + std::generic_category().message(EACCES));
+  return refused(file.string() + ": " + system_message(EACCES));
 }
 
 Result<std::vector<fs::path>> files_below(const fs::path& folder, std::vector<Warning>& warnings,

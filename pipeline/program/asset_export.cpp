@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/base/system_message.h"
 #include "pipeline/program/triangle_poly.h"
 
 namespace trocar::pipeline {
@@ -159,7 +160,7 @@ class ScratchFolder {
     if (error) return unwritable(target.string() + ": " + error.message());
     std::string path = (target / ".trocar-export.XXXXXX").string();
     if (::mkdtemp(path.data()) == nullptr)
-      return unwritable(target.string() + ": " + std::generic_category().message(errno));
+      return unwritable(target.string() + ": " + system_message(errno));
     return std::make_unique<ScratchFolder>(target, path, is_new);
   }
   ScratchFolder(fs::path target, fs::path path, bool is_new)

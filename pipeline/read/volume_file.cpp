@@ -11,10 +11,11 @@
 #include <condition_variable>
 #include <mutex>
 #include <optional>
-#include <system_error>
 #include <thread>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
+#include "formats/base/system_message.h"
 #include "pipeline/read/gzip_reader.h"
 #include "pipeline/read/read_at.h"
 
@@ -51,22 +52,9 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
   }
   if (descriptor < 0)
     return refused(for_file.string() + ": no temporary file in " + folder.string() +
-                   " for its voxels (" + std::generic_category().message(errno) + "); set TMPDIR");
+                   " for its voxels (" + system_message(errno) + "); set TMPDIR");
   return descriptor;
 }
-
-// Closes it.
-struct Descriptor {
-  explicit Descriptor(const std::filesystem::path& file)
-      : number(::open(file.c_str(), O_RDONLY | O_CLOEXEC)) {}
-  explicit Descriptor(int owned) : number(owned) {}
-  ~Descriptor() {
-    if (number >= 0) ::close(number);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  int number;
-};
 
 }  // namespace
 
@@ -110,7 +98,7 @@ class VolumeFile::Unpacking {
 
  private:
   Result<void> unpack() {
-    GzipReader in(from_.number, name_);
+    GzipReader in(from_.get(), name_);
     std::vector<char> block(1 << 18);
     for (std::int64_t done = 0; done < start_ + size_ && !stopped_.load();) {
       const std::int64_t wanted = (done < start_ ? start_ : start_ + size_) - done;
@@ -120,7 +108,7 @@ class VolumeFile::Unpacking {
       if (*n == 0) return truncated(name_, start_ + size_, done);
       if (done >= start_ && !write_all(to_, block.data(), *n)) {
         return refused(name_ + ": no space for a temporary file to unpack it (" +
-                       std::generic_category().message(errno) + "); set TMPDIR");
+                       system_message(errno) + "); set TMPDIR");
       }
       done += static_cast<std::int64_t>(*n);
       const std::lock_guard lock(mutex_);
@@ -133,7 +121,7 @@ class VolumeFile::Unpacking {
     return {};
   }
 
-  Descriptor from_;
+  FileDescriptor from_;
   int to_;  // the VolumeFile's
   std::string name_;
   std::int64_t start_, size_;
@@ -148,17 +136,17 @@ class VolumeFile::Unpacking {
 
 Result<std::vector<std::uint8_t>> VolumeFile::head(const std::filesystem::path& file,
                                                    std::size_t bytes) {
-  const Descriptor in(file);
-  if (in.number < 0) return refused(file.string() + ": " + std::generic_category().message(errno));
+  const FileDescriptor in(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  if (in.get() < 0) return refused(file.string() + ": " + system_message(errno));
   std::vector<std::uint8_t> out(bytes);
   const std::span<char> to(reinterpret_cast<char*>(out.data()), bytes);
-  if (GzipReader::is_gzip(in.number)) {
-    const auto n = GzipReader(in.number, file.string()).read(to);
+  if (GzipReader::is_gzip(in.get())) {
+    const auto n = GzipReader(in.get(), file.string()).read(to);
     if (!n) return n.error();
     out.resize(*n);
     return out;
   }
-  out.resize(read_at(in.number, 0, to));
+  out.resize(read_at(in.get(), 0, to));
   return out;
 }
 
@@ -201,7 +189,7 @@ Result<void> VolumeFile::append(std::span<const char> bytes,
                                 const std::filesystem::path& for_file) {
   if (write_all(descriptor_, bytes.data(), bytes.size())) return {};
   return refused(for_file.string() + ": no space for a temporary file of its voxels (" +
-                 std::generic_category().message(errno) + "); set TMPDIR");
+                 system_message(errno) + "); set TMPDIR");
 }
 
 Result<void> VolumeFile::read(std::int64_t at, std::span<char> to, const std::string& name) const {

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "formats/base/text_line.h"
 #include "runtime/contact/overlap.h"
@@ -13,9 +12,8 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr double kStep_m = 5e-4;
-constexpr double kStep_rad = 0.5 / kDegrees;
+constexpr double kStep_rad = 0.5 / kDegreesPerRadian;
 constexpr double kMaxSteps = 16000;
 
 Pose plate_of(const Pose& T_device_tool, const Tool& tool) noexcept {
@@ -77,8 +75,9 @@ std::string describe_joint(const DeviceDescription& device, const JointAngles& j
   const auto leg = static_cast<std::size_t>(status.leg - 1);
   const auto joint = static_cast<std::size_t>(status.joint - 1);
   const JointLimit& limit = device.joint_limit[joint];
-  const double low_deg = limit.min_rad * kDegrees, high_deg = limit.max_rad * kDegrees;
-  const double at_deg = joints.theta_rad[leg][joint] * kDegrees;
+  const double low_deg = limit.min_rad * kDegreesPerRadian,
+               high_deg = limit.max_rad * kDegreesPerRadian;
+  const double at_deg = joints.theta_rad[leg][joint] * kDegreesPerRadian;
   return text_line("theta%d of leg %d is at %s deg; its limits are %.1f to %.1f deg", status.joint,
                    status.leg, apart_from(at_deg, at_deg < low_deg ? low_deg : high_deg, 1).c_str(),
                    low_deg, high_deg);
@@ -183,7 +182,8 @@ Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcep
   if (!(margins.box_m >= 0 && margins.tilt_rad <= limits.plate_tilt_max_rad)) {
     return Fault::kWorkspace;
   }
-  return margins.tool_tilt_rad * kDegrees <= kMaxTilt_deg ? Fault::kNone : Fault::kToolTilt;
+  return margins.tool_tilt_rad * kDegreesPerRadian <= kMaxTilt_deg ? Fault::kNone
+                                                                   : Fault::kToolTilt;
 }
 
 std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
@@ -204,11 +204,11 @@ std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
     case Fault::kWorkspace:
       if (margins.box_m < 0) return describe_box(limits, T_device_plate);
       if (margins.tilt_rad <= limits.plate_tilt_max_rad) return {};
-      return describe_beyond("the plate is tilted by", margins.tilt_rad * kDegrees,
-                             limits.plate_tilt_max_rad * kDegrees, " deg", 1);
+      return describe_beyond("the plate is tilted by", margins.tilt_rad * kDegreesPerRadian,
+                             limits.plate_tilt_max_rad * kDegreesPerRadian, " deg", 1);
     case Fault::kToolTilt:
-      if (margins.tool_tilt_rad * kDegrees <= kMaxTilt_deg) return {};
-      return describe_beyond("the tool is tilted by", margins.tool_tilt_rad * kDegrees,
+      if (margins.tool_tilt_rad * kDegreesPerRadian <= kMaxTilt_deg) return {};
+      return describe_beyond("the tool is tilted by", margins.tool_tilt_rad * kDegreesPerRadian,
                              kMaxTilt_deg, " deg", 1);
     default:
       return {};

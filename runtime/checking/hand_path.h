@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,6 +20,8 @@
 #include "runtime/simulation/hand.h"
 
 namespace trocar::runtime {
+
+inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
 /// Distances of a pose from the limits; a negative distance is beyond the limit.
 struct PoseMargins {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <numbers>
 #include <optional>
 
 #include "formats/base/text_line.h"
@@ -14,7 +13,6 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr std::size_t kMaxListedHeights = 5;
 
 std::string describe_path(const SceneEvaluation& e) {
@@ -29,11 +27,12 @@ std::string describe_path(const SceneEvaluation& e) {
       "           plate %.1f mm %s the workspace's box, tilted by at most %.1f of %.1f "
       "deg",
       1e3 * std::abs(r.box_min_m), r.box_min_m < 0 ? "outside" : "within",
-      r.tilt_max_rad * kDegrees, e.options.limits.plate_tilt_max_rad * kDegrees);
+      r.tilt_max_rad * kDegreesPerRadian, e.options.limits.plate_tilt_max_rad * kDegreesPerRadian);
   if (r.is_reachable) {
-    out += text_line("; theta%d of leg %d %.1f deg %s its limit; inverse condition at least %.3f",
-                     r.nearest.joint, r.nearest.leg, std::abs(r.nearest.joint_rad) * kDegrees,
-                     r.nearest.joint_rad < 0 ? "beyond" : "from", r.inverse_condition_min);
+    out +=
+        text_line("; theta%d of leg %d %.1f deg %s its limit; inverse condition at least %.3f",
+                  r.nearest.joint, r.nearest.leg, std::abs(r.nearest.joint_rad) * kDegreesPerRadian,
+                  r.nearest.joint_rad < 0 ? "beyond" : "from", r.inverse_condition_min);
   }
   out += '\n';
   if (e.has_fault() || r.breaches.empty() || r.breaches.front().t_s > e.dry_run_end_s()) return out;

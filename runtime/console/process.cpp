@@ -12,12 +12,13 @@
 #include <csignal>
 #include <fstream>
 #include <iterator>
-#include <system_error>
 #include <utility>
 
 extern "C" {  // glibc 2.36 leaves it to who includes it
 #include <sys/pidfd.h>
 }
+
+#include "formats/base/system_message.h"
 
 namespace trocar::runtime {
 namespace {
@@ -72,15 +73,13 @@ Result<Process> Process::start(const std::vector<std::string>& arguments,
   ::posix_spawn_file_actions_destroy(&actions);
   ::posix_spawnattr_destroy(&attributes);
   if (error != 0)
-    return refused(arguments.front() +
-                   ": cannot be started: " + std::generic_category().message(error));
+    return refused(arguments.front() + ": cannot be started: " + system_message(error));
   const int fd = ::pidfd_open(pid, 0);
   if (fd < 0) {
     const int why = errno;
     ::kill(pid, SIGKILL);  // our child, which nobody has waited for: the number is still its own
     ::waitpid(pid, nullptr, 0);
-    return refused(arguments.front() +
-                   ": cannot be watched: " + std::generic_category().message(why));
+    return refused(arguments.front() + ": cannot be watched: " + system_message(why));
   }
   return Process(pid, fd, true);
 }

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <utility>
 
+#include "formats/geometry/lattice_offset.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -86,11 +88,6 @@ void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2
   if (result.size < 3) result.size = 0;
 }
 
-Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
-  return {static_cast<double>(std::int64_t{p.x} - origin.x),
-          static_cast<double>(std::int64_t{p.y} - origin.y)};
-}
-
 /// All convex pieces of all holes, as one list.
 struct Holes {
   const Tool& tool;
@@ -99,8 +96,8 @@ struct Holes {
   int size() const noexcept { return static_cast<int>(outlines.size()) * tool.pieces; }
   const ConvexPiece& piece(int k) const noexcept { return tool.piece[k % tool.pieces]; }
   Eigen::Vector2d corner(int k, int i) const noexcept {
-    return relative(outlines[static_cast<std::size_t>(k / tool.pieces)].points[piece(k).corner[i]],
-                    origin);
+    return offset_in_steps(
+        outlines[static_cast<std::size_t>(k / tool.pieces)].points[piece(k).corner[i]], origin);
   }
 };
 
@@ -124,7 +121,7 @@ Polygon whole_outline(const LatticeOutline& outline) noexcept {
   Polygon whole;
   whole.size = outline.size;
   for (int i = 0; i < outline.size; ++i) {
-    whole.points[i] = relative(outline.points[i], outline.points[0]);
+    whole.points[i] = offset_in_steps(outline.points[i], outline.points[0]);
   }
   return whole;
 }
@@ -165,9 +162,9 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
   };
   sheet.grid.for_each(box_around(outline), [&](std::uint32_t index) {
     const Triangle& t = sheet.mesh.triangles[index];
-    const std::array<Eigen::Vector2d, 3> corner{relative(sheet.mesh.vertices[t[0]], origin),
-                                                relative(sheet.mesh.vertices[t[1]], origin),
-                                                relative(sheet.mesh.vertices[t[2]], origin)};
+    const std::array<Eigen::Vector2d, 3> corner{offset_in_steps(sheet.mesh.vertices[t[0]], origin),
+                                                offset_in_steps(sheet.mesh.vertices[t[1]], origin),
+                                                offset_in_steps(sheet.mesh.vertices[t[2]], origin)};
     if (holes.empty()) return add(whole, corner);
     for (int k = 0; k < tool.pieces; ++k)  // add_outside() needs convex parts
       add(convex_part(tool, k, whole), corner);

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <utility>
 
+#include "formats/geometry/lattice_offset.h"
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/contact/tissue_choice.h"
 
@@ -15,11 +16,6 @@ namespace {
 
 constexpr double kRounding_m = 1e-12;  // of two heights and their difference
 constexpr double kMaxHeight_m = 1;     // of a slice above or below {B}'s origin
-
-Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
-  return {static_cast<double>(std::int64_t{p.x} - origin.x),
-          static_cast<double>(std::int64_t{p.y} - origin.y)};
-}
 
 /// `mesh` must be valid.
 void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
@@ -33,9 +29,9 @@ std::array<double, 2> centroid_mm(const SliceMesh& mesh, const Lattice& lattice)
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   double area = 0;
   for (const Triangle& t : mesh.triangles) {
-    const Eigen::Vector2d a = relative(mesh.vertices[t[0]], origin);
-    const Eigen::Vector2d b = relative(mesh.vertices[t[1]], origin);
-    const Eigen::Vector2d c = relative(mesh.vertices[t[2]], origin);
+    const Eigen::Vector2d a = offset_in_steps(mesh.vertices[t[0]], origin);
+    const Eigen::Vector2d b = offset_in_steps(mesh.vertices[t[1]], origin);
+    const Eigen::Vector2d c = offset_in_steps(mesh.vertices[t[2]], origin);
     const double doubled = (b - a).x() * (c - a).y() - (b - a).y() * (c - a).x();
     sum += doubled * (a + b + c) / 3;
     area += doubled;

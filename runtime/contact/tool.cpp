@@ -9,14 +9,14 @@
 namespace trocar::runtime {
 namespace {
 
-using Polygon = std::vector<Eigen::Vector2d>;
+using Corners = std::vector<Eigen::Vector2d>;
 using Piece = std::vector<std::uint8_t>;
 
 double orientation(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
   return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
 }
 
-bool is_convex(const Polygon& p, const Piece& piece) {
+bool is_convex(const Corners& p, const Piece& piece) {
   const std::size_t n = piece.size();
   for (std::size_t i = 0; i < n; ++i) {
     if (orientation(p[piece[i]], p[piece[(i + 1) % n]], p[piece[(i + 2) % n]]) < 0) return false;
@@ -25,7 +25,7 @@ bool is_convex(const Polygon& p, const Piece& piece) {
 }
 
 // Triangulates a simple counter-clockwise polygon by ear clipping; empty if it is not simple.
-std::vector<Piece> ears(const Polygon& p) {
+std::vector<Piece> ears(const Corners& p) {
   std::vector<Piece> out;
   Piece rest;
   for (std::size_t i = 0; i < p.size(); ++i)
@@ -68,7 +68,7 @@ Piece joined(const Piece& a, const Piece& b) {
   return {};
 }
 
-std::vector<Piece> convex_pieces(const Polygon& p) {
+std::vector<Piece> convex_pieces(const Corners& p) {
   Piece all;
   for (std::size_t i = 0; i < p.size(); ++i)
     all.push_back(static_cast<std::uint8_t>(i));
@@ -89,8 +89,8 @@ std::vector<Piece> convex_pieces(const Polygon& p) {
   return pieces;
 }
 
-Polygon cross_section(const SceneTool& scene_tool) {
-  Polygon out;
+Corners cross_section(const SceneTool& scene_tool) {
+  Corners out;
   const double start_rad = scene_tool.rotation_deg * std::numbers::pi / 180;
   if (scene_tool.outline_m.empty()) {
     for (int i = 0; i < scene_tool.sides; ++i) {
@@ -112,7 +112,7 @@ Tool make_tool(const SceneTool& scene_tool) {
   const double azimuth_rad = scene_tool.tilt_azimuth_deg * std::numbers::pi / 180;
   const Eigen::Quaterniond q_plate_tool(Eigen::AngleAxisd(
       tilt_rad, Eigen::Vector3d(-std::sin(azimuth_rad), std::cos(azimuth_rad), 0)));
-  const Polygon section = cross_section(scene_tool);
+  const Corners section = cross_section(scene_tool);
   Tool tool;
   tool.sides = static_cast<int>(section.size());
   tool.tip_plate_m = Eigen::Vector3d(scene_tool.tip_in_plate_m.data());

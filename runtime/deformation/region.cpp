@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
+#include "formats/geometry/lattice_offset.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/region_boundary.h"
 #include "runtime/hole_cutting/cavity.h"
@@ -22,11 +23,6 @@ using Eigen::Vector2d;
 constexpr std::size_t kSpareForCut = 64;
 constexpr std::size_t kMaxSpare = std::size_t{1} << 20;
 
-Vector2d relative(LatticePoint p, LatticePoint origin) {
-  return {static_cast<double>(std::int64_t{p.x} - origin.x),
-          static_cast<double>(std::int64_t{p.y} - origin.y)};
-}
-
 void move_by(LatticePoint by, std::vector<LatticePoint>& points) {
   for (LatticePoint& p : points)
     p = {p.x + by.x, p.y + by.y};
@@ -39,7 +35,7 @@ Vector2d moment(const SheetMesh& mesh, LatticePoint origin) {
     if (!mesh.in_use(t)) continue;
     const auto [a, b, c] = corners(mesh, t);
     sum += static_cast<double>(orient2d(a, b, c)) / 6 *
-           (relative(a, origin) + relative(b, origin) + relative(c, origin));
+           (offset_in_steps(a, origin) + offset_in_steps(b, origin) + offset_in_steps(c, origin));
   }
   return sum;
 }

@@ -8,16 +8,13 @@
 #include <array>
 #include <cerrno>
 #include <string>
-#include <system_error>
+
+#include "formats/base/system_message.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr std::size_t kDigits = 2 * kLinkKeyBytes;
-
-std::string why(int error) {
-  return std::generic_category().message(error);
-}
 
 int value_of(char digit) noexcept {
   if (digit >= '0' && digit <= '9') return digit - '0';
@@ -31,12 +28,12 @@ int value_of(char digit) noexcept {
 std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes,
                          bool& is_open) {
   struct stat status {};
-  if (::fstat(fd, &status) != 0) return why(errno);
+  if (::fstat(fd, &status) != 0) return system_message(errno);
   if (!S_ISREG(status.st_mode)) return "not a regular file";
   if (status.st_uid != ::geteuid()) return "owned by another user";
   is_open = (status.st_mode & 077) != 0;
   const ssize_t got = ::read(fd, text.data(), text.size());
-  if (got < 0) return why(errno);
+  if (got < 0) return system_message(errno);
   bytes = static_cast<std::size_t>(got);
   return {};
 }
@@ -45,7 +42,7 @@ std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_
 
 Result<LinkKey> read_link_key(const std::filesystem::path& file) {
   const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (fd < 0) return refused(file.string() + ": " + why(errno));
+  if (fd < 0) return refused(file.string() + ": " + system_message(errno));
   std::array<char, kDigits + 2> text{};
   std::size_t bytes = 0;
   bool is_open = false;
@@ -80,14 +77,14 @@ Result<LinkKey> make_link_key(const std::filesystem::path& file) {
   // name when it is complete, and only if no file has that name.
   std::string temporary = file.string() + ".XXXXXX";
   const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
-  if (fd < 0) return unwritable(file.string() + ": " + why(errno));
+  if (fd < 0) return unwritable(file.string() + ": " + system_message(errno));
   const bool written = ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
                        ::fsync(fd) == 0;
   const bool linked = written && ::link(temporary.c_str(), file.c_str()) == 0;
   const int error = errno;
   ::close(fd);
   ::unlink(temporary.c_str());
-  if (!linked) return unwritable(file.string() + ": " + why(error));
+  if (!linked) return unwritable(file.string() + ": " + system_message(error));
   return key;
 }
 

@@ -8,8 +8,9 @@
 #include <cmath>
 #include <ctime>
 #include <string>
-#include <system_error>
 #include <utility>
+
+#include "formats/base/system_message.h"
 
 namespace trocar::runtime {
 namespace {
@@ -137,7 +138,7 @@ struct UdpDevice::Attempt {
              "the port";
     }
     if (socket_error != 0) {
-      return "no device answers there: " + std::generic_category().message(socket_error);
+      return "no device answers there: " + system_message(socket_error);
     }
     return "no device answers there: the host is off or cannot be reached (address, cable, "
            "firewall), or its device is of an older version and has another key";

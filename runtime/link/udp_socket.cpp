@@ -14,12 +14,10 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/system_message.h"
+
 namespace trocar::runtime {
 namespace {
-
-std::string why(int error) {
-  return std::generic_category().message(error);
-}
 
 sockaddr_in to_system(const Endpoint& endpoint) noexcept {
   sockaddr_in address{};
@@ -82,7 +80,7 @@ Result<UdpSocket> UdpSocket::listen(const Endpoint& local) {
   const sockaddr_in address = to_system(local);
   if (made.fd_ < 0 ||
       ::bind(made.fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
-    return unwritable(to_string(local) + ": cannot listen: " + why(errno));
+    return unwritable(to_string(local) + ": cannot listen: " + system_message(errno));
   }
   return made;
 }
@@ -92,7 +90,7 @@ Result<UdpSocket> UdpSocket::connect(const Endpoint& peer) {
   const sockaddr_in address = to_system(peer);
   if (made.fd_ < 0 ||
       ::connect(made.fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
-    return Error{ExitCode::kDeviceFault, to_string(peer) + ": " + why(errno)};
+    return Error{ExitCode::kDeviceFault, to_string(peer) + ": " + system_message(errno)};
   }
   return made;
 }

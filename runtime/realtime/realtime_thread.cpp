@@ -13,18 +13,15 @@
 #include <cmath>
 #include <ctime>
 #include <fstream>
-#include <system_error>
 #include <thread>
+
+#include "formats/base/system_message.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::size_t kStackTouched = std::size_t{256} << 10;
-
-std::string why(int error) {
-  return std::generic_category().message(error);
-}
 
 std::int64_t now_ns() noexcept {
   timespec now{};
@@ -95,7 +92,8 @@ void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
     CPU_SET(options.cpu, &set);
     const int error = ::pthread_setaffinity_np(::pthread_self(), sizeof set, &set);
     if (error != 0) {
-      add_note(report.note, "not on processor " + std::to_string(options.cpu) + ": " + why(error));
+      add_note(report.note,
+               "not on processor " + std::to_string(options.cpu) + ": " + system_message(error));
     }
   }
   if (::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) == 0) {
@@ -110,14 +108,15 @@ void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
   const bool unlimited =
       ::getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;
   report.memory_locked = ::mlockall(unlimited ? MCL_CURRENT | MCL_FUTURE : MCL_CURRENT) == 0;
-  if (!report.memory_locked) add_note(report.note, "memory is not locked: " + why(errno));
+  if (!report.memory_locked)
+    add_note(report.note, "memory is not locked: " + system_message(errno));
   sched_param parameters{};
   parameters.sched_priority = options.priority;
   const int error = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &parameters);
   report.fifo = error == 0;
-  if (!report.fifo) add_note(report.note, "no realtime priority: " + why(error));
+  if (!report.fifo) add_note(report.note, "no realtime priority: " + system_message(error));
   if (::prctl(PR_SET_TIMERSLACK, 1UL) != 0)
-    add_note(report.note, "no small timer slack: " + why(errno));
+    add_note(report.note, "no small timer slack: " + system_message(errno));
   report.timer_slack_ns = ::prctl(PR_GET_TIMERSLACK);
   ask_for_cpu(options, report);
   report.scheduling = scheduling_of_this_thread();

@@ -17,8 +17,6 @@
 namespace trocar::pipeline {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
-
 Result<void> check_size(std::int64_t width, std::int64_t height, const std::string& name) {
   if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide ||
       width * height > kMaxSlicePixels) {
@@ -84,7 +82,8 @@ Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const 
   return image;
 }
 
-Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wanted) {
+Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string& name,
+                       Levels wanted) {
   struct Free {
     void operator()(spng_ctx* c) const { spng_ctx_free(c); }
   };
@@ -142,7 +141,7 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
                   pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }
 
-Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
+Result<Image> read_jpeg(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   struct Destroy {
     void operator()(void* handle) const { tjDestroy(handle); }
   };
@@ -244,7 +243,7 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
 
 // Width and height are at fixed offsets; whether they have 16 or 32 bits follows from
 // the header's size.
-Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
+Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std::uint8_t>& bytes,
                        const std::string& name, Levels wanted) {
   if (bytes.size() < 30) return refused(name + ": broken BMP");
   const auto i32 = [&bytes](std::size_t at) {
@@ -271,7 +270,7 @@ Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) 
   const std::string name = file.string();
   const auto read = read_file(file);
   if (!read) return refused(name + ": cannot be read");
-  const Bytes& bytes = *read;
+  const std::vector<std::uint8_t>& bytes = *read;
   const auto starts = [&bytes](std::string_view magic) {
     return bytes.size() > magic.size() &&
            std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;

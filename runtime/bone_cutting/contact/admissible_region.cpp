@@ -15,7 +15,7 @@ using Eigen::Vector2d;
 
 // Half the side of the square within which the region lies: its corners are in sight.
 constexpr double kHalfSquare_m = kSight_m / std::numbers::sqrt2;
-constexpr double kRounding_m = 1e-9;
+constexpr double kCrossingSlack_m = 1e-9;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The region is where towards . p <= reach_m, relative to the axis.
@@ -48,11 +48,11 @@ struct Walls {
     for (int i = 0; i < count; ++i) {
       const double at_a = wall[i].towards.dot(a) - wall[i].reach_m - radius_m,
                    change = wall[i].towards.dot(b - a);
-      if (std::abs(change) < kRounding_m) {
-        if (at_a > -kRounding_m) return {1, 0};
+      if (std::abs(change) < kCrossingSlack_m) {
+        if (at_a > -kCrossingSlack_m) return {1, 0};
         continue;
       }
-      const double cross = -(at_a + kRounding_m) / change;
+      const double cross = -(at_a + kCrossingSlack_m) / change;
       if (change > 0)
         out.to = std::min(out.to, cross);
       else

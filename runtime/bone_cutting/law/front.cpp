@@ -8,7 +8,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kRounding_m = 1e-9;
+constexpr double kSlabEndSlack_m = 1e-9;
 
 }  // namespace
 
@@ -17,15 +17,15 @@ void find_front(Tick& tick) noexcept {
   if (tick.state.stretch_m > 0) {
     double front_m = tip_m - tick.state.stretch_m * tick.down;
     // Rounding must not carry it over a sheet of no thickness that bears the tip.
-    const int i = tick.slab_at(front_m - kRounding_m);
+    const int i = tick.slab_at(front_m - kSlabEndSlack_m);
     if (i < tick.slab_count() && tick.slab(i).bottom_m <= tick.slab(i).top_m &&
-        tick.slab(i).top_m < front_m + kRounding_m)
+        tick.slab(i).top_m < front_m + kSlabEndSlack_m)
       front_m = tick.slab(i).top_m;
     tick.front_m = tick.first_front_m = front_m;
     return;
   }
   tick.front_m = std::numeric_limits<double>::infinity();
-  for (int i = tick.slab_at(tip_m - kRounding_m); i < tick.slab_count(); ++i) {
+  for (int i = tick.slab_at(tip_m - kSlabEndSlack_m); i < tick.slab_count(); ++i) {
     const CuttingSlab& slab = tick.slab(i);
     if (std::max(slab.strength_top_N, slab.strength_bottom_N) <= 0) continue;
     const double cut = cut_of(tick, i);

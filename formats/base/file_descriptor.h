@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// A file descriptor of the system that is closed with its owner.
+// Tests: tests/formats/base/file_io_test.cpp
+#pragma once
+
+#include <unistd.h>
+
+#include <utility>
+
+namespace trocar {
+
+class FileDescriptor {
+ public:
+  /// Owns `fd`, which may be negative: the result of an open() that failed.
+  explicit FileDescriptor(int fd) : fd_(fd) {}
+  FileDescriptor(FileDescriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  FileDescriptor& operator=(FileDescriptor&&) = delete;
+  ~FileDescriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  int get() const { return fd_; }
+  /// Closes it now; false, with errno set, if what was written may be lost.
+  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
+
+ private:
+  int fd_;
+};
+
+}  // namespace trocar

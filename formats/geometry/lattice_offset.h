@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// Differences of lattice points as floating-point vectors.
+// Tests: tests/formats/geometry/lattice_test.cpp
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "formats/geometry/lattice.h"
+
+namespace trocar {
+
+/// The vector from `origin` to `p` in lattice steps; exact, because the difference of two 32-bit integers has 33 bits.
+inline Eigen::Vector2d offset_in_steps(LatticePoint p, LatticePoint origin) noexcept {
+  return {static_cast<double>(std::int64_t{p.x} - origin.x),
+          static_cast<double>(std::int64_t{p.y} - origin.y)};
+}
+
+}  // namespace trocar
