@@ -6,8 +6,7 @@ includes it. If the commit is not in this clone, all.
 
 A file that passes leaves a stamp in the user's cache folder and is skipped while its digest
 stays the same, in any clone on this machine. The digest is of the file, the project's headers
-that it includes (from ninja's record of its last compilation; all headers if there is none),
-.clang-tidy, the version of clang-tidy and the compile command, with paths relative to the clone.
+that it includes, .clang-tidy, the version of clang-tidy and the compile command, with paths relative to the clone.
 Exit 0 if all pass, 1 otherwise.
 """
 import argparse
@@ -17,35 +16,19 @@ import json
 import os
 import pathlib
 import re
-import shlex
 import subprocess
 import sys
 import time
 
-OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
+import folders
+
 PROGRAM = "clang-tidy-14"
 
 
-def headers_of_objects(build):
-    """{object file relative to the build folder: the files that its last compilation read}."""
-    listing = subprocess.run(["ninja", "-C", str(build), "-t", "deps"], stdout=subprocess.PIPE,
-                             stderr=subprocess.DEVNULL, text=True, check=False).stdout
-    read, object_file = {}, None
-    for line in listing.splitlines():
-        if line.startswith("    "):
-            if object_file:
-                read[object_file].append(pathlib.Path(os.path.normpath(build / line.strip())))
-        elif ": #deps" in line:
-            name, rest = line.split(": #deps", 1)
-            object_file = name if "(VALID)" in rest else None
-            if object_file:
-                read[object_file] = []
-    return read
-
-
-def output_of(entry):
-    words = shlex.split(entry["command"])
-    return words[words.index("-o") + 1] if "-o" in words else ""
+def headers_of_files(root):
+    """{translation unit: the headers of ours that it includes, directly or through others}."""
+    return {unit: [path for path in included if isinstance(path, pathlib.Path) and path != unit]
+            for unit, included in folders.units_of(root, folders.OURS).items()}
 
 
 def since(commit, entries, read, root):
@@ -58,24 +41,24 @@ def since(commit, entries, read, root):
     if root / ".clang-tidy" in changed:
         return entries
     chosen = [e for e in entries if pathlib.Path(e["file"]) in changed]
-    seen = {header for e in chosen for header in read.get(output_of(e), [])}
-    smallest_first = sorted(entries, key=lambda e: len(read.get(output_of(e), [])))
+    seen = {header for e in chosen for header in read[pathlib.Path(e["file"])]}
+    smallest_first = sorted(entries, key=lambda e: len(read[pathlib.Path(e["file"])]))
     for header in sorted(file for file in changed if file.suffix == ".h" and file not in seen):
-        including = next((e for e in smallest_first if header in read.get(output_of(e), [])), None)
+        including = next((e for e in smallest_first if header in read[pathlib.Path(e["file"])]), None)
         if including:
             chosen.append(including)
-            seen.update(read[output_of(including)])
+            seen.update(read[pathlib.Path(including["file"])])
     return chosen
 
 
-def digest_of(entry, root, build, read, every_header, version):
+def digest_of(entry, root, build, read, version):
     digest = hashlib.sha256(version + (root / ".clang-tidy").read_bytes())
-    output = output_of(entry)
-    headers = [h for h in read[output] if h.is_relative_to(root)] if output in read else every_header
-    for file in sorted({*headers, pathlib.Path(entry["file"])}):
+    unit = pathlib.Path(entry["file"])
+    for file in sorted({unit, *read[unit]}):
         digest.update(os.path.relpath(file, root).encode())
         digest.update(file.read_bytes() if file.exists() else b"")
-    command = entry["command"].replace(str(build), "BUILD").replace(str(root), "ROOT")
+    # The target that a file belongs to changes nothing; its flags do.
+    command = re.sub(r" -o \S+", "", entry["command"]).replace(str(build), "BUILD").replace(str(root), "ROOT")
     digest.update(command.encode())
     return digest
 
@@ -96,12 +79,11 @@ def main():
     parser.add_argument("regex", nargs="?", default="")
     options = parser.parse_args()
     root, build, wanted = options.root, options.build, re.compile(options.regex)
-    read = headers_of_objects(build)
-    every_header = [h for folder in OURS for h in (root / folder).rglob("*.h")]
+    read = headers_of_files(root)
     entries = []
     for entry in sorted(json.loads((build / "compile_commands.json").read_text()), key=lambda e: e["file"]):
         path = pathlib.Path(entry["file"])
-        if path.is_relative_to(root) and not path.is_relative_to(build) and wanted.search(str(path.relative_to(root))):
+        if path in read and wanted.search(str(path.relative_to(root))):
             entries.append(entry)
     total = len(entries)
     if options.since:
@@ -112,7 +94,7 @@ def main():
     todo = []
     for entry in entries:
         path = pathlib.Path(entry["file"])
-        stamp = stamps / digest_of(entry, root, build, read, every_header, version).hexdigest()
+        stamp = stamps / digest_of(entry, root, build, read, version).hexdigest()
         if not stamp.exists():
             # Largest first, so that no core works alone on a large file at the end.
             todo.append((path.stat().st_size, str(path), entry, stamp))

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""folders.py SOURCE BUILD [--check]: the folders of the product's code, which of them include which, and the picture of that
+"""folders.py SOURCE [--check]: the folders of the product's code, which of them include which, and the picture of that
 in ARCHITECTURE.md. tests/dependency_rule_test.py uses it too.
 
 The rule: a folder includes only folders that stand before it in FOLDERS_IN_ORDER. The edges come from the #include lines
-of the sources; the compiler's dependency files (`ninja -t deps`) show that none was missed."""
+of the sources, each of which must name a file by its full path, so that none is missed."""
 import graphlib
-import json
 import os
 import pathlib
 import re
-import subprocess
 import sys
 
 # From the lowest layer up.
@@ -24,50 +22,37 @@ FOLDERS_IN_ORDER = (
     "runtime/session", "runtime/checking", "runtime/reporting", "runtime/console", "runtime/program",
 )
 PRODUCT = ("formats", "pipeline", "runtime")
+OURS = PRODUCT + ("sample_ct", "tests")
+GENERATED = "embedded/"  # headers that the build makes (scripts/cmake/embed_text.cmake)
 INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
+SYSTEM_INCLUDE = re.compile(r"^\s*#\s*include\s*<([^>]+)>", re.MULTILINE)
 BEGIN, END = "<!-- folders: begin -->", "<!-- folders: end -->"
 
 
-def parse_deps(text):
-    """`ninja -t deps` as {object: [file, ...]}."""
-    deps, current = {}, None
-    for line in text.splitlines():
-        if line.startswith("    "):
-            deps[current].append(line.strip())
-        elif "#deps" in line:
-            current = line.split(": #deps")[0]
-            deps[current] = []
-    return deps
+def units_of(source, folders):
+    """{translation unit in `folders`: [what it includes, directly or through our headers]}. Our files are absolute paths; any other
+    header is its name after a slash, as in "/CGAL/version.h"."""
+    paths = {str(path.relative_to(source)): path for folder in OURS for path in sorted((source / folder).rglob("*")) if path.suffix in (".h", ".cpp")}
+    text = {name: path.read_text(encoding="utf-8", errors="replace") for name, path in paths.items()}
+    ours = {name: INCLUDE.findall(t) for name, t in text.items()}
+    units = {}
+    for name, path in paths.items():
+        if path.suffix == ".cpp" and name.split("/")[0] in folders:
+            reached = reachable(name, ours)
+            units[path] = [paths[other] for other in sorted(reached) if other in paths]
+            units[path] += ["/" + header for other in sorted(reached) for header in SYSTEM_INCLUDE.findall(text.get(other, ""))]
+    return units
 
 
-def read_build(build):
-    """The output of `ninja -t deps` and the compile commands, each with its "output"."""
-    listing = subprocess.run(["ninja", "-C", str(build), "-t", "deps"], check=True,
-                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
-    commands = json.loads((build / "compile_commands.json").read_text())
-    for entry in commands:
-        if "output" not in entry:  # older CMake leaves it out
-            entry["output"] = re.search(r" -o (\S+) ", entry["command"])[1]
-    return listing, commands
-
-
-def units_of(deps_text, commands, source, build, folders):
-    """{translation unit in `folders`: [absolute path of what it includes]}, and the units of which no target has been built."""
-    deps = parse_deps(deps_text)
-    units, unbuilt = {}, set()
-    for entry in commands:
-        unit = pathlib.Path(entry["file"])
-        if top_folder(unit, source) not in folders or unit.is_relative_to(build):
-            continue
-        files = deps.get(entry["output"])
-        if files is None:
-            unbuilt.add(unit)
-            continue
-        # normpath, not resolve: a system header must not lose its name through a link.
-        paths = [pathlib.Path(build, f) for f in files]
-        paths = [p if ".." not in p.parts else p.resolve() for p in paths]
-        units.setdefault(unit, []).extend(paths)
-    return units, sorted(str(unit.relative_to(source)) for unit in unbuilt - units.keys())
+def reachable(name, lines):
+    """The file and what it includes, directly or through others, by {file: [included file]}."""
+    reached, waiting = {name}, [name]
+    while waiting:
+        for other in lines.get(waiting.pop(), ()):
+            if other not in reached:
+                reached.add(other)
+                waiting.append(other)
+    return reached
 
 
 def top_folder(path, source):
@@ -118,24 +103,16 @@ def circles(graph):
             found.append(circle)
 
 
-def check(lines, units, source):
-    """What breaks the rule, as sentences: a file in an unlisted folder, an include against the order of FOLDERS_IN_ORDER, an include that
-    no #include line of ours explains."""
+def check(lines, source):
+    """What breaks the rule, as sentences: a file in an unlisted folder, an include against the order of FOLDERS_IN_ORDER, an include
+    by another name than the file's full path, which would hide an edge."""
     broken = [f"{file}: its folder is missing in FOLDERS_IN_ORDER of scripts/lib/folders.py" for file in lines if folder_of(file) is None]
     for (folder, other), example in edges_of(lines).items():
         if FOLDERS_IN_ORDER.index(other) > FOLDERS_IN_ORDER.index(folder):
             broken.append(f"{folder} must not include {other}, which is above it: {example}")
-    for unit, included in sorted(units.items()):
-        name = str(unit.relative_to(source))
-        reached, waiting = {name}, [name]
-        while waiting:
-            for other in lines.get(waiting.pop(), ()):
-                if other not in reached:
-                    reached.add(other)
-                    waiting.append(other)
-        for path in included:
-            if top_folder(path, source) in PRODUCT and str(path.relative_to(source)) not in reached:
-                broken.append(f"{name} depends on {path.relative_to(source)}, which no include line names by its full path")
+    for file, included in lines.items():
+        broken += [f"{file} includes {other}, which is no full path from the top folder" for other in included
+                   if not other.startswith(GENERATED) and not (source / other).is_file()]
     return broken
 
 
@@ -177,11 +154,10 @@ def replaced(text, edges):
 
 def main():
     check_only = "--check" in sys.argv
-    source, build = (pathlib.Path(a).resolve() for a in [a for a in sys.argv[1:] if a != "--check"])
+    source = pathlib.Path(next(a for a in sys.argv[1:] if a != "--check")).resolve()
     page = source / "ARCHITECTURE.md"
-    units, unbuilt = units_of(*read_build(build), source, build, PRODUCT)
     lines = include_lines(source)
-    broken = [f"{name} has not been built: build everything first" for name in unbuilt] + check(lines, units, source)
+    broken = check(lines, source)
     if broken:
         print("\n".join(broken), file=sys.stderr)
         return 1
