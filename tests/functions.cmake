@@ -9,18 +9,22 @@ set(TROCAR_PROGRAMS ${CMAKE_RUNTIME_OUTPUT_DIRECTORY})
 set(TROCAR_E2E ${CMAKE_BINARY_DIR}/e2e)             # outputs of the end-to-end tests
 set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # made once (e2e/CMakeLists.txt)
 
-# trocar_test(NAME LABEL LIBS...): NAME.cpp of this folder as a GoogleTest program, run as
-# one ctest test with the label (unit, property, golden, fuzz or e2e).
-# trocar_test(PATH LABEL LIBRARIES...): the test PATH.cpp, named after the file.
+# trocar_test(PATH LABEL LIBRARIES...): the GoogleTest file PATH.cpp as one ctest test, named after the file, with the label unit,
+# property, golden, fuzz or e2e. All files of one CMake list are compiled into one program, FOLDER_tests, because linking a program
+# for each file takes longer than compiling it; the program runs the tests of one file if it is named (support/test_main.cpp).
 function(trocar_test path label)
-  get_filename_component(name ${path} NAME)
-  add_executable(${name} ${path}.cpp)
-  target_link_libraries(${name} PRIVATE ${ARGN} trocar_flags GTest::gtest GTest::gtest_main)
-  target_compile_definitions(${name} PRIVATE TROCAR_CORPUS="${CMAKE_SOURCE_DIR}/tests/corpus")
-  if(TROCAR_SANITIZE)
-    target_compile_definitions(${name} PRIVATE TROCAR_SANITIZED)
+  file(RELATIVE_PATH folder ${CMAKE_SOURCE_DIR}/tests ${CMAKE_CURRENT_SOURCE_DIR})
+  string(REPLACE "/" "_" program ${folder}_tests)
+  if(NOT TARGET ${program})
+    add_executable(${program} ${CMAKE_SOURCE_DIR}/tests/support/test_main.cpp)
+    target_link_libraries(${program} PRIVATE trocar_flags GTest::gtest)
+    target_compile_definitions(${program} PRIVATE TROCAR_CORPUS="${CMAKE_SOURCE_DIR}/tests/corpus"
+      $<$<BOOL:${TROCAR_SANITIZE}>:TROCAR_SANITIZED>)
   endif()
-  add_test(NAME ${name} COMMAND ${name})
+  target_sources(${program} PRIVATE ${path}.cpp)
+  target_link_libraries(${program} PRIVATE ${ARGN})
+  get_filename_component(name ${path} NAME)
+  add_test(NAME ${name} COMMAND ${program} ${name}.cpp)
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600)
 endfunction()
 

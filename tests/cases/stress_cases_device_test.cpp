@@ -32,7 +32,7 @@ namespace {
 using test::DeviceFields;
 using test::SetDevice;
 
-class StressCase : public testing::TestWithParam<std::filesystem::path> {
+class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
  protected:
   void SetUp() override {
     auto json = parse_strict_json(test::text_of(GetParam()), GetParam().filename());
@@ -513,7 +513,7 @@ class StressCase : public testing::TestWithParam<std::filesystem::path> {
   JsonErrors errors_;
 };
 
-TEST_P(StressCase, IsRight) {
+TEST_P(DeviceStress, IsRight) {
   DeviceFields file(json_, "", errors_);
   const std::string statement = file.text("right", ""), ask = file.text("ask", "");
   ASSERT_FALSE(statement.empty()) << GetParam() << " does not state the correct result";
@@ -546,7 +546,7 @@ TEST_P(StressCase, IsRight) {
   EXPECT_FALSE(errors_.first) << errors_.first->message;
 }
 
-INSTANTIATE_TEST_SUITE_P(Device, StressCase,
+INSTANTIATE_TEST_SUITE_P(Device, DeviceStress,
                          testing::ValuesIn(test::case_files(TROCAR_CORPUS "/device")),
                          [](const auto& at) { return test::test_name(at.param); });
 

@@ -75,7 +75,7 @@ std::int64_t islands(const SliceMesh& mesh) {
   return count;
 }
 
-class StressCase : public testing::TestWithParam<std::filesystem::path> {
+class MechanicsStress : public testing::TestWithParam<std::filesystem::path> {
  protected:
   void SetUp() override {
     const auto read = test::parse_cut_case(test::text_of(GetParam()), GetParam().filename());
@@ -220,7 +220,7 @@ class StressCase : public testing::TestWithParam<std::filesystem::path> {
   SliceMesh sheet_;
 };
 
-TEST_P(StressCase, IsRight) {
+TEST_P(MechanicsStress, IsRight) {
   SCOPED_TRACE(GetParam().filename().string() + ": correct is: " + case_.right);
   const auto valid = check_mesh(sheet_);
   ASSERT_EQ(static_cast<bool>(valid), case_.valid_sheet)
@@ -253,7 +253,7 @@ TEST_P(StressCase, IsRight) {
     force_is_right(force);
 }
 
-INSTANTIATE_TEST_SUITE_P(Mechanics, StressCase,
+INSTANTIATE_TEST_SUITE_P(Mechanics, MechanicsStress,
                          testing::ValuesIn(test::case_files(TROCAR_CORPUS "/cut")),
                          [](const auto& at) { return test::test_name(at.param); });
 

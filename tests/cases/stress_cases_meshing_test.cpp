@@ -89,7 +89,7 @@ class PictureStack final : public SliceStack {
   std::vector<SlicePlane> planes_;
 };
 
-class StressCase : public testing::TestWithParam<std::filesystem::path> {
+class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
  protected:
   void SetUp() override {
     const auto read = test::parse_pslg_case(test::text_of(GetParam()), GetParam().filename());
@@ -369,7 +369,7 @@ class StressCase : public testing::TestWithParam<std::filesystem::path> {
   PslgCase case_;
 };
 
-TEST_P(StressCase, IsRight) {
+TEST_P(MeshingStress, IsRight) {
   SCOPED_TRACE(GetParam().filename().string() + ": correct is: " + case_.right);
   if (case_.picture) {
     for (const SimplificationMethod method :
@@ -382,7 +382,7 @@ TEST_P(StressCase, IsRight) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Meshing, StressCase,
+INSTANTIATE_TEST_SUITE_P(Meshing, MeshingStress,
                          testing::ValuesIn(test::case_files(TROCAR_CORPUS "/pslg")),
                          [](const auto& at) { return test::test_name(at.param); });
 

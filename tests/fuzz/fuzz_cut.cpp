@@ -17,6 +17,7 @@
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/cut_checks.h"
+#include "tests/support/same_sheet_mesh.h"
 
 namespace {
 
@@ -26,10 +27,7 @@ using fuzz::fail;
 
 constexpr std::size_t kMaxTriangles = 6000, kMaxCutsEach = 12, kMaxCuts = 60, kMaxForces = 2;
 
-bool same(const SheetMesh& a, const SheetMesh& b) {
-  return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
-         a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
-}
+using trocar::test::same;
 
 // Cuts in place, with this spare capacity.
 CutReport cut_with(std::size_t capacity, const SliceMesh& sheet, const Ring& tool,

@@ -19,6 +19,7 @@
 #include "tests/properties/property_outlines.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -28,7 +29,7 @@ using test::canonical;
 using test::has_ties;
 using test::Motion;
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 
 struct Shape {
   bool is_needle = false, has_near_points = false;

@@ -23,6 +23,7 @@
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/delaunay_fixture.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::runtime {
 namespace {
@@ -31,7 +32,7 @@ using test::canonical;
 using test::has_ties;
 using test::Motion;
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 constexpr Membrane kMembrane{20, 1e6};
 
 /// A constrained Delaunay mesh with up to four holes. A quarter of them are only a few lattice

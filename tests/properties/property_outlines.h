@@ -15,6 +15,7 @@
 #include "tests/properties/property_fixture.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::test {
 
@@ -150,7 +151,6 @@ inline const std::vector<Pslg>& corpus_outlines() {
 }
 
 inline Pslg any_outline_of(OutlineKind kind) {
-  constexpr Lattice kLattice{8};
   const int size = any_in(8, 40);
   Random random(any_seed());
   switch (kind) {

@@ -15,8 +15,12 @@
 
 #include "formats/asset/asset.h"
 #include "runtime/deformation/network.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::test {
+
+/// A membrane whose decay length is 8 mm.
+inline const runtime::Membrane kMembrane{320, 5e6};
 
 /// The corners of a regular polygon, counter-clockwise.
 inline Ring regular_polygon(LatticePoint centre, double circumradius, int sides, double turn = 0) {
@@ -80,11 +84,6 @@ inline SliceMesh triangular_mesh(LatticePoint origin, std::int32_t cell, int cel
     }
   }
   return mesh;
-}
-
-/// Uniform in [0, 1), the same on every standard library.
-inline double uniform(std::mt19937_64& random) {
-  return std::ldexp(static_cast<double>(random() >> 11), -53);
 }
 
 /// An asset of the folder TROCAR_ASSETS.

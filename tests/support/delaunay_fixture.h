@@ -16,6 +16,7 @@
 #include "runtime/hole_cutting/cut.h"
 #include "runtime/sheet_mesh/sheet_mesh.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -112,10 +113,6 @@ inline Ring hexagon(LatticePoint centre, double radius, double turn_rad) {
   return ring;
 }
 
-/// Are the meshes equal, including slots and their order?
-inline bool same(const SheetMesh& a, const SheetMesh& b) {
-  return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
-         a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
-}
+using trocar::test::same;
 
 }  // namespace trocar::runtime

@@ -190,8 +190,8 @@ TEST(BoundaryRings, AreTheEdgesWithoutAnOpposite) {
     const SliceMesh mesh = random_grid(rng);
     if (!check_mesh(mesh)) continue;  // a pinch
     ++valid;
-    using Edge = std::pair<LatticePoint, LatticePoint>;
-    std::set<Edge> expected, found;
+    using EdgeEnds = std::pair<LatticePoint, LatticePoint>;
+    std::set<EdgeEnds> expected, found;
     for (const Triangle& t : mesh.triangles) {
       for (std::size_t k = 0; k < 3; ++k) {
         const LatticePoint a = mesh.vertices[t[k]], b = mesh.vertices[t[(k + 1) % 3]];

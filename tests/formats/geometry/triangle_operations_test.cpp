@@ -20,9 +20,9 @@
 namespace trocar {
 namespace {
 
-class Points {
+class RandomTriangles {
  public:
-  explicit Points(std::int32_t extent) : extent_(extent) {}
+  explicit RandomTriangles(std::int32_t extent) : extent_(extent) {}
   LatticePoint next() { return {coordinate(), coordinate()}; }
   TriangleCorners triangle() {
     while (true) {
@@ -57,7 +57,7 @@ TEST(TriangleEdge, EdgeIStartsAtCornerI) {
 }
 
 TEST(EdgePredicates, LocallyDelaunayAgreesWithInCircle) {
-  Points points(6);  // small, so that four points on a circle are frequent
+  RandomTriangles points(6);  // small, so that four points on a circle are frequent
   int convex = 0;
   for (int k = 0; k < 50'000; ++k) {
     const auto [a, b, c] = points.triangle();
@@ -79,7 +79,7 @@ TEST(EdgePredicates, PointsOnSegments) {
 }
 
 TEST(CanonicalRotation, RotatedAndTranslatedPointsGetTheSameOrientation) {
-  Points random(50);
+  RandomTriangles random(50);
   for (int k = 0; k < 2000; ++k) {
     std::vector<LatticePoint> points(3 + k % 4);
     for (LatticePoint& p : points)
@@ -118,7 +118,7 @@ TEST(CanonicalRotation, RotatedAndTranslatedPointsGetTheSameOrientation) {
 }
 
 TEST(TriangleShape, BothTestsOfTheSmallestAngleAgree) {
-  Points points(2000);
+  RandomTriangles points(2000);
   const double angle = 20 * std::numbers::pi / 180;
   const double sine2 = std::sin(angle) * std::sin(angle), cos2 = std::cos(angle) * std::cos(angle);
   int sharp = 0;
@@ -133,7 +133,7 @@ TEST(TriangleShape, BothTestsOfTheSmallestAngleAgree) {
 }
 
 TEST(SegmentSplit, PointsLeaveTwoPositiveTrianglesAndNeverMoveTheEdgeOutwards) {
-  Points points(300);
+  RandomTriangles points(300);
   int near = 0, beside = 0;
   for (int k = 0; k < 20'000; ++k) {
     const auto [a, b, c] = points.triangle();

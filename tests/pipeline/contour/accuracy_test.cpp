@@ -8,11 +8,12 @@
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
 #include "sample_ct/cross_section.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 constexpr double kIso_HU = 226;
 
 class Accuracy : public testing::TestWithParam<int> {};

@@ -22,11 +22,12 @@
 #include "pipeline/triangulation/triangulation.h"
 #include "sample_ct/render.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 constexpr double kStep_mm = 1.0 / 256;
 #ifdef TROCAR_SANITIZED
 constexpr std::uint64_t kNoiseSlices = 500;

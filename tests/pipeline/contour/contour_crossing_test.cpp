@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/contour_crossing.h"
+#include "tests/support/uniform.h"
 
 #include <gtest/gtest.h>
 
@@ -12,9 +13,7 @@
 namespace trocar::pipeline {
 namespace {
 
-double uniform(std::mt19937_64& rng) {
-  return static_cast<double>(rng() >> 11) * 0x1p-53;
-}
+using trocar::test::uniform;
 
 TEST(Crossing, IsExactOnLines) {
   std::mt19937_64 rng(1);

@@ -20,17 +20,19 @@
 #include "pipeline/triangulation/triangulation.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
-constexpr PixelGrid kUnit{1.0, 1.0, 0, 0, kLattice};
+using trocar::test::kLattice;
+constexpr PixelGrid kUnitPixels{1.0, 1.0, 0, 0, kLattice};
 constexpr double kStepsPerPixel = 256;
 
 const auto kAnyMaterial = [](MaterialNumber m) { return m != kNoMaterial; };
 
-Pslg smooth_outline(const Image& image, const PixelGrid& grid = kUnit) {
+Pslg smooth_outline(const Image& image, const PixelGrid& grid = kUnitPixels) {
   const std::vector<Labels> all{{{}, true}};
   const LabelBorders network = label_borders(material_image(image, all), grid);
   const auto proved = check_label_borders(network);
@@ -39,16 +41,14 @@ Pslg smooth_outline(const Image& image, const PixelGrid& grid = kUnit) {
 }
 
 Pslg half_way_outline(const Image& image) {
-  return contours({image, 0.5F, true}, kUnit, ContourKind::kSubpixel);
+  return contours({image, 0.5F, true}, kUnitPixels, ContourKind::kSubpixel);
 }
 
-double area_px(const Pslg& pslg) {
+double outline_area_px(const Pslg& pslg) {
   return 0.5 * static_cast<double>(doubled_area(pslg)) / (kStepsPerPixel * kStepsPerPixel);
 }
 
-double uniform(std::mt19937_64& rng) {
-  return static_cast<double>(rng() >> 11) * 0x1p-53;
-}
+using trocar::test::uniform;
 
 // Calls visit(x, y, length) for short pieces of the outline, in pixels.
 template <typename Visit>
@@ -99,13 +99,13 @@ TEST(LabelBorder, DiscsAreRound) {
       };
       const Pslg outline = smooth_outline(image), half_way = half_way_outline(image);
       ASSERT_EQ(outline.rings.size(), 1U);
-      EXPECT_NEAR(area_px(outline) / area_px(half_way), 1, 1e-3);
+      EXPECT_NEAR(outline_area_px(outline) / outline_area_px(half_way), 1, 1e-3);
       const Deviation found = deviation(outline);
       sum_rms += found.rms();
       worst_rms = std::max(worst_rms, found.rms());
       half_way_rms += deviation(half_way).rms();
       perimeters += found.length;
-      const double of_area = 2 * std::sqrt(std::numbers::pi * area_px(outline));
+      const double of_area = 2 * std::sqrt(std::numbers::pi * outline_area_px(outline));
       worst_perimeter = std::max(worst_perimeter, std::abs(found.length / of_area - 1));
     }
     const double perimeter = perimeters / (kDiscs * 2 * std::numbers::pi * c.radius) - 1;
@@ -151,7 +151,8 @@ TEST(LabelBorder, ThinWallsKeepTopologyAndArea) {
     const Pslg outline = smooth_outline(image), half_way = half_way_outline(image);
     ASSERT_EQ(outline.rings.size(), half_way.rings.size()) << k;
     ASSERT_EQ(outline.rings.size(), 1U) << k;
-    worst_area = std::max(worst_area, std::abs(area_px(outline) / area_px(half_way) - 1));
+    worst_area =
+        std::max(worst_area, std::abs(outline_area_px(outline) / outline_area_px(half_way) - 1));
     sum_rms += deviation(outline).rms();
     sum_half_way += deviation(half_way).rms();
   }
@@ -229,8 +230,8 @@ void expect_tiling(const LabelBorders& network, const std::string& what) {
 
 TEST(LabelBorders, TenMapsAreTiledAndKeepEveryPixel) {
   for (const LabelMap& map : ten_label_maps()) {
-    for (const PixelGrid& grid :
-         {kUnit, PixelGrid{0.7, 0.45, 13, 5, kLattice}, PixelGrid{8.0, 8.0, 0, 0, Lattice{0}}}) {
+    for (const PixelGrid& grid : {kUnitPixels, PixelGrid{0.7, 0.45, 13, 5, kLattice},
+                                  PixelGrid{8.0, 8.0, 0, 0, Lattice{0}}}) {
       const MaterialImage image = material_image(map.image, each_label());
       const LabelBorders network = label_borders(image, grid);
       expect_tiling(network, map.name);
@@ -360,7 +361,7 @@ TEST(LabelBorders, RandomMapsAreTiledWhenSimplified) {
       return best;
     });
     // Every other lattice is so coarse that points often coincide.
-    const PixelGrid grid = seed % 2 == 0 ? kUnit : PixelGrid{8.0, 8.0, 0, 0, Lattice{0}};
+    const PixelGrid grid = seed % 2 == 0 ? kUnitPixels : PixelGrid{8.0, 8.0, 0, 0, Lattice{0}};
     const LabelBorders full = label_borders(material_image(image, each_label(labels)), grid);
     const double tolerance_mm = kTolerances_px[seed % 5] * grid.spacing_u_mm;
     for (const auto method : {SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker}) {
@@ -440,15 +441,15 @@ TEST(MergeSmallPieces, LeavesNoSmallPieceAndATiling) {
   for (const LabelMap& map : ten_label_maps()) {
     MaterialImage image = material_image(map.image, each_label());
     merge_small_components(image, 5);
-    expect_tiling(label_borders(image, kUnit), map.name);
+    expect_tiling(label_borders(image, kUnitPixels), map.name);
     if (HasFatalFailure()) return;
     // But for an eighth of a pixel where pieces met that were merged.
     MaterialImage again = image;
     merge_small_components(again, 4.5);
     EXPECT_EQ(again.values, image.values) << map.name;
-    for (const Pslg& outline : material_outlines(label_borders(image, kUnit))) {
+    for (const Pslg& outline : material_outlines(label_borders(image, kUnitPixels))) {
       for (const Ring& ring : outline.rings)
-        EXPECT_GE(std::abs(area_px({{ring}})), 4.3) << map.name;
+        EXPECT_GE(std::abs(outline_area_px({{ring}})), 4.3) << map.name;
     }
   }
 }
@@ -460,7 +461,7 @@ double now_ms() {
   return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
 }
 
-struct Cost {
+struct BordersCost {
   std::vector<double> borders_ms, slice_ms;  // one for each round
 
   void measure(const Image& image, const std::vector<Labels>& materials) {
@@ -498,7 +499,7 @@ TEST(LabelBorders, TenLabelsCostAtMostTwiceTheirUnion) {
   double ratios = 0;
   for (const std::uint64_t seed : {1, 2, 3}) {
     const Image image = salted(organs(512, seed), 0.001, seed);
-    Cost ten, one;
+    BordersCost ten, one;
     for (int round = 0; round < kRounds; ++round) {
       ten.measure(image, each_label());
       one.measure(image, all);

@@ -12,11 +12,12 @@
 #include "pipeline/contour/simplification.h"
 #include "pipeline/open/open_stack.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 constexpr double kTolerances_px[] = {0.1, 0.3, 0.5, 1.0, 2.0, 3.0};
 
 // Time in simplify() alone, over all slices of a test.

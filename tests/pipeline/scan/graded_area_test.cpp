@@ -11,11 +11,12 @@
 #include "pipeline/scan/hu_field.h"
 #include "pipeline/triangulation/mesh_quality.h"
 #include "pipeline/triangulation/refinement.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 constexpr int kSide = 81;
 const PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
 

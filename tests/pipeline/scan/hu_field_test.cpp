@@ -5,6 +5,7 @@
 #include "pipeline/open/open_stack.h"
 #include "pipeline/scan/mesh_slice.h"
 #include "sample_ct/render.h"
+#include "tests/support/test_lattice.h"
 
 #include <gtest/gtest.h>
 
@@ -23,7 +24,7 @@
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 
 // A star-shaped ring about a place in mm, counter-clockwise, or clockwise as a hole.
 Ring star(std::mt19937& random, double x_mm, double y_mm, double radius_mm, int corners,

@@ -24,11 +24,12 @@
 #include "pipeline/triangulation/spatial_sort.h"
 #include "pipeline/triangulation/triangulation.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 constexpr PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
 
 double point_to_ring(double x, double y, const Ring& ring) {

@@ -17,11 +17,12 @@
 #include "pipeline/triangulation/mesh_quality.h"
 #include "pipeline/triangulation/refined_rings.h"
 #include "pipeline/triangulation/regions.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr Lattice kLattice{8};
+using trocar::test::kLattice;
 using Regions = std::vector<Pslg>;
 using Edge = std::pair<LatticePoint, LatticePoint>;
 using Edges = std::vector<Edge>;

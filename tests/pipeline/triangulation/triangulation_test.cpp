@@ -14,6 +14,7 @@
 #include "pipeline/triangulation/mesh_adjacency.h"
 #include "pipeline/triangulation/triangulation.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -95,15 +96,15 @@ void expect_as_cgal(const Pslg& pslg, const std::string& what) {
 }
 
 TEST(Triangulation, AgreesWithCgalOnNoise) {
-  constexpr Lattice kLattice{8};
   for (const double pixel_mm : {0.5, 0.3711}) {
-    const PixelGrid grid{pixel_mm, pixel_mm, 0, 0, kLattice};
+    const PixelGrid grid{pixel_mm, pixel_mm, 0, 0, test::kLattice};
     for (const ContourKind kind : {ContourKind::kSubpixel, ContourKind::kPixel}) {
       for (const int passes : {1, 2, 5}) {
         for (std::uint64_t seed = 0; seed < 12; ++seed) {
           const Pslg full = contours(noise_field(48, passes, seed), grid, kind);
           expect_as_cgal(full, "full, seed " + std::to_string(seed));
-          expect_as_cgal(simplify(full, kLattice, {0.4}), "simple, seed " + std::to_string(seed));
+          expect_as_cgal(simplify(full, test::kLattice, {0.4}),
+                         "simple, seed " + std::to_string(seed));
         }
       }
     }

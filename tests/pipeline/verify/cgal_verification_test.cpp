@@ -20,7 +20,7 @@ Ring box(std::int32_t low, std::int32_t high, bool hole) {
   return out;
 }
 
-AssetSlice meshed(const Pslg& outline) {
+AssetSlice meshed_slice(const Pslg& outline) {
   const Lattice lattice;
   RefinementOptions options;
   options.max_area_mm2 = 4;
@@ -37,7 +37,7 @@ AssetSlice meshed(const Pslg& outline) {
 AssetSlice good_slice() {
   Ring island = box(-300, 500, false);
   island[2] = {700, 600};
-  return meshed({{box(-4000, 4000, false), box(-1500, 1500, true), island}});
+  return meshed_slice({{box(-4000, 4000, false), box(-1500, 1500, true), island}});
 }
 
 Result<void> confirmed(AssetSlice slice) {
@@ -103,7 +103,7 @@ void open_a_seam(AssetSlice& slice) {
 
 // This is the result of a mesher that ignores the hole.
 void mesh_the_hole(AssetSlice& slice) {
-  slice.mesh = meshed({{box(-4000, 4000, false)}}).mesh;
+  slice.mesh = meshed_slice({{box(-4000, 4000, false)}}).mesh;
 }
 
 struct Damage {

@@ -14,6 +14,7 @@
 #include "runtime/contact/puncture.h"
 #include "runtime/hole_cutting/cut.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 
@@ -24,13 +25,7 @@ inline Pose at(double x_m, double y_m, double z_m, double yaw_rad = 0) {
   return pose;
 }
 
-/// In [0, 1); the same numbers with every standard library.
-inline double uniform(std::mt19937_64& random) {
-  return static_cast<double>(random() >> 11) * 0x1p-53;
-}
-inline double uniform(std::mt19937_64& random, double low, double high) {
-  return low + (high - low) * uniform(random);
-}
+using trocar::test::uniform;
 
 /// An arrow head: 4 corners, one of them re-entrant.
 inline SceneTool arrow() {

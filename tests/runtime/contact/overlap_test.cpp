@@ -15,10 +15,10 @@
 namespace trocar::runtime {
 namespace {
 
-using Polygon = std::vector<Eigen::Matrix<long double, 2, 1>>;
+using LongPolygon = std::vector<Eigen::Matrix<long double, 2, 1>>;
 
-Polygon polygon(const LatticeOutline& outline) {
-  Polygon result;
+LongPolygon polygon(const LatticeOutline& outline) {
+  LongPolygon result;
   for (int i = 0; i < outline.size; ++i) {
     result.emplace_back(outline.points[i].x, outline.points[i].y);
   }
@@ -27,9 +27,9 @@ Polygon polygon(const LatticeOutline& outline) {
 
 /// Area of the intersection of convex polygons, without clipping: integrates its width over y
 /// between all heights where the width can have a kink.
-long double intersection_area(const std::vector<Polygon>& convex) {
+long double intersection_area(const std::vector<LongPolygon>& convex) {
   std::set<long double> kinks;
-  const auto crossings = [&](const Polygon& p, const Polygon& q) {
+  const auto crossings = [&](const LongPolygon& p, const LongPolygon& q) {
     for (std::size_t i = 0; i < p.size(); ++i) {
       const auto &a = p[i], &b = p[(i + 1) % p.size()];
       for (std::size_t j = 0; j < q.size(); ++j) {
@@ -57,7 +57,7 @@ long double intersection_area(const std::vector<Polygon>& convex) {
   }
   const auto width = [&](long double y) {
     long double left = -1e30L, right = 1e30L;
-    for (const Polygon& p : convex) {
+    for (const LongPolygon& p : convex) {
       long double own_left = 1e30L, own_right = -1e30L;
       for (std::size_t i = 0; i < p.size(); ++i) {
         const auto &a = p[i], &b = p[(i + 1) % p.size()];
@@ -136,7 +136,7 @@ TEST_F(OverlapTest, PendingHolesAreTakenOffOnce) {
     const std::size_t holes = random() % 4;
     long double expected = 0;
     for (std::size_t subset = 0; subset < (std::size_t{1} << holes); ++subset) {
-      std::vector<Polygon> shared = {polygon(outlines[0])};
+      std::vector<LongPolygon> shared = {polygon(outlines[0])};
       for (std::size_t h = 0; h < holes; ++h) {
         if (((subset >> h) & 1) != 0) shared.push_back(polygon(outlines[h + 1]));
       }
@@ -176,11 +176,11 @@ TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
   ASSERT_EQ(model_.tool.sides, 4);
   ASSERT_EQ(model_.tool.pieces, 2);
   const int low_x = 60 * 256, low_y = 40 * 256, side = 40 * 256;
-  const Polygon square = {
+  const LongPolygon square = {
       {low_x, low_y}, {low_x + side, low_y}, {low_x + side, low_y + side}, {low_x, low_y + side}};
   const auto halves = [](const LatticeOutline& o) {
-    const Polygon p = polygon(o);
-    return std::array<Polygon, 2>{Polygon{p[0], p[1], p[2]}, Polygon{p[0], p[2], p[3]}};
+    const LongPolygon p = polygon(o);
+    return std::array<LongPolygon, 2>{LongPolygon{p[0], p[1], p[2]}, LongPolygon{p[0], p[2], p[3]}};
   };
   int partial = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -193,10 +193,10 @@ TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
     const bool at_the_rim = i % 2 == 0;
     const LatticeOutline outline = place(at_the_rim ? 0.024 : 0.004), hole = place(0.004);
     long double expected = 0;
-    for (const Polygon& half : halves(outline)) {
+    for (const LongPolygon& half : halves(outline)) {
       expected += intersection_area({half, square});
       if (at_the_rim) continue;
-      for (const Polygon& gone : halves(hole))
+      for (const LongPolygon& gone : halves(hole))
         expected -= intersection_area({half, gone});
     }
     const double got =

@@ -9,13 +9,12 @@
 #include <vector>
 
 #include "tests/support/loop_rig.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
 
-double unit(std::mt19937_64& random) {
-  return static_cast<double>(random() >> 11) * 0x1p-53;
-}
+using trocar::test::uniform;
 
 /// A point that is moved along z; `along_N` is delivered on the way.
 struct Moved {
@@ -49,14 +48,14 @@ TEST(EnergyLimit, IsItsDefinition) {
       Pose next = pose;
       if (random() % 5 != 0) {
         for (int k = 0; k < 3; ++k)
-          next.p_m[k] += 1e-3 * (unit(random) - 0.5);
-        const Eigen::Vector3d turn = 1e-3 * Eigen::Vector3d(unit(random), 0, -unit(random));
+          next.p_m[k] += 1e-3 * (uniform(random) - 0.5);
+        const Eigen::Vector3d turn = 1e-3 * Eigen::Vector3d(uniform(random), 0, -uniform(random));
         next.q = (from_rotation_vector(turn) * pose.q).normalized();
         total_J += held.head<3>().dot(next.p_m - pose.p_m) + held.tail<3>().dot(turn);
       }
       pose = next;
       work_J.push_back(total_J);
-      stored_J.push_back(0.02 * unit(random));
+      stored_J.push_back(0.02 * uniform(random));
       punctured.push_back(random() % 9 == 0);
       double expected_J = 0;
       for (std::size_t s = i < window ? 0 : i - window; s <= i; ++s) {
@@ -67,7 +66,7 @@ TEST(EnergyLimit, IsItsDefinition) {
       ASSERT_EQ(fault, account.excess_J() <= 0.02 ? Fault::kNone : Fault::kEnergyLimit);
       ++(fault == Fault::kNone ? kept : raised);
       for (int k = 0; k < 6; ++k)
-        held[k] = (k < 3 ? 20 : 2) * (unit(random) - 0.4);
+        held[k] = (k < 3 ? 20 : 2) * (uniform(random) - 0.4);
       account.note_delivered(held);
     }
   }
@@ -81,16 +80,16 @@ TEST(EnergyLimit, AnEnvironmentThatGivesBackAtMostWhatItStoredNeverRaisesIt) {
   std::mt19937_64 random(5);
   for (int run = 0; run < 200; ++run) {
     Moved moved;
-    moved.rate_Hz = std::exp(std::log(100.0) + unit(random) * std::log(80.0));
+    moved.rate_Hz = std::exp(std::log(100.0) + uniform(random) * std::log(80.0));
     moved.limits.energy_limit_J = 1e-9;  // rounding
-    const double share = run % 3 == 0 ? 1 : unit(random);
-    const double k = 1e5 * unit(random);
+    const double share = run % 3 == 0 ? 1 : uniform(random);
+    const double k = 1e5 * uniform(random);
     double depth_m = 0;
     for (int i = 0; i < 1000; ++i) {
-      const double next_m = std::max(0.0, depth_m + 4e-3 * (unit(random) - 0.5));
+      const double next_m = std::max(0.0, depth_m + 4e-3 * (uniform(random) - 0.5));
       const bool punctured = random() % 50 == 0;
       const double mean_N = share * k * (depth_m + next_m) / 2;
-      const double lost_N = 5 * unit(random) * (next_m > depth_m ? 1 : -1);
+      const double lost_N = 5 * uniform(random) * (next_m > depth_m ? 1 : -1);
       const Fault fault = moved.move(mean_N + lost_N, depth_m - next_m,
                                      punctured ? 0 : 0.5 * k * next_m * next_m, punctured);
       ASSERT_EQ(fault, Fault::kNone) << run << ", " << i << ": " << moved.account.excess_J();

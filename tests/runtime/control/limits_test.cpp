@@ -11,13 +11,12 @@
 
 #include "runtime/mechanism/jacobian.h"
 #include "tests/support/device_workspace.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
 
-double unit(std::mt19937_64& random) {
-  return static_cast<double>(random() >> 11) * 0x1p-53;
-}
+using trocar::test::uniform;
 
 TEST(Limits, WorkspaceIsABoxAndATilt) {
   const SafetyLimits limits;
@@ -25,9 +24,10 @@ TEST(Limits, WorkspaceIsABoxAndATilt) {
   int inside = 0, outside = 0;
   for (int i = 0; i < 20000; ++i) {
     Pose pose;
-    pose.p_m = {0.16 * unit(random) - 0.08, 0.16 * unit(random) - 0.08, 0.26 * unit(random)};
-    const double tilt_rad = unit(random);
-    const double azimuth_rad = 6 * unit(random);
+    pose.p_m = {0.16 * uniform(random) - 0.08, 0.16 * uniform(random) - 0.08,
+                0.26 * uniform(random)};
+    const double tilt_rad = uniform(random);
+    const double azimuth_rad = 6 * uniform(random);
     pose.q = from_rotation_vector(tilt_rad *
                                   Eigen::Vector3d(std::cos(azimuth_rad), std::sin(azimuth_rad), 0));
     const bool good = std::abs(pose.p_m.x()) <= 0.06 && std::abs(pose.p_m.y()) <= 0.06 &&
@@ -101,8 +101,8 @@ TEST(Limits, SingularityIsALimitOnConditionAndBranchDistance) {
   int found[2] = {0, 0};
   for (int i = 0; i < 20000; ++i) {
     Singularity at;
-    at.inverse_condition = 0.04 * unit(random);
-    at.nearest_branch_m = 1e-3 * (2 * unit(random) - 1);
+    at.inverse_condition = 0.04 * uniform(random);
+    at.nearest_branch_m = 1e-3 * (2 * uniform(random) - 1);
     const bool good = at.inverse_condition >= 0.02 && at.nearest_branch_m >= 0.5e-3;
     ASSERT_EQ(check_singularity(limits, at), good ? Fault::kNone : Fault::kSingularity);
     ++found[good ? 0 : 1];
@@ -245,8 +245,8 @@ TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
     limits.torque_rise_max_Nm_per_s = i % 3 == 0 ? 1e9 : 800;
     MotorVector wanted, limit_Nm;
     for (int k = 0; k < kMotors; ++k) {
-      limit_Nm[k] = kPeak_Nm * (1 - 0.6 * unit(random));  // the last torques may be beyond it
-      wanted[k] = (unit(random) - 0.5) * (i % 7 == 0 ? 2.2 : 1.9) * limit_Nm[k];
+      limit_Nm[k] = kPeak_Nm * (1 - 0.6 * uniform(random));  // the last torques may be beyond it
+      wanted[k] = (uniform(random) - 0.5) * (i % 7 == 0 ? 2.2 : 1.9) * limit_Nm[k];
     }
     const MotorVector before = wanted;
     const bool too_much = wanted.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff() > 1 + 1e-9;
@@ -321,12 +321,12 @@ TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {
   for (int i = 0; i < 100'000; ++i) {
     MotorVector last, wanted;
     for (int k = 0; k < kMotors; ++k) {
-      last[k] = i % 11 == 0 ? 0 : 12 * (unit(random) - 0.5);
-      wanted[k] = 12 * (unit(random) - 0.5);
+      last[k] = i % 11 == 0 ? 0 : 12 * (uniform(random) - 0.5);
+      wanted[k] = 12 * (uniform(random) - 0.5);
     }
-    if (i % 4 == 1) wanted = -2 * unit(random) * last;
-    if (i % 4 == 2) wanted = unit(random) * last;
-    const double rise_Nm = i % 5 == 0 ? largest_rise(last, wanted) : 8 * unit(random);
+    if (i % 4 == 1) wanted = -2 * uniform(random) * last;
+    if (i % 4 == 2) wanted = uniform(random) * last;
+    const double rise_Nm = i % 5 == 0 ? largest_rise(last, wanted) : 8 * uniform(random);
     const bool grows = wanted.cwiseAbs().maxCoeff() > last.cwiseAbs().maxCoeff();
     const bool steps = grows && (wanted - last).cwiseAbs().maxCoeff() > rise_Nm;
     bool shortened = false;

@@ -9,13 +9,12 @@
 #include <random>
 
 #include "tests/support/loop_rig.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
 
-double unit(std::mt19937_64& random) {
-  return static_cast<double>(random() >> 11) * 0x1p-53;
-}
+using trocar::test::uniform;
 
 /// A point mass against an elastic half space z < 0, a force of the hand added; the motion between
 /// two ticks is the exact one under constant force.
@@ -60,12 +59,12 @@ TEST(Passivity, TheBalanceIsTheAbsorbedWorkLessTheStoredEnergy) {
     for (int i = 0; i < 3000; ++i) {
       Eigen::Vector3d turn, move;
       for (int k = 0; k < 3; ++k) {
-        turn[k] = 1e-3 * (unit(random) - 0.5);
-        move[k] = 1e-4 * (unit(random) - 0.5);
-        input.wrench_device[k] = 10 * (unit(random) - 0.5);
-        input.wrench_device[3 + k] = unit(random) - 0.5;
+        turn[k] = 1e-3 * (uniform(random) - 0.5);
+        move[k] = 1e-4 * (uniform(random) - 0.5);
+        input.wrench_device[k] = 10 * (uniform(random) - 0.5);
+        input.wrench_device[3 + k] = uniform(random) - 0.5;
       }
-      input.stored_J = 0.01 * unit(random);
+      input.stored_J = 0.01 * uniform(random);
       input.T_device_plate.p_m += move;
       input.T_device_plate.q = (from_rotation_vector(turn) * input.T_device_plate.q).normalized();
       work_J += held.head<3>().dot(move) + held.tail<3>().dot(turn);
@@ -172,11 +171,11 @@ TEST(Passivity, DampingIsBoundedAndOpposesTheMotion) {
   std::mt19937_64 random(5);
   int acted = 0, bounded = 0;
   for (int run = 0; run < 300; ++run) {
-    const double dt_s = 1 / (500 + 7500 * unit(random));
+    const double dt_s = 1 / (500 + 7500 * uniform(random));
     MassOnWall wall;
     wall.dt_s = dt_s;
-    wall.mass_kg = 0.1 + unit(random);
-    wall.stiffness_N_per_m = std::pow(10, 3 + 2 * unit(random));
+    wall.mass_kg = 0.1 + uniform(random);
+    wall.stiffness_N_per_m = std::pow(10, 3 + 2 * uniform(random));
     const double most = damping_max(wall.options, wall.mass_kg, dt_s);
     ASSERT_LE(most, 100);
     ASSERT_LE(most * dt_s / wall.mass_kg, 0.25 + 1e-12);
@@ -209,15 +208,16 @@ TEST(Passivity, DampingNeverPullsAndTheDeficitRemains) {
     PassivityState state;
     PassivityInput input;
     input.wrench_device.head<3>() =
-        20 * Eigen::Vector3d(unit(random) - 0.5, unit(random) - 0.5, unit(random));
-    input.wrench_device[3] = 0.2 * (unit(random) - 0.5);
+        20 * Eigen::Vector3d(uniform(random) - 0.5, uniform(random) - 0.5, uniform(random));
+    input.wrench_device[3] = 0.2 * (uniform(random) - 0.5);
     input.stored_J = 0.01;
     note_delivered(keep_passive(options, 0.35, 1e-3, input, state), state);
     for (int i = 0; i < 30; ++i) {
-      state.balance_J = -0.1 * unit(random);
+      state.balance_J = -0.1 * uniform(random);
       const double before_J = state.balance_J;
       const Eigen::Vector3d step_m =
-          2e-3 * Eigen::Vector3d(unit(random) - 0.5, unit(random) - 0.5, unit(random) - 0.2);
+          2e-3 *
+          Eigen::Vector3d(uniform(random) - 0.5, uniform(random) - 0.5, uniform(random) - 0.2);
       const Wrench held = state.delivered;
       input.T_device_plate.p_m += step_m;
       const Wrench wrench = keep_passive(options, 0.35, 1e-3, input, state);

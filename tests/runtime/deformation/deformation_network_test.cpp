@@ -15,14 +15,15 @@
 #include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::runtime {
 namespace {
 
 using Eigen::Matrix3d, Eigen::MatrixXd, Eigen::Vector2d, Eigen::Vector3d;
 
-const Lattice kLattice{8};
-const Membrane kMembrane{320, 5e6};
+using trocar::test::kLattice;
+using trocar::test::kMembrane;
 
 /// A grid whose points are moved at random by up to `shake` of a cell.
 SliceMesh shaken_square(std::uint64_t seed, double shake) {

@@ -12,12 +12,13 @@
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::runtime {
 namespace {
 
-const Lattice kLattice{8};
-const Membrane kMembrane{320, 5e6};  // lambda = 8 mm
+using trocar::test::kLattice;
+using trocar::test::kMembrane;
 
 struct Net {
   SliceMesh mesh = test::triangular_mesh({0, 0}, 256, 41);

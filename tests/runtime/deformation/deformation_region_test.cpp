@@ -13,12 +13,13 @@
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::runtime {
 namespace {
 
-const Lattice kLattice{8};
-const Membrane kMembrane{320, 5e6};
+using trocar::test::kLattice;
+using trocar::test::kMembrane;
 constexpr double kStep_m = 1e-3 / 256;
 
 SheetMesh sheet_of(const SliceMesh& mesh) {

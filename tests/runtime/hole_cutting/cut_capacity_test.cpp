@@ -8,15 +8,13 @@
 #include "runtime/workers/remesher.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
-bool same(const SheetMesh& a, const SheetMesh& b) {
-  return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
-         a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
-}
+using trocar::test::same;
 
 // A square of 20 x 20 cells of 100 steps, with a hole in it already.
 SheetMesh sheet(std::size_t spare_vertices, std::size_t spare_triangles) {

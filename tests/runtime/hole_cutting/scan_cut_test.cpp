@@ -21,17 +21,18 @@
 #include "runtime/local_refinement/local_refinement.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/same_sheet_mesh.h"
 
 namespace trocar::runtime {
 namespace {
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
-using FaceBase =
+using ScanFaceBase =
     CGAL::Triangulation_face_base_with_info_2<std::int8_t, Kernel,
                                               CGAL::Constrained_triangulation_face_base_2<Kernel>>;
-using Cdt = CGAL::Constrained_Delaunay_triangulation_2<
-    Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
+using ScanCdt = CGAL::Constrained_Delaunay_triangulation_2<
+    Kernel, CGAL::Triangulation_data_structure_2<VertexBase, ScanFaceBase>>;
 
 int from_environment(const char* name, int usual) {
   const char* const wanted = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
@@ -80,8 +81,8 @@ bool is_tie(const std::vector<LatticePoint>& points, const Triangle& t, const Tr
 
 // Empty, or how the patch differs from CGAL's triangulation of the same points and boundary.
 std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
-  Cdt cdt;
-  std::vector<Cdt::Vertex_handle> vertex;
+  ScanCdt cdt;
+  std::vector<ScanCdt::Vertex_handle> vertex;
   for (std::uint32_t i = 0; i < overlay.points.size(); ++i) {
     vertex.push_back(cdt.insert({overlay.points[i].x, overlay.points[i].y}));
     vertex.back()->info() = i;
@@ -98,15 +99,15 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
   // The patch's boundary separates inside from outside.
   for (auto f = cdt.all_faces_begin(); f != cdt.all_faces_end(); ++f)
     f->info() = -1;
-  std::vector<Cdt::Face_handle> pending = {cdt.infinite_face()};
+  std::vector<ScanCdt::Face_handle> pending = {cdt.infinite_face()};
   cdt.infinite_face()->info() = 0;
   std::size_t inside = 0;
   while (!pending.empty()) {
-    const Cdt::Face_handle f = pending.back();
+    const ScanCdt::Face_handle f = pending.back();
     pending.pop_back();
     inside += f->info() == 1 ? 1 : 0;
     for (int i = 0; i < 3; ++i) {
-      const Cdt::Face_handle g = f->neighbor(i);
+      const ScanCdt::Face_handle g = f->neighbor(i);
       if (g->info() >= 0) continue;
       g->info() = static_cast<std::int8_t>(cdt.is_constrained({f, i}) ? 1 - f->info() : f->info());
       pending.push_back(g);
@@ -128,12 +129,9 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
 
 // --- sheets --------------------------------------------------------------------------------------
 
-bool same(const SheetMesh& a, const SheetMesh& b) {
-  return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
-         a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
-}
+using trocar::test::same;
 
-struct Count {
+struct ScanCount {
   int cuts = 0, nothing = 0, out_of_slots = 0, inside = 0, wholly_checked = 0, by_cgal = 0,
       areas = 0, refined = 0;
   std::int64_t removed = 0, created = 0, flips = 0, obtuse = 0, largest = 0;
@@ -201,7 +199,7 @@ Ring next_tool(Random& random, const Subject& subject, const Ring& last) {
 
 // Twice the area that sheet and tool have in common, of the triangles near the tool.
 Real common_area(const Subject& subject, const Ring& tool) {
-  Cdt cdt;
+  ScanCdt cdt;
   for (std::size_t i = 0; i < tool.size(); ++i) {
     const LatticePoint a = tool[i], b = tool[(i + 1) % tool.size()];
     cdt.insert_constraint({a.x, a.y}, {b.x, b.y});
@@ -284,7 +282,7 @@ class Cutter {
     whole(subject);
   }
 
-  Count count;
+  ScanCount count;
 
  private:
   void whole(const Subject& subject) {
@@ -376,7 +374,7 @@ TEST(ScanCuts, EveryCutIsValidAndExact) {
       ASSERT_NO_FATAL_FAILURE(
           cutter.series(*slices[which], std::min(random.between(5, 300), wanted)));
     }
-    const Count& n = cutter.count;
+    const ScanCount& n = cutter.count;
     std::printf(
         "%-6s %d cuts: %d found no material, %d found no free slot, %d lay inside; %lld triangles "
         "replaced (at most %lld) by %lld, %lld flips, %d quality passes, %lld obtuse boundary "

@@ -33,7 +33,7 @@ using test::cutting_scene;
 using test::spaced_asset;
 using test::square_asset;
 
-struct Finished {
+struct CuttingRun {
   SessionReport report;
   std::vector<RecordingRow> rows;
 };
@@ -81,10 +81,10 @@ class FailingDevice final : public Device {
   std::uint64_t tick_ = 0;
 };
 
-Finished run(Scene scene, const Asset& asset, SessionOptions options,
-             const DeviceDescription& description, const Faults& faults = {}) {
+CuttingRun run(Scene scene, const Asset& asset, SessionOptions options,
+               const DeviceDescription& description, const Faults& faults = {}) {
   const test::TemporaryFolder folder;
-  Finished out;
+  CuttingRun out;
   const Result<void> body = place_body(scene, asset, "asset");
   EXPECT_TRUE(body) << body.error().message;
   auto sheets = place_slices(scene, asset, "asset");
@@ -185,7 +185,7 @@ TEST(CuttingSession, ThePapersSliceBreaksAtThirtyFiveNewtonsAtEveryRateAndSpeed)
   for (const double speed : {0.02, 0.1, 0.3}) {
     for (const double rate_Hz : {500.0, 1000.0, 2000.0, 4000.0, 8000.0}) {
       const Scene scene = paper(speed);
-      const Finished run_ =
+      const CuttingRun run_ =
           run(scene, square_asset(1), options_at(rate_Hz, scene), description_with(0.005));
       const std::string where = std::to_string(speed) + " m/s, " + std::to_string(rate_Hz) + " Hz";
       ASSERT_EQ(run_.report.punctures.size(), 1U) << where;
@@ -211,7 +211,7 @@ TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
     Scene scene = paper(0.05);
     scene.tissue.threshold_N = 20;
     scene.force_law.force_scale = scale;
-    const Finished run_ =
+    const CuttingRun run_ =
         run(scene, square_asset(1), options_at(1000, scene), description_with(0.005));
     double most_N = 0, felt_N = 0;
     for (const RecordingRow& row : run_.rows) {
@@ -251,8 +251,8 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
   for (Case& one : cases) {
     const SessionOptions options = options_at(1000, one.scene);
     const DeviceDescription description = description_with(0.005);
-    const Finished once = run(one.scene, one.asset, options, description),
-                   twice = run(one.scene, one.asset, options, description);
+    const CuttingRun once = run(one.scene, one.asset, options, description),
+                     twice = run(one.scene, one.asset, options, description);
     ASSERT_EQ(once.rows.size(), twice.rows.size());
     for (std::size_t k = 0; k < once.rows.size(); ++k)
       ASSERT_TRUE(same_row(once.rows[k], twice.rows[k])) << one.name << " " << k;
@@ -273,7 +273,7 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
 
 TEST(CuttingSession, ASnapCutsSeveralSheetsInATick) {
   const Scene scene = snapping();
-  const Finished run_ =
+  const CuttingRun run_ =
       run(scene, square_asset(10), options_at(1000, scene), description_with(0.005));
   EXPECT_EQ(run_.report.punctures.size(), 10U);
   std::map<double, int> in_tick;
@@ -296,7 +296,7 @@ TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
   scene.duration_s = 1.35;
   SessionOptions options = options_at(1000, scene);
   options.recovery = RecoveryPolicy::kAuto;
-  const Finished run_ =
+  const CuttingRun run_ =
       run(scene, square_asset(1), options, description_with(0.005), [](std::uint64_t tick) {
         return tick >= 300 && tick < 330 ? DeviceStatus::kLinkLost : DeviceStatus::kOk;
       });
@@ -349,7 +349,7 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
     for (const double rate_Hz : {1000.0, 4000.0}) {
       DeviceDescription description = description_with(0.005);
       description.encoder_counts_per_revolution = 0;  // else poses are rounded
-      Finished run_;
+      CuttingRun run_;
       description.joint_viscous_friction_Nms_per_rad = 0.02;
       for (int k = 0; k < 15; ++k, description.joint_viscous_friction_Nms_per_rad *= 1.5) {
         Scene probe = scene;
@@ -382,8 +382,8 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
 TEST(CuttingSession, TheLoopAllocatesNothing) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   for (const Scene& scene : {snapping(), procedure()}) {
-    const Finished run_ = run(scene, scene.body ? spaced_asset(12, 1) : square_asset(10),
-                              options_at(1000, scene), description_with(0.005));
+    const CuttingRun run_ = run(scene, scene.body ? spaced_asset(12, 1) : square_asset(10),
+                                options_at(1000, scene), description_with(0.005));
     ASSERT_TRUE(run_.report.allocations_in_loop);
     EXPECT_EQ(*run_.report.allocations_in_loop, 0U);
     EXPECT_GE(run_.report.punctures.size(), 8U);
@@ -402,8 +402,8 @@ TEST(CuttingSession, OtherLawsAreAsTheyWere) {
     with.force_law.prediction = PosePrediction::kOn;
     with.force_law.force_scale = 0.1;
     const SessionOptions options = options_at(1000, plain);
-    const Finished a = run(plain, square_asset(2), options, description_with(0.005)),
-                   b = run(with, square_asset(2), options, description_with(0.005));
+    const CuttingRun a = run(plain, square_asset(2), options, description_with(0.005)),
+                     b = run(with, square_asset(2), options, description_with(0.005));
     EXPECT_FALSE(a.report.law->is_passive());
     EXPECT_FALSE(b.report.law->is_passive());
     EXPECT_FALSE(a.report.punctures.empty());

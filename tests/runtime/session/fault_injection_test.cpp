@@ -21,6 +21,7 @@
 #include "runtime/session/tick_rate.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
@@ -80,9 +81,7 @@ struct Case {
   bool loaded = true;   ///< found while the tool is in the sheet
 };
 
-double unit(std::mt19937_64& random) {
-  return static_cast<double>(random() >> 11) * 0x1p-53;
-}
+using trocar::test::uniform;
 
 std::vector<Case> cases() {
   using Random = std::mt19937_64;
@@ -102,7 +101,7 @@ std::vector<Case> cases() {
   };
   const auto limits = [](auto change) {
     return [change](Random& random, Options& options) {
-      change(options.limits, unit(random));
+      change(options.limits, uniform(random));
       return Injection{};
     };
   };
@@ -148,7 +147,7 @@ std::vector<Case> cases() {
       // The sampled sheet gives back more than it took, by up to 2 mJ a press.
       {"energy_limit", Fault::kEnergyLimit,
        [](Random& random, Options& options) {
-         options.limits.energy_limit_J = 2e-5 * (1 + unit(random));
+         options.limits.energy_limit_J = 2e-5 * (1 + uniform(random));
          options.passivity.on = false;
          return Injection{};
        },
@@ -275,7 +274,7 @@ void run(const Case& test, int index) {
   const bool by_hand = random() % 2 == 0;
   options.recovery = by_hand ? RecoveryPolicy::kOnRequest : RecoveryPolicy::kAuto;
   options.recover = &button;
-  const double begin_s = 0.18 + 0.25 * unit(random);
+  const double begin_s = 0.18 + 0.25 * uniform(random);
   const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
   const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
   Injection injection = test.make(random, options);

@@ -104,7 +104,7 @@ class ClockedDevice final : public Device {
   SimulatedDevice& inner_;
 };
 
-struct Finished {
+struct LiveRun {
   SessionReport report;
   std::vector<RecordingRow> rows;
   std::string recording;
@@ -126,7 +126,7 @@ struct Manner {
   std::span<const RecordingRow> replay;
 };
 
-Finished run(const Scene& scene, const Manner& how) {
+LiveRun run(const Scene& scene, const Manner& how) {
   const test::TemporaryFolder folder;
   Remesher remesher(*place_slices(scene, test::square_asset(3), "a"));
   auto device = make_simulated_device(scene, default_device_description());
@@ -153,7 +153,7 @@ Finished run(const Scene& scene, const Manner& how) {
     if (how.meanwhile) how.meanwhile(*other);
   });
   std::uint64_t tick = 0;
-  Finished finished;
+  LiveRun finished;
   const auto advance = [&](double dt_s) {
     device->step(dt_s);
     ++tick;
@@ -193,14 +193,14 @@ bool is_zero(const RecordingRow& row) {
 }
 
 /// Time goes on without a gap, and a replay gives the same torques.
-void expect_whole(const Scene& scene, const Finished& finished, double rate_Hz = 1000) {
+void expect_whole(const Scene& scene, const LiveRun& finished, double rate_Hz = 1000) {
   ASSERT_EQ(finished.rows.size(), finished.report.ticks);
   for (std::size_t k = 0; k < finished.rows.size(); ++k)
     ASSERT_EQ(finished.rows[k].t_s, static_cast<double>(k) / rate_Hz);
   Manner how;
   how.is_live = false;
   how.replay = finished.rows;
-  const Finished again = run(scene, how);
+  const LiveRun again = run(scene, how);
   EXPECT_EQ(again.report.replay_first_difference, -1);
   EXPECT_EQ(again.report.ticks, finished.report.ticks);
   EXPECT_EQ(again.recording, finished.recording);
@@ -256,7 +256,7 @@ TEST_P(Paused, HoldsTime) {
   std::tie(how.clock, how.recovery) = GetParam();
   how.after_tick = at({{100, TelemetryCommand::kPause}});
   how.meanwhile = resume_after(milliseconds(150));
-  const Finished paused = run(scene, how);
+  const LiveRun paused = run(scene, how);
   EXPECT_EQ(paused.report.end, SessionEnd::kDone);
   EXPECT_EQ(paused.report.fault, Fault::kNone);
   EXPECT_EQ(paused.report.ticks, 1600U);
@@ -288,7 +288,7 @@ TEST(TelemetrySession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
   Manner how;
   how.after_tick = at({{500, TelemetryCommand::kPause}});
   how.meanwhile = resume_after(milliseconds(30));
-  const Finished paused = run(scene, how);
+  const LiveRun paused = run(scene, how);
   EXPECT_EQ(paused.report.end, SessionEnd::kDone);
   ASSERT_EQ(paused.report.faults.size(), 1U);
   EXPECT_GT(paused.report.faults[0].recovered_t_s, 0.7) << "the hand lifts the tool at 0.6 s";
@@ -342,7 +342,7 @@ TEST(TelemetrySession, ZeroTurnsForcesOffUntilRecoveryIsAskedFor) {
     Manner how;
     how.recovery = recovery;
     how.after_tick = at({{500, TelemetryCommand::kZero}, {900, TelemetryCommand::kRecover}});
-    const Finished off = run(scene, how);
+    const LiveRun off = run(scene, how);
     EXPECT_EQ(off.report.end, SessionEnd::kDone);
     EXPECT_EQ(off.report.ticks, 1600U) << "time goes on";
     ASSERT_EQ(off.report.faults.size(), 1U);
@@ -363,7 +363,7 @@ TEST(TelemetrySession, ZeroTurnsForcesOffUntilRecoveryIsAskedFor) {
 TEST(TelemetrySession, ASessionThatEndsWithForcesOffIsDone) {
   Manner how;
   how.after_tick = at({{500, TelemetryCommand::kZero}});
-  const Finished off = run(press_scene(), how);
+  const LiveRun off = run(press_scene(), how);
   EXPECT_EQ(off.report.end, SessionEnd::kDone);
   EXPECT_EQ(off.report.fault, Fault::kForcesOff);
 }
@@ -375,7 +375,7 @@ TEST(TelemetrySession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
       Manner how;
       how.clock = clock;
       how.after_tick = at({{tick, TelemetryCommand::kEmergencyStop}});
-      const Finished stopped = run(scene, how);
+      const LiveRun stopped = run(scene, how);
       EXPECT_EQ(stopped.report.end, SessionEnd::kFault);
       EXPECT_EQ(stopped.report.fault, Fault::kEmergencyStop);
       ASSERT_FALSE(is_zero(stopped.rows[tick - 1])) << "there was a load";
@@ -399,7 +399,7 @@ TEST(TelemetrySession, AnEmergencyStopAtAnyMomentUnderLoad) {
     Manner how;
     how.recovery = RecoveryPolicy::kAuto;
     how.after_tick = at({{tick, TelemetryCommand::kEmergencyStop}});
-    const Finished stopped = run(scene, how);
+    const LiveRun stopped = run(scene, how);
     ASSERT_FALSE(is_zero(stopped.rows[tick - 1]));
     EXPECT_TRUE(std::all_of(stopped.rows.begin() + static_cast<std::ptrdiff_t>(tick) + 3,
                             stopped.rows.end(), is_zero))
@@ -435,7 +435,7 @@ TEST(TelemetrySession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
           console.give(TelemetryCommand::kRecover);
         }
       };
-      const Finished stopped = run(scene, how);
+      const LiveRun stopped = run(scene, how);
       EXPECT_EQ(stopped.rows[940].safety, SafetyState::kRecovering);
       for (std::size_t k = 950; k < 1250; ++k) {
         ASSERT_TRUE(is_zero(stopped.rows[k])) << k;
@@ -454,7 +454,7 @@ TEST(TelemetrySession, StopEndsItWithTorquesAtZero) {
     Manner how;
     how.clock = clock;
     how.after_tick = at({{500, TelemetryCommand::kStop}});
-    const Finished stopped = run(press_scene(), how);
+    const LiveRun stopped = run(press_scene(), how);
     EXPECT_EQ(stopped.report.end, SessionEnd::kInterrupted);
     EXPECT_EQ(stopped.report.ticks, 500U);
     EXPECT_EQ(stopped.events.back().kind, TelemetryEventKind::kEnded);
@@ -472,7 +472,7 @@ TEST(TelemetrySession, StopEndsAPause) {
         std::this_thread::sleep_for(milliseconds(1));
       console.give(TelemetryCommand::kStop);
     };
-    const Finished stopped = run(press_scene(), how);
+    const LiveRun stopped = run(press_scene(), how);
     EXPECT_EQ(stopped.report.end, SessionEnd::kInterrupted);
     EXPECT_EQ(stopped.report.fault, Fault::kPaused);
     EXPECT_EQ(stopped.report.ticks, 104U);
@@ -483,7 +483,7 @@ TEST(TelemetrySession, AReplayIsPausedWithoutAnyFault) {
   const Scene scene = press_scene();
   Manner plain;
   plain.is_live = false;
-  const Finished first = run(scene, plain);
+  const LiveRun first = run(scene, plain);
   Manner how;
   how.replay = first.rows;
   how.after_tick = at({{100, TelemetryCommand::kPause},
@@ -494,7 +494,7 @@ TEST(TelemetrySession, AReplayIsPausedWithoutAnyFault) {
       std::this_thread::sleep_for(milliseconds(1));
     console.give(TelemetryCommand::kResume);
   };
-  const Finished again = run(scene, how);
+  const LiveRun again = run(scene, how);
   EXPECT_EQ(again.report.replay_first_difference, -1);
   EXPECT_EQ(again.recording, first.recording);
   EXPECT_EQ(count(again.events, TelemetryEventKind::kResumed), 1U);
@@ -507,7 +507,7 @@ TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
     scene.force_law.kind = law;
     Manner plain;
     plain.is_live = false;
-    const Finished without = run(scene, plain);
+    const LiveRun without = run(scene, plain);
     Manner how;
     std::uint64_t shapes = 0, sheet_cuts = 0;
     how.after_tick = [&](std::uint64_t tick, Console& console) {
@@ -526,7 +526,7 @@ TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
       shapes = console.reader().shape_version();
       sheet_cuts = static_cast<std::uint64_t>(console.value("sheet_cuts", 2));
     };
-    const Finished with = run(scene, how);
+    const LiveRun with = run(scene, how);
     EXPECT_EQ(with.recording, without.recording);
     ASSERT_EQ(with.report.punctures.size(), 3U);
     EXPECT_EQ(sheet_cuts, 1U);
@@ -605,7 +605,7 @@ TEST(TelemetrySession, TheHapticThreadTakesNoLockAndAllocatesNothing) {
       console.give(TelemetryCommand::kResume);
     };
     if (clock == Clock::kVirtual) how.meanwhile = {};
-    const Finished finished = run(scene, how);
+    const LiveRun finished = run(scene, how);
     EXPECT_EQ(finished.report.allocations_in_loop, 0U);
     EXPECT_EQ(locks_in_scopes() - locks_before, 0U);
   }

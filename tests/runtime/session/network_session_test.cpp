@@ -60,13 +60,13 @@ Scene presses(const std::vector<double>& x_m, double depth_m) {
   return scene;
 }
 
-struct Finished {
+struct NetworkRun {
   SessionReport report;
   std::vector<RecordingRow> rows;
 };
 
-Finished run(const Scene& scene, SessionOptions options, const fs::path& record) {
-  Finished out;
+NetworkRun run(const Scene& scene, SessionOptions options, const fs::path& record) {
+  NetworkRun out;
   auto sheets = place_slices(scene, test::square_asset(1), "asset");
   EXPECT_TRUE(sheets) << sheets.error().message;
   Remesher remesher(*sheets);
@@ -124,7 +124,7 @@ TEST(NetworkSession, TheForceIsSmoothWhileTheToolIsDraggedInContact) {
   const double t_s = scene.hand.trajectory.back().t_s;
   scene.hand.trajectory.push_back({t_s + 1.5, {0.015, 0, 0.116}, {}});
   scene.duration_s = t_s + 1.5;
-  const Finished session = run(scene, virtual_time(), folder / "r");
+  const NetworkRun session = run(scene, virtual_time(), folder / "r");
   const auto* law = dynamic_cast<const NetworkLaw*>(session.report.law.get());
   ASSERT_NE(law, nullptr);
   EXPECT_GT(law->prefetch_report().answers, 100U);
@@ -143,8 +143,8 @@ TEST(NetworkSession, TheForceIsSmoothWhileTheToolIsDraggedInContact) {
 TEST(NetworkSession, ASecondRunAndAReplayGiveTheSameTorques) {
   const test::TemporaryFolder folder;
   const Scene scene = presses({-0.006, 0.008, -0.004}, 0.0105);  // punctured; then beside the hole
-  const Finished once = run(scene, virtual_time(), folder / "a");
-  const Finished twice = run(scene, virtual_time(), folder / "b");
+  const NetworkRun once = run(scene, virtual_time(), folder / "a");
+  const NetworkRun twice = run(scene, virtual_time(), folder / "b");
   EXPECT_GE(once.report.punctures.size(), 2U);
   ASSERT_EQ(once.rows.size(), twice.rows.size());
   for (std::size_t k = 0; k < once.rows.size(); ++k)
@@ -210,7 +210,7 @@ TEST(NetworkSession, FramesComeAtTheFrameRateWithTheSheetsShape) {
     EXPECT_LE(*std::max_element(z_m.begin(), z_m.end()), 0.12 + 1e-12);
     deepest_m = std::max(deepest_m, depth_m);
   };
-  const Finished session = run(scene, options, folder / "r");
+  const NetworkRun session = run(scene, options, folder / "r");
   EXPECT_NEAR(frames, 30 * scene.duration_s, 1.5);
   EXPECT_GT(deepest_m, 0.003);
 }
@@ -251,7 +251,7 @@ TEST_P(HundredPunctures, NeedNoAllocationAndNoLock) {
   options.clock = GetParam();
   const test::TemporaryFolder folder;
   const std::uint64_t locks_before = locks_in_scopes();
-  const Finished session = run(scene, options, folder / "r");
+  const NetworkRun session = run(scene, options, folder / "r");
   EXPECT_EQ(session.report.punctures.size(), 100U);
   ASSERT_TRUE(session.report.allocations_in_loop);
   EXPECT_EQ(*session.report.allocations_in_loop, 0U);

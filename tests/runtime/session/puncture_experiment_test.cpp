@@ -33,14 +33,14 @@ std::string bytes_of(const fs::path& file) {
   return all.str();
 }
 
-struct Finished {
+struct Experiment {
   SessionReport report;
   std::unique_ptr<Remesher> remesher;
   std::vector<RecordingRow> rows;
 };
 
-Finished run_virtual(const Scene& scene, double rate_Hz, const fs::path& record) {
-  Finished run;
+Experiment run_virtual(const Scene& scene, double rate_Hz, const fs::path& record) {
+  Experiment run;
   const Asset asset = test::square_asset(static_cast<int>(scene.slices.size()));
   auto sheets = place_slices(scene, asset, "asset");
   EXPECT_TRUE(sheets) << sheets.error().message;
@@ -121,7 +121,7 @@ INSTANTIATE_TEST_SUITE_P(Paper, Rates, testing::Values(500.0, 1000.0),
 
 TEST_P(Rates, OneSliceGivesOnePeak) {
   const test::TemporaryFolder folder;
-  const Finished run = run_virtual(one_slice(), GetParam(), folder / "r.csv");
+  const Experiment run = run_virtual(one_slice(), GetParam(), folder / "r.csv");
   expect_paper_force(run.rows, {0.12}, {0});
   ASSERT_EQ(run.report.punctures.size(), 1U);
   EXPECT_NEAR(run.report.punctures[0].force_N, 35, 0.2);
@@ -132,7 +132,7 @@ TEST_P(Rates, OneSliceGivesOnePeak) {
 
 TEST_P(Rates, ThreeSlicesGiveThreePeaksAtTheirHeights) {
   const test::TemporaryFolder folder;
-  const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
+  const Experiment run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
   expect_paper_force(run.rows, {0.19, 0.14, 0.10}, {0, 1, 2});
   ASSERT_EQ(run.report.punctures.size(), 3U);
   EXPECT_LT(run.report.wrench_error_max, 1e-9);
@@ -150,7 +150,7 @@ TEST_P(Rates, VirtualTimeIsReproducible) {
 TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
   const test::TemporaryFolder folder;
   const Scene scene = three_slices();
-  const Finished run = run_virtual(scene, GetParam(), folder / "a.csv");
+  const Experiment run = run_virtual(scene, GetParam(), folder / "a.csv");
   const auto rate_Hz = recorded_rate_Hz(run.rows, "a.csv");
   ASSERT_TRUE(rate_Hz);
   EXPECT_EQ(*rate_Hz, GetParam());
@@ -183,7 +183,7 @@ TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
 
 TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
   const test::TemporaryFolder folder;
-  const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
+  const Experiment run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
   ASSERT_EQ(run.remesher->records().size(), 3U);
   for (const CutRecord& record : run.remesher->records()) {
     ASSERT_FALSE(record.error) << record.error->message;
@@ -207,7 +207,7 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
 TEST(Session, SummaryHasEveryDocumentedField) {
   const test::TemporaryFolder folder;
   const Scene scene = one_slice();
-  const Finished run = run_virtual(scene, 1000, folder / "r.csv");
+  const Experiment run = run_virtual(scene, 1000, folder / "r.csv");
   SessionOptions options;
   options.clock = Clock::kVirtual;
   const auto summary = nlohmann::json::parse(summarize(scene, options, run.report, *run.remesher));

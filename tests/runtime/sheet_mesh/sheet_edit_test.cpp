@@ -5,15 +5,13 @@
 #include <gtest/gtest.h>
 
 #include "tests/support/random_geometry.h"
+#include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
-bool same(const SheetMesh& a, const SheetMesh& b) {
-  return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
-         a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
-}
+using trocar::test::same;
 
 // Everything that an edit can do to slots; the result is not a valid mesh.
 void scramble(Random& random, SheetMesh& mesh, SheetEdit& edit) {

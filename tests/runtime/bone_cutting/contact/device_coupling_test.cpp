@@ -68,7 +68,7 @@ BoneVolume one_sheet() {
 }
 
 /// A body with walls of 55 kN/m a millimetre.
-BoneVolume bone() {
+BoneVolume bone_volume() {
   Scene scene = test::cutting_scene(test::stack(0.12, 1e-3, 4));
   scene.tissue.cut = CutTissue{4, std::nullopt, 0, 1, 0, 0, 20, 10, 12};
   return test::bone_volume_of(scene, test::square_asset(4));
@@ -97,10 +97,10 @@ TEST(DeviceCoupling, TheAxisIsRigidIfTheSceneSaysSoOrTheTissueIsSofter) {
   EXPECT_FALSE(choose(one_sheet(), law, device).coupling.is_rigid);
   law.axis = ToolAxis::kRigid;
   EXPECT_TRUE(choose(one_sheet(), law, device).coupling.is_rigid);
-  EXPECT_TRUE(choose(bone(), law, device).coupling.is_rigid);
+  EXPECT_TRUE(choose(bone_volume(), law, device).coupling.is_rigid);
   law.axis = ToolAxis::kAuto;
   EXPECT_TRUE(choose(one_sheet(), law, device).coupling.is_rigid) << "5 kN/m, 10 kN/m";
-  EXPECT_FALSE(choose(bone(), law, device).coupling.is_rigid) << "walls";
+  EXPECT_FALSE(choose(bone_volume(), law, device).coupling.is_rigid) << "walls";
   law.coupling_N_per_m = 4900;
   EXPECT_FALSE(choose(one_sheet(), law, device).coupling.is_rigid) << "5 kN/m, 4.9 kN/m";
   law.coupling_N_per_m = 5100;
@@ -125,7 +125,7 @@ TEST(DeviceCoupling, TheDampingShareIsTheLargestForWhichTheDampingSuffices) {
     SceneForceLaw law = coupled(2000.0 + 700 * trial, 2.0 + trial);
     law.force_scale = scale;
     law.prediction = PosePrediction::kOff;
-    const double share = choose(bone(), law, device, T, rate_Hz).damping_share;
+    const double share = choose(bone_volume(), law, device, T, rate_Hz).damping_share;
     ASSERT_GT(share, 0);
     const Matrix6 B = damping_of(device, T),
                   need = scale / (2 * rate_Hz) *
@@ -149,16 +149,17 @@ TEST(DeviceCoupling, TheLimitIsTwiceTheDampingOverTheTick) {
   for (const double rate_Hz : {1000.0, 4000.0, 8000.0}) {
     // All of translation's and rotation's stiffness at the same multiple of the damping.
     const double share =
-        choose(bone(), coupled(1000, 1000), device, upright(), rate_Hz).damping_share;
+        choose(bone_volume(), coupled(1000, 1000), device, upright(), rate_Hz).damping_share;
     EXPECT_NEAR(share * 1000, 2 * b * rate_Hz, 1e-5 * share * 1000) << "at equal figures";
   }
   // Alone, as where rotation is next to free.
-  const double z = B(2, 2), share = choose(bone(), coupled(1000, 1e-9), device).damping_share;
+  const double z = B(2, 2),
+               share = choose(bone_volume(), coupled(1000, 1e-9), device).damping_share;
   EXPECT_LE(share * 1000, 2 * z * 1000 * (1 + 1e-6)) << "no direction holds more";
   SceneForceLaw law = coupled(1000, 1000);
   law.force_scale = 0.25;
-  EXPECT_NEAR(choose(bone(), law, device).damping_share,
-              4 * choose(bone(), coupled(1000, 1000), device).damping_share, 1e-9)
+  EXPECT_NEAR(choose(bone_volume(), law, device).damping_share,
+              4 * choose(bone_volume(), coupled(1000, 1000), device).damping_share, 1e-9)
       << "only the scaled stiffness acts on the hand";
 }
 
@@ -167,13 +168,13 @@ TEST(DeviceCoupling, ItPredictsWhereTheDampingIsTooSmall) {
   for (const double friction : {1e-4, 5.0}) {
     device.joint_viscous_friction_Nms_per_rad = friction;
     SceneForceLaw law = coupled();
-    DeviceCoupling chosen = choose(bone(), law, device);
+    DeviceCoupling chosen = choose(bone_volume(), law, device);
     ASSERT_EQ(chosen.damping_share < 1, friction < 1);
     EXPECT_EQ(chosen.predicts_pose, friction < 1);
     law.prediction = PosePrediction::kOn;
-    EXPECT_TRUE(choose(bone(), law, device).predicts_pose);
+    EXPECT_TRUE(choose(bone_volume(), law, device).predicts_pose);
     law.prediction = PosePrediction::kOff;
-    chosen = choose(bone(), law, device);
+    chosen = choose(bone_volume(), law, device);
     EXPECT_FALSE(chosen.predicts_pose);
     EXPECT_EQ(chosen.coupling.translation_N_per_m, 10'000) << "as the scene says";
     EXPECT_EQ(chosen.coupling.rotation_Nm_per_rad, 25);
@@ -185,7 +186,7 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
   for (const double rate_Hz : {100.0, 500.0, 1000.0, 4000.0}) {
     for (const double scale : {0.1, 1.0, 4.0}) {
       for (const ToolAxis axis : {ToolAxis::kCoupled, ToolAxis::kAuto}) {
-        for (const BoneVolume& body : {bone(), one_sheet()}) {
+        for (const BoneVolume& body : {bone_volume(), one_sheet()}) {
           SceneForceLaw law = coupled(1e6, 1e4);
           law.axis = axis;
           law.prediction = PosePrediction::kOn;
@@ -217,7 +218,7 @@ TEST(DeviceCoupling, TheLargestForceIsWhatTheDeviceGivesAtItsPeak) {
     const Pose T = trial == 0 ? upright() : random_workspace_pose(random, workspace);
     const Jacobian G = by_differences(device, T);
     SceneForceLaw law = coupled();
-    const BoneVolume body = bone();
+    const BoneVolume body = bone_volume();
     const DeviceCoupling chosen = choose(body, law, device, T);
     const Eigen::Vector3d up = T.q * body.tool.axis_plate;
     const auto is_given = [&](double force_N, double moment_Nm, const Eigen::Vector3d& about) {
@@ -242,7 +243,8 @@ TEST(DeviceCoupling, TheLargestForceIsWhatTheDeviceGivesAtItsPeak) {
 }
 
 TEST(DeviceCoupling, OutOfReachNothingIsKnown) {
-  const DeviceCoupling chosen = choose(bone(), coupled(), default_device_description(), upright(5));
+  const DeviceCoupling chosen =
+      choose(bone_volume(), coupled(), default_device_description(), upright(5));
   EXPECT_EQ(chosen.damping_share, 0);
   EXPECT_TRUE(chosen.predicts_pose);
 }
@@ -250,14 +252,14 @@ TEST(DeviceCoupling, OutOfReachNothingIsKnown) {
 TEST(DeviceCoupling, ItSaysInALineWhatWasChosen) {
   SceneForceLaw law = coupled();
   law.force_scale = 0.25;
-  DeviceCoupling chosen = choose(bone(), law, default_device_description());
+  DeviceCoupling chosen = choose(bone_volume(), law, default_device_description());
   std::string line = describe(chosen, law);
   EXPECT_EQ(line.find('\n'), std::string::npos);
   EXPECT_NE(line.find("coupled"), std::string::npos) << line;
   EXPECT_NE(line.find("0.25"), std::string::npos) << line;
   EXPECT_EQ(line.find("a tick ahead") != std::string::npos, chosen.predicts_pose) << line;
   law.axis = ToolAxis::kRigid;
-  line = describe(choose(bone(), law, default_device_description()), law);
+  line = describe(choose(bone_volume(), law, default_device_description()), law);
   EXPECT_NE(line.find("rigid"), std::string::npos) << line;
 }
 
