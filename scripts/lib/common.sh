@@ -53,14 +53,27 @@ quietly() {
   return "$code"
 }
 
-# configure_and_build [TARGET...]: the release preset; cmake and ninja skip what is up to date. With TROCAR_WERROR=ON in the
-# environment, as .ci/run sets it, warnings are errors.
+# expected_time STEPS: what the build will take, in words. A step takes four seconds of one core, as measured on a server of 2.8 GHz.
+expected_time() {
+  local minutes=$((($1 * 4 / $(nproc) + 59) / 60))
+  if (($1 < 10)); then
+    echo "$1 steps"
+  else
+    echo "$1 steps on $(nproc) cores, about $minutes minutes if nothing of it is in ccache"
+  fi
+}
+
+# configure_and_build [TARGET...]: the preset $preset; cmake and ninja skip what is up to date. Sources are compiled in batches
+# (CMake's unity build), which takes half the time of one by one; TROCAR_UNITY=OFF compiles them one by one. With TROCAR_WERROR=ON,
+# as .ci/run sets it, warnings are errors.
 configure_and_build() {
-  quietly "$build/configure.log" cmake -S "$root" -B "$build" --preset "$preset" "-DTROCAR_WERROR=${TROCAR_WERROR:-OFF}" ||
+  local options=("-DCMAKE_UNITY_BUILD=${TROCAR_UNITY:-ON}") targets=() steps
+  [[ -z ${TROCAR_WERROR:-} ]] || options+=("-DTROCAR_WERROR=$TROCAR_WERROR")
+  quietly "$build/configure.log" cmake -S "$root" -B "$build" --preset "$preset" "${options[@]}" ||
     die 1 "the build could not be configured"
-  say "building in ${build#"$root"/} (the first time takes some minutes)"
-  local targets=()
   if (($# > 0)); then targets=(--target "$@"); fi
+  steps=$(cmake --build "$build" "${targets[@]}" -- -n | sed -n 's|^\[[0-9]*/\([0-9]*\)\].*|\1|p' | tail -n 1)
+  say "building in ${build#"$root"/}: $(expected_time "${steps:-0}")"
   env -u LC_ALL -u LC_CTYPE -u LC_MESSAGES LANG=C.UTF-8 cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
 }
 
