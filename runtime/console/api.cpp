@@ -80,6 +80,8 @@ Reply get_folder(ConsoleState& console, Role role) {
   std::string rest = ",\"session\":" + (about.empty() ? "null" : about) + ",\"state\":\"" +
                      to_string(console.supervisor.state()) + "\",\"role\":\"" + to_string(role) +
                      "\"";
+  if (!console.settings.start.empty() && role == Role::kOperator)
+    rest += ",\"start\":" + console.settings.start;
   if (!console.settings.playback.empty()) rest += ",\"playback\":" + console.settings.playback;
   return [&console, rest = std::move(rest)]() -> Answer {
     std::string list = console.files.list();

@@ -17,6 +17,7 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< a numerical address
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
+  std::string start;     ///< JSON of /api/folder's `start`, the scene's name; empty: none
   std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
 };
 

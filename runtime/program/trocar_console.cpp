@@ -19,7 +19,7 @@ constexpr const char* kName = "trocar-console";
 
 struct Arguments {
   std::string folder, listen = "127.0.0.1", attach, page, device = "inproc";
-  std::string recording, against, scene;
+  std::string recording, against, scene, start;
   int port = 4841;
 };
 
@@ -46,6 +46,8 @@ void declare(CLI::App& app, Arguments& arguments) {
          "device of sessions for which the page names none: inproc; sim: trocar-device-sim\n"
          "as a process of its own (inproc)")
       ->check(CLI::IsMember({"inproc", "sim"}));
+  app.add_option("--start", arguments.start,
+                 "a scene in FOLDER; its session starts when the operator's page is first opened");
   app.add_option("--page", arguments.page, "folder of the page's files (the installed one)");
   app.add_option("--recording", arguments.recording, "play this recording instead; needs --scene");
   app.add_option("--against", arguments.against, "a second recording, beside the first");
@@ -65,6 +67,8 @@ Result<void> check_arguments(const Arguments& a) {
   if (!plays && !a.against.empty()) return usage("--against: is for --recording");
   if (plays && !a.folder.empty()) return usage("FOLDER: is not for --recording");
   if (plays && !a.attach.empty()) return usage("--attach: is not for --recording");
+  if (!a.start.empty() && (plays || !a.attach.empty()))
+    return usage("--start: is not for --recording or --attach");
   if (!plays && a.folder.empty())
     return usage("FOLDER is missing; or name a recording by --recording");
   return {};
@@ -92,6 +96,10 @@ int run_command_line(int argc, char** argv) {
             : Files::of_folder(arguments.folder);
   if (!files) return fail(files.error());
   settings.session.folder = files->folder();
+  if (!arguments.start.empty()) {
+    if (const auto scene = files->find(arguments.start); !scene) return fail(scene.error());
+    settings.start = json_text(arguments.start);
+  }
   if (plays) {
     const std::filesystem::path recording = arguments.recording, against = arguments.against;
     for (const std::string& file : {arguments.recording, arguments.against, arguments.scene}) {

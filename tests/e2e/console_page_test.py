@@ -61,8 +61,8 @@ def make_folder(folder):
     return [*names, "waiting.json", "beside.json", hostile]
 
 
-def start_console(folder, log):
-    console = subprocess.Popen([PROGRAMS / "trocar-console", folder, "--port", "0", "--page", SOURCE / "runtime" / "console" / "page"],
+def start_console(folder, log, *options):
+    console = subprocess.Popen([PROGRAMS / "trocar-console", folder, "--port", "0", "--page", SOURCE / "runtime" / "console" / "page", *options],
                                stdout=log, stderr=subprocess.STDOUT)
     for _ in range(100):
         links = [word for word in pathlib.Path(log.name).read_text().split() if word.startswith("http://")]
@@ -109,6 +109,23 @@ def check_bone(picture):
     check(colours > 100, f"{picture.name}: only {colours} colours")
 
 
+def check_start(folder):
+    """With --start, a session starts when the operator's page is opened: not before, not for the audience, and once."""
+    with (WORK / "start.log").open("w") as log:
+        console, links = start_console(folder, log, "--start", "waiting.json")
+    try:
+        given = {"link": links[0], "view_link": links[1], "chromium": CHROMIUM}
+        done = subprocess.run(["node", DRIVER / "drive_start.mjs", json.dumps(given)], cwd=DRIVER, stdout=subprocess.PIPE, text=True, check=False)
+    finally:
+        console.send_signal(signal.SIGINT)
+        console.wait(30)
+    for failure in json.loads(done.stdout)["failures"] if done.stdout else [f"the driver of --start ended with {done.returncode}"]:
+        check(False, failure)
+    for words, code in ((["--start", "nothing.json"], 3), (["--start", "../x.json"], 3), (["--attach", "LINK", "--start", "waiting.json"], 2)):
+        refused = subprocess.run([PROGRAMS / "trocar-console", folder, "--port", "0", *words], capture_output=True, text=True, check=False, timeout=20)
+        check(refused.returncode == code and refused.stderr.count("\n") == 1, f"{words}: {refused.returncode}, {refused.stderr}")
+
+
 def main():
     if not CHROMIUM or not shutil.which("node") or not (DRIVER / "node_modules" / "playwright-core").is_dir():
         skip("skipped: no chromium, node or playwright-core (scripts/setup test, scripts/test)")
@@ -133,6 +150,7 @@ def main():
         console.send_signal(signal.SIGINT)
         code = console.wait(30)
     check(code == 0, f"the console ended with {code}")
+    check_start(WORK / "folder")
     if done.returncode:
         check(False, f"the driver ended with {done.returncode}")
         return outcome()

@@ -130,6 +130,7 @@ const refresh = guarded(async () => {
   by_id("against").replaceChildren(...options);
   by_id("against").value = options.some(({ value }) => value === against) ? against : "";
   if (!app.live && !data.session) await preview(folder.scene(folder.chosen), folder.asset());
+  if (data.start && data.state === "idle" && !app.last_start) await start({ scene: data.start });
   if (data.playback && !app.playback.first) {
     await play({ file: data.playback.recording, scene: data.playback.scene });
     if (data.playback.against) await compare({ file: data.playback.against, scene: data.playback.scene });

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// drive_start.mjs JSON: opens the pages of a console with --start. The argument: {link, view_link, chromium}. Prints {failures}.
+import { chromium } from "playwright-core";
+
+const given = JSON.parse(process.argv[2]);
+const failures = [];
+const browser = await chromium.launch({ executablePath: given.chromium, args: ["--no-sandbox"] });
+async function open(link) {
+  const page = await browser.newPage();
+  page.on("pageerror", (error) => failures.push(`the page threw: ${error.stack}`));
+  await page.goto(link);
+  return page;
+}
+async function until(page, expression, what) {
+  for (const end = Date.now() + 30000; Date.now() < end; await page.waitForTimeout(50)) if (await page.evaluate(expression)) return;
+  failures.push(`${what}: did not happen within 30 s; the page says "${await page.evaluate("trocar.words")}"`);
+}
+
+const audience = await open(given.view_link);
+await until(audience, `trocar.is_connected && trocar.state.state === "idle"`, "the audience's page before the session");
+await audience.waitForTimeout(500);
+if (await audience.evaluate(`trocar.state.state !== "idle"`)) failures.push("the audience's page started a session");
+const operator = await open(given.link);
+await until(operator, `trocar.state.state === "running" && trocar.tab === "session" && trocar.row`, "the session that starts with the page");
+const session = await operator.evaluate("trocar.session");
+await operator.click("#stop");
+await until(operator, `trocar.state.state === "ended"`, "the end of the session");
+await operator.reload();
+await until(operator, `trocar.is_connected`, "the page after a reload");
+await operator.waitForTimeout(500);
+if (await operator.evaluate(`trocar.state.state !== "ended" || trocar.session !== ${JSON.stringify(session)}`)) failures.push("a reload of the page started another session");
+await browser.close();
+console.log(JSON.stringify({ failures }));
