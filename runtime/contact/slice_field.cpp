@@ -41,8 +41,8 @@ SliceField::SliceField(const SliceMesh& mesh, std::span<const float> hu, const L
   if (mesh.vertices.empty()) return;
   const LatticeBox box = box_around(std::span<const LatticePoint>(mesh.vertices));
   const double step_mm = lattice.step_mm();
-  const double width_mm = (std::int64_t{box.high.x} - box.low.x) * step_mm,
-               height_mm = (std::int64_t{box.high.y} - box.low.y) * step_mm;
+  const double width_mm = static_cast<double>(std::int64_t{box.high.x} - box.low.x) * step_mm,
+               height_mm = static_cast<double>(std::int64_t{box.high.y} - box.low.y) * step_mm;
   pixel_mm_ = std::max(kPixel_mm, std::sqrt(width_mm * height_mm / kMaxPixels));
   left_mm_ = box.low.x * step_mm;
   bottom_mm_ = box.low.y * step_mm;

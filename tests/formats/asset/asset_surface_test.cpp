@@ -67,7 +67,7 @@ std::vector<std::array<SpacePoint, 3>> geometry(const TriangleSurface& s) {
 TEST(AssetSurface, IsStoredWithoutLoss) {
   const Asset asset = with_surface();
   ASSERT_TRUE(check_triangle_surface(asset.surfaces[0].surface));
-  AssetSizes sizes, counted;
+  AssetSizes sizes;
   const auto glb = encode_asset(asset, &sizes);
   ASSERT_TRUE(glb) << glb.error().message;
   const auto read = decode_asset(*glb, "a.glb");
