@@ -3,10 +3,10 @@
 // in between.
 //
 // Values sampled at the vertices would be far too low, because most vertices lie on the outline,
-// where HU equal the threshold. The field h is therefore the least-squares fit to the
-// material's pixels:
-//   minimise  sum over pixels p in the mesh (HU(p) - h(p))^2
-//           + smoothing * sum over edges ab of the mesh (h(a) - h(b))^2, boundary edges by half.
+// where HU equal the threshold. The field h is therefore the least-squares fit to the material's
+// pixels: with p for a pixel in the mesh and ab for an edge of it, h is the minimum of
+//   sum_p (HU(p) - h(p))^2 + smoothing * sum_ab (h(a) - h(b))^2,
+// in which a boundary edge counts by half.
 // The second sum determines vertices with few pixels around them, and makes the field cheaper to
 // store. It is zero for constants on each connected component of the mesh, so the mean of the field
 // over a component equals the mean of the pixels.
