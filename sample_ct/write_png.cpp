@@ -5,9 +5,12 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
+#include <cstdlib>
+#include <memory>
+#include <span>
 #include <vector>
+
+#include <spng.h>
 
 #include "formats/base/file_io.h"
 
@@ -19,6 +22,37 @@ std::string png_name(int k) {
   return name.data();
 }
 
+namespace {
+
+struct Freed {
+  void operator()(spng_ctx* context) const { spng_ctx_free(context); }
+  void operator()(std::uint8_t* bytes) const { std::free(bytes); }
+};
+
+// A PNG of `size` bytes with three bytes for each pixel; null on failure.
+std::unique_ptr<std::uint8_t, Freed> encode(std::span<const std::uint8_t> pixels, int rows,
+                                            int columns, std::size_t& size) {
+  const std::unique_ptr<spng_ctx, Freed> png(spng_ctx_new(SPNG_CTX_ENCODER));
+  spng_ihdr header{};
+  header.width = static_cast<std::uint32_t>(columns);
+  header.height = static_cast<std::uint32_t>(rows);
+  header.bit_depth = 8;
+  header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
+  int error = png ? spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1) : SPNG_EMEM;
+  if (error == 0) error = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 6);
+  // The sub filter alone is as good on grey noise as the choice of a filter for each row, and faster.
+  if (error == 0) error = spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
+  if (error == 0) error = spng_set_ihdr(png.get(), &header);
+  if (error == 0)
+    error = spng_encode_image(png.get(), pixels.data(), pixels.size(), SPNG_FMT_PNG,
+                              SPNG_ENCODE_FINALIZE);
+  if (error != 0) return nullptr;
+  return std::unique_ptr<std::uint8_t, Freed>(
+      static_cast<std::uint8_t*>(spng_get_png_buffer(png.get(), &size, &error)));
+}
+
+}  // namespace
+
 Result<void> write_png(const Scan& scan, const GreyWindow& window,
                        const std::filesystem::path& folder) {
   if (!(window.high_hu > window.low_hu))
@@ -29,28 +63,23 @@ Result<void> write_png(const Scan& scan, const GreyWindow& window,
     const double level = (hu - window.low_hu) / (window.high_hu - window.low_hu) * 255;
     grey[hu - kMinHu] = static_cast<std::uint8_t>(std::lround(std::clamp(level, 0.0, 255.0)));
   }
+  std::vector<std::uint8_t> pixels(std::size_t{3} * rows * columns);
   for (int k = 0; k < scan.geometry.slices; ++k) {
+    const std::int16_t* hu = scan.slice(k);
+    for (std::size_t i = 0; i < pixels.size(); i += 3, ++hu)
+      std::fill_n(&pixels[i], 3, grey[*hu - kMinHu]);
     const std::filesystem::path file = folder / png_name(k);
-    std::vector<std::uint8_t> bytes;
-    try {
-      cv::Mat image(rows, columns, CV_8UC3);
-      const std::int16_t* hu = scan.slice(k);
-      for (int j = 0; j < rows; ++j)
-        for (int i = 0; i < columns; ++i, ++hu)
-          image.at<cv::Vec3b>(j, i) = cv::Vec3b::all(grey[*hu - kMinHu]);
-      if (!cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, 6}))
-        return unwritable(file.string() + ": the PNG encoder failed");
-    } catch (const cv::Exception& e) {
-      return unwritable(file.string() + ": the PNG encoder failed: " + e.err);
-    }
-    if (const Result<void> written = write_file_atomically(file, bytes); !written)
+    std::size_t size = 0;
+    const auto bytes = encode(pixels, rows, columns, size);
+    if (!bytes) return unwritable(file.string() + ": the PNG encoder failed");
+    if (const Result<void> written = write_file_atomically(file, {bytes.get(), size}); !written)
       return written.error();
   }
   return {};
 }
 
 std::string png_library_version() {
-  return std::string("OpenCV ") + CV_VERSION;
+  return std::string("libspng ") + spng_version_string();
 }
 
 }  // namespace trocar::sample
