@@ -29,6 +29,7 @@ namespace {
 using nlohmann::json;
 
 constexpr int kMaxDepth = 2;
+constexpr const char* kSessions = "sessions";
 constexpr std::size_t kMaxInspected = 20'000, kMaxShown = 2000;
 constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20,
                         kMaxGlbJson = std::uint64_t{64} << 20;
@@ -234,12 +235,16 @@ bool has_surface(std::string_view glb_json) {
   return glb_json.find("\"surface\":") != std::string_view::npos;
 }
 
-Result<Files> Files::of_folder(const std::filesystem::path& folder) {
+Result<Files> Files::of_folder(const std::filesystem::path& folder,
+                               const std::filesystem::path& sessions) {
   std::error_code error;
   Files files;
   files.folder_ = std::filesystem::canonical(folder, error);
   if (error || !std::filesystem::is_directory(files.folder_, error))
     return refused(folder.string() + ": is no folder");
+  files.sessions_ = sessions.empty() ? files.folder_ / kSessions
+                                     : std::filesystem::weakly_canonical(sessions, error);
+  if (error) return unwritable(sessions.string() + ": " + error.message());
   return files;
 }
 
@@ -256,6 +261,16 @@ Files Files::of_recording(const std::filesystem::path& recording,
   return files;
 }
 
+std::filesystem::path Files::path_of(std::string_view name) const {
+  constexpr std::string_view kBegin = "sessions/";
+  if (name.starts_with(kBegin)) {
+    std::error_code error;
+    std::filesystem::path session = sessions_ / name.substr(kBegin.size());
+    if (std::filesystem::exists(session, error)) return session;
+  }
+  return folder_ / name;
+}
+
 Result<std::filesystem::path> Files::find(std::string_view name) const {
   const std::string shown = json_text(std::string(name.substr(0, 80)));
   if (folder_.empty()) {
@@ -264,7 +279,7 @@ Result<std::filesystem::path> Files::find(std::string_view name) const {
     return found->second;
   }
   if (!is_file_name(name)) return refused(shown + ": is not the name of a file in the folder");
-  const std::filesystem::path file = folder_ / name;
+  const std::filesystem::path file = path_of(name);
   std::error_code error;
   const std::filesystem::path there = std::filesystem::canonical(file, error);
   if (error) return refused(shown + ": there is no such file in the folder");
@@ -311,6 +326,31 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
   return known;
 }
 
+template <typename Inspect>
+bool Files::search(const std::filesystem::path& root, const std::string& prefix, int depth,
+                   Inspect inspect) const {
+  std::error_code error;
+  std::size_t inspected = 0;
+  for (std::filesystem::recursive_directory_iterator
+           entry(root, std::filesystem::directory_options::skip_permission_denied, error),
+       end;
+       !error && entry != end; entry.increment(error)) {
+    if (++inspected > kMaxInspected) return false;
+    std::error_code ignored;
+    const bool is_link = entry->is_symlink(ignored);
+    const bool is_hidden = entry->path().filename().string().starts_with('.');
+    if (entry.depth() >= depth || is_link || is_hidden) entry.disable_recursion_pending();
+    const std::string end_of_name = entry->path().extension().string();
+    if (is_link || is_hidden || !entry->is_regular_file(ignored) ||
+        (end_of_name != ".json" && end_of_name != ".glb" && end_of_name != ".csv"))
+      continue;
+    const std::string name = prefix + entry->path().lexically_relative(root).generic_string();
+    if (!is_file_name(name) || path_of(name) != entry->path()) continue;
+    inspect(entry->path(), name);
+  }
+  return true;
+}
+
 std::string Files::list() {
   std::map<std::string, Known> now;
   bool is_truncated = false;
@@ -334,27 +374,9 @@ std::string Files::list() {
     for (const auto& [name, file] : fixed_)
       inspect(file, name);
   } else {
-    std::error_code error;
-    std::size_t inspected = 0;
-    for (std::filesystem::recursive_directory_iterator
-             entry(folder_, std::filesystem::directory_options::skip_permission_denied, error),
-         end;
-         !error && entry != end; entry.increment(error)) {
-      if (++inspected > kMaxInspected) {
-        is_truncated = true;
-        break;
-      }
-      std::error_code ignored;
-      const bool is_link = entry->is_symlink(ignored);
-      const bool is_hidden = entry->path().filename().string().starts_with('.');
-      if (entry.depth() >= kMaxDepth || is_link || is_hidden) entry.disable_recursion_pending();
-      const std::string end_of_name = entry->path().extension().string();
-      if (is_link || is_hidden || !entry->is_regular_file(ignored) ||
-          (end_of_name != ".json" && end_of_name != ".glb" && end_of_name != ".csv"))
-        continue;
-      const std::string name = entry->path().lexically_relative(folder_).generic_string();
-      if (is_file_name(name)) inspect(entry->path(), name);
-    }
+    const bool is_apart = sessions_ != folder_ / kSessions;
+    is_truncated = !search(folder_, "", kMaxDepth, inspect);
+    if (is_apart) is_truncated |= !search(sessions_, "sessions/", kMaxDepth - 1, inspect);
   }
   known_ = std::move(now);
 

@@ -16,12 +16,15 @@
 
 namespace trocar::runtime {
 
-/// Searches the folder two levels deep, without following links. Only one thread at a time may call
-/// list(); any thread may call find().
+/// Searches the folder two levels deep, without following links. The names of files in the folder
+/// of sessions begin with "sessions/", wherever it is; sessions in the folder itself are found, too. Only one thread at a time may call list();
+/// any thread may call find().
 class Files {
  public:
-  /// Refused: `folder` is not a folder.
-  static Result<Files> of_folder(const std::filesystem::path& folder);
+  /// The sessions are in the folder's own sessions/, or in `sessions` if that is not empty; it need
+  /// not exist yet. Refused: `folder` is not a folder.
+  static Result<Files> of_folder(const std::filesystem::path& folder,
+                                 const std::filesystem::path& sessions = {});
   /// The files of a playback, known by the last parts of their names. `against` may be empty.
   static Files of_recording(const std::filesystem::path& recording,
                             const std::filesystem::path& against,
@@ -32,6 +35,7 @@ class Files {
   Result<std::filesystem::path> find(std::string_view name) const;
   /// Empty for playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }
+  const std::filesystem::path& sessions() const noexcept { return sessions_; }
   /// A JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md), and
   /// `truncated` if there are more files than it lists. A file is read again only if its size or
   /// time has changed.
@@ -47,7 +51,14 @@ class Files {
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 
-  std::filesystem::path folder_;
+  std::filesystem::path path_of(std::string_view name) const;
+  /// Calls inspect(file, name) for the files below `root` that may be listed; their names begin with
+  /// `prefix`. False after kMaxInspected entries.
+  template <typename Inspect>
+  bool search(const std::filesystem::path& root, const std::string& prefix, int depth,
+              Inspect inspect) const;
+
+  std::filesystem::path folder_, sessions_;
   std::map<std::string, std::filesystem::path, std::less<>> fixed_;
   std::map<std::string, Known> known_;
 };

@@ -37,15 +37,11 @@ Supervisor::Supervisor(Settings settings) : settings_(std::move(settings)) {
 }
 
 std::filesystem::path Supervisor::live_link() const {
-  return is_ours() ? settings_.folder / "sessions" / "live" : settings_.attach;
+  return is_ours() ? settings_.sessions / "live" : settings_.attach;
 }
 
 std::filesystem::path Supervisor::log_file() const {
   return session_folder_.empty() ? std::filesystem::path() : session_folder_ / "log.txt";
-}
-
-std::string Supervisor::relative(const std::filesystem::path& file) const {
-  return settings_.folder.empty() ? "" : file.lexically_relative(settings_.folder).string();
 }
 
 void Supervisor::set_state(RunState state, const std::string& message) {
@@ -59,7 +55,7 @@ void Supervisor::set_state(RunState state, const std::string& message) {
     for (const auto& [key, name] :
          {std::pair("report", "session.html"), std::pair("recording", "session.csv")}) {
       if (!session_folder_.empty() && std::filesystem::exists(session_folder_ / name, ignored))
-        out[key] = relative(session_folder_ / name);
+        out[key] = "sessions" / session_folder_.filename() / name;
     }
   }
   state_json_ = json_text(out);
@@ -71,7 +67,7 @@ Result<void> Supervisor::start(const StartRequest& request) {
   if (!is_ours()) return refused("this console only watches " + settings_.attach.string());
   if (is_live() || (run_ && !run_->has_ended()))
     return refused("a session runs already; stop it first");
-  auto folder = create_session_folder(settings_.folder / "sessions", request.scene);
+  auto folder = create_session_folder(settings_.sessions, request.scene);
   if (!folder) return folder.error();
   session_folder_ = std::move(*folder);
   request_ = request;
@@ -191,7 +187,7 @@ void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader>
   release_device(SIGTERM);
   request_ = {};
   request_.clock = about.clock;
-  if (is_ours() && record.parent_path().parent_path() == settings_.folder / "sessions") {
+  if (is_ours() && record.parent_path().parent_path() == settings_.sessions) {
     session_folder_ = record.parent_path();
     adopt_device();
   }

@@ -36,6 +36,7 @@ class Supervisor {
   using Clock = std::chrono::steady_clock;
   struct Settings {
     std::filesystem::path folder;    ///< empty: playback, no session
+    std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
     std::filesystem::path attach;    ///< telemetry link to watch, instead of starting sessions
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
     std::string device = "inproc";   ///< default for requests without a device
@@ -91,7 +92,6 @@ class Supervisor {
   void set_state(RunState state, const std::string& message);
   std::filesystem::path live_link() const;
   bool is_ours() const noexcept { return settings_.attach.empty(); }
-  std::string relative(const std::filesystem::path& file) const;
 
   Settings settings_;
   StartRequest request_;  ///< the present or last one

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-console: the operator's console. Here is the command line; runtime/console/README.md.
 // Tests: tests/e2e/console_server_test.py
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -32,7 +35,7 @@ void declare(CLI::App& app, Arguments& arguments) {
                                 ", Boost.Beast, Draco and tinygltf for assets)");
   app.add_option("FOLDER", arguments.folder,
                  "scenes, assets and recordings to choose from; sessions are kept in its folder\n"
-                 "sessions/");
+                 "sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
   app.add_option("--port", arguments.port, "0: any free one (4841)")->check(CLI::Range(0, 65535));
   app.add_option(
       "--listen", arguments.listen,
@@ -74,6 +77,22 @@ Result<void> check_arguments(const Arguments& a) {
   return {};
 }
 
+// Empty: FOLDER's own sessions/. What is installed beside the program is left as it is, whoever runs it.
+std::filesystem::path sessions_elsewhere(const std::string& folder,
+                                         const std::filesystem::path& programs) {
+  std::error_code error;
+  const std::filesystem::path installed =
+      std::filesystem::weakly_canonical(programs / "../share/trocar", error);
+  const std::string there = std::filesystem::canonical(folder, error).string();
+  if (error || (::access(there.c_str(), W_OK) == 0 && !there.starts_with(installed.string() + "/")))
+    return {};
+  const char* const state = std::getenv("XDG_STATE_HOME");  // NOLINT(concurrency-mt-unsafe)
+  const char* const home = std::getenv("HOME");             // NOLINT(concurrency-mt-unsafe)
+  if (state != nullptr && *state == '/') return std::filesystem::path(state) / "trocar/sessions";
+  if (home == nullptr || *home != '/') return {};
+  return std::filesystem::path(home) / ".local/state/trocar/sessions";
+}
+
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
   CLI::App app(
@@ -93,9 +112,11 @@ int run_command_line(int argc, char** argv) {
   const bool plays = !arguments.recording.empty();
   Result<Files> files =
       plays ? Files::of_recording(arguments.recording, arguments.against, arguments.scene)
-            : Files::of_folder(arguments.folder);
+            : Files::of_folder(arguments.folder,
+                               sessions_elsewhere(arguments.folder, settings.session.programs));
   if (!files) return fail(files.error());
   settings.session.folder = files->folder();
+  settings.session.sessions = files->sessions();
   if (!arguments.start.empty()) {
     if (const auto scene = files->find(arguments.start); !scene) return fail(scene.error());
     settings.start = json_text(arguments.start);

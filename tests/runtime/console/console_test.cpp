@@ -7,6 +7,7 @@
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -111,6 +112,30 @@ TEST(ConsoleFiles, ListTellsWhatIsWrongWithAFileAndIsReadAnewOnceItChanges) {
   write(folder.path() / "one.csv", "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n1.5,1,2\n");
   list = nlohmann::json::parse(files->list());
   EXPECT_EQ(list["recordings"][1]["ticks"], 4);
+}
+
+TEST(ConsoleFiles, SessionsMayBeInAnotherFolder) {
+  const test::TemporaryFolder outside, folder;
+  const std::string recording = "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n";
+  write(folder.path() / "sessions/old/session.csv", recording);
+  Result<Files> files = Files::of_folder(folder.path(), outside.path() / "state/sessions");
+  ASSERT_TRUE(files);
+  EXPECT_EQ(nlohmann::json::parse(files->list())["recordings"].size(), 1U);
+  write(files->sessions() / "one/session.csv", recording);
+  write(files->sessions() / "one/deep/er/session.csv", recording);
+  std::filesystem::create_symlink(folder.path() / "sessions/old/session.csv",
+                                  files->sessions() / "one/link.csv");
+  const nlohmann::json list = nlohmann::json::parse(files->list());
+  std::set<std::string> names;
+  for (const auto& one : list["recordings"])
+    names.insert(one["file"]);
+  EXPECT_EQ(names, (std::set<std::string>{"sessions/old/session.csv", "sessions/one/session.csv"}));
+  const auto found = files->find("sessions/one/session.csv");
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_EQ(*found, files->sessions() / "one/session.csv");
+  for (const char* wrong :
+       {"sessions/one/link.csv", "sessions/../sessions/one/session.csv", "sessions/"})
+    EXPECT_FALSE(files->find(wrong)) << wrong;
 }
 
 TEST(ConsoleFiles, TimesOfARecordingMayBeAnything) {
