@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-# `cmake --install` and `cpack`: five components, each a Debian package.
+# `cmake --install` and `cpack`: seven components, each a Debian package.
 #   trocar-mesh          the pipeline's program (GPL-3.0-or-later)
-#   trocar-sample-ct     the sample scan's program, apart because its PNG writer needs far more libraries
-#   trocar-runtime       trocar-run, trocar-device-sim, scenes, device description (Apache-2.0)
+#   trocar-farm          scripts/farm, for a Slurm cluster (Apache-2.0)
+#   trocar-sample-ct     the sample scan's program (Apache-2.0)
+#   trocar-runtime       trocar-run, trocar-device-sim, device description, realtime rights (Apache-2.0)
 #   trocar-console       trocar-console and its page with the libraries that scripts/setup console fetches (Apache-2.0)
+#   trocar-examples      scenes with their assets (Apache-2.0)
 #   trocar-formats-dev   headers, library and CMake files for programs that read assets (Apache-2.0)
 # Package files are made by scripts/package.
 include(GNUInstallDirs)
@@ -15,17 +17,21 @@ find_program(HELP2MAN help2man)
 if(NOT HELP2MAN)
   message(STATUS "help2man is not here: no man pages (Debian's package help2man)")
 endif()
-# trocar_program(TARGET COMPONENT): installs the program, and a man page made from its --help.
-function(trocar_program target component)
-  install(TARGETS ${target} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${component})
+# trocar_man_page(NAME COMPONENT PROGRAM): a man page made from the program's --help.
+function(trocar_man_page name component program)
   if(HELP2MAN)
-    set(page ${CMAKE_BINARY_DIR}/man/${target}.1.gz)
+    set(page ${CMAKE_BINARY_DIR}/man/${name}.1.gz)
     add_custom_command(OUTPUT ${page}
-      COMMAND ${CMAKE_SOURCE_DIR}/scripts/lib/man_page $<TARGET_FILE:${target}> ${PROJECT_VERSION} ${page}
-      DEPENDS ${target} ${CMAKE_SOURCE_DIR}/scripts/lib/man_page VERBATIM)
-    add_custom_target(${target}-man ALL DEPENDS ${page})
+      COMMAND ${CMAKE_SOURCE_DIR}/scripts/lib/man_page ${name} ${program} ${PROJECT_VERSION} ${page}
+      DEPENDS ${program} ${CMAKE_SOURCE_DIR}/scripts/lib/man_page VERBATIM)
+    add_custom_target(${name}-man ALL DEPENDS ${page})
     install(FILES ${page} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT ${component})
   endif()
+endfunction()
+# trocar_program(TARGET COMPONENT): installs the program, its man page and its completion.
+function(trocar_program target component)
+  install(TARGETS ${target} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${component})
+  trocar_man_page(${target} ${component} $<TARGET_FILE:${target}>)
   install(FILES ${CMAKE_SOURCE_DIR}/scripts/lib/completion.bash RENAME ${target}
     DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${component})
 endfunction()
@@ -34,10 +40,39 @@ trocar_program(trocar-sample-ct trocar-sample-ct)
 trocar_program(trocar-run trocar-runtime)
 trocar_program(trocar-device-sim trocar-runtime)
 trocar_program(trocar-console trocar-console)
+install(PROGRAMS scripts/farm RENAME trocar-farm DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT trocar-farm)
+install(DIRECTORY scripts/lib/farm DESTINATION ${share} COMPONENT trocar-farm FILES_MATCHING PATTERN *.py)
+trocar_man_page(trocar-farm trocar-farm ${CMAKE_SOURCE_DIR}/scripts/farm)
+
+# --- examples -------------------------------------------------------------------------------------
+# The sample's asset, the same vertebra filled inside and with a surface, and the scenes that need no other asset. Made by default only
+# by the release build, because other builds take long for the surface.
+set(examples ${CMAKE_BINARY_DIR}/examples)
+foreach(scene one_slice three_slices network_middle network_rim vertebra)
+  set(file ${CMAKE_SOURCE_DIR}/runtime/scenes/${scene}.json)
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
+  file(READ ${file} text)
+  set(asset sample)
+  if(scene STREQUAL vertebra)
+    set(asset vertebra)
+  endif()
+  string(REPLACE "../../out/sample.glb" "../${asset}.glb" text "${text}")
+  file(CONFIGURE OUTPUT ${examples}/scenes/${scene}.json CONTENT "${text}" @ONLY)
+endforeach()
+set(scan ${CMAKE_BINARY_DIR}/examples-scan)
+add_custom_command(OUTPUT ${examples}/sample.glb ${examples}/vertebra.glb
+  COMMAND trocar-sample-ct ${scan} --quiet
+  COMMAND trocar-mesh ${scan}/dicom -o ${examples}/sample.glb --quiet
+  COMMAND trocar-mesh ${scan}/dicom --preset vertebra --surface -o ${examples}/vertebra.glb --quiet
+  DEPENDS trocar-sample-ct trocar-mesh VERBATIM)
+set(by_default)
+if(CMAKE_BUILD_TYPE STREQUAL "Release" AND NOT TROCAR_SANITIZE)
+  set(by_default ALL)
+endif()
+add_custom_target(trocar-examples ${by_default} DEPENDS ${examples}/sample.glb ${examples}/vertebra.glb)
+install(DIRECTORY ${examples} DESTINATION ${share} COMPONENT trocar-examples)
 
 # --- data ---------------------------------------------------------------------------------------
-# The scenes name the demo's asset; --asset names another, as the man page says.
-install(DIRECTORY runtime/scenes DESTINATION ${share} COMPONENT trocar-runtime FILES_MATCHING PATTERN *.json)
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
   formats/session/frames.schema.json formats/session/sheets.schema.json formats/session/session_report.schema.json
@@ -49,14 +84,23 @@ install(FILES formats/session/list.schema.json formats/session/preview.schema.js
 # The page; vendor/ is there once scripts/setup console has run, as scripts/package makes sure.
 install(DIRECTORY runtime/console/page/ DESTINATION ${share}/console COMPONENT trocar-console
   FILES_MATCHING PATTERN *.html PATTERN *.js PATTERN *.css PATTERN LICENSE.* PATTERN node_modules EXCLUDE)
-install(FILES runtime/console/protocol.md
-  DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-console COMPONENT trocar-console)
-install(FILES formats/session/device_link.md formats/session/telemetry.md
-  DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
+install(FILES scripts/debian/trocar-console.desktop DESTINATION ${CMAKE_INSTALL_DATADIR}/applications COMPONENT trocar-console)
+# Realtime rights. Excluded from `cmake --install`, whose prefix says nothing about /etc; a package's prefix is /usr.
+install(FILES scripts/debian/limits.conf RENAME trocar.conf DESTINATION ../etc/security/limits.d
+  COMPONENT trocar-runtime EXCLUDE_FROM_ALL)
 # The head CT of the tutorial, from Debian's invesalius-examples.
 install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
-install(FILES pipeline/farm/store.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
-install(FILES TUTORIAL.md docs/wrong-uses.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
+
+# trocar_pages(COMPONENT FILES...): pages to read, beside those of every package.
+function(trocar_pages component)
+  install(FILES ${ARGN} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
+endfunction()
+trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
+trocar_pages(trocar-farm docs/farm.md)
+trocar_pages(trocar-runtime docs/trocar-run.md formats/session/device_link.md formats/session/telemetry.md)
+install(FILES scripts/debian/realtime.md RENAME README.Debian
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
+trocar_pages(trocar-console docs/trocar-console.md runtime/console/protocol.md)
 
 # --- the library of formats -----------------------------------------------------------------------
 target_compile_features(trocar_formats PUBLIC cxx_std_20)
@@ -87,30 +131,67 @@ write_basic_package_version_file(${CMAKE_BINARY_DIR}/TrocarConfigVersion.cmake C
 install(FILES ${CMAKE_BINARY_DIR}/TrocarConfig.cmake ${CMAKE_BINARY_DIR}/TrocarConfigVersion.cmake
   DESTINATION ${config} COMPONENT trocar-formats-dev)
 
-# --- licences and changes, as Debian wants them -----------------------------------------------------------------
-add_custom_command(OUTPUT ${CMAKE_BINARY_DIR}/changelog.gz
-  COMMAND gzip -9nc ${CMAKE_SOURCE_DIR}/CHANGELOG.md > ${CMAKE_BINARY_DIR}/changelog.gz
-  DEPENDS CHANGELOG.md)
-add_custom_target(trocar-changelog ALL DEPENDS ${CMAKE_BINARY_DIR}/changelog.gz)
-foreach(package trocar-mesh trocar-sample-ct trocar-runtime trocar-console trocar-formats-dev)
-  install(FILES scripts/debian/${package}.copyright RENAME copyright
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
-  if(package STREQUAL trocar-mesh)
-    install(FILES pipeline/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
-  else()
-    install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
-  endif()
-  install(FILES ${CMAKE_BINARY_DIR}/changelog.gz
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
-endforeach()
-
 # --- Debian packages ----------------------------------------------------------------------------------
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_VENDOR "Trocar")
-set(CPACK_PACKAGE_CONTACT "The Trocar developers <trocar@localhost>" CACHE STRING "Who maintains the packages")
+# Who builds the packages maintains them, unless another is named: Debian's environment variables, else git's user.
+set(maintainer $ENV{DEBFULLNAME} $ENV{DEBEMAIL})
+list(LENGTH maintainer words)
+if(NOT words EQUAL 2)
+  set(maintainer "")
+  foreach(key user.name user.email)
+    execute_process(COMMAND git -C ${CMAKE_SOURCE_DIR} config ${key} OUTPUT_VARIABLE value OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+    list(APPEND maintainer "${value}")
+  endforeach()
+endif()
+list(JOIN maintainer " <" maintainer)
+if(maintainer MATCHES "^ <|<$")
+  set(maintainer "The Trocar developers <trocar@localhost")
+endif()
+set(CPACK_PACKAGE_CONTACT "${maintainer}>" CACHE STRING "Who maintains the packages: NAME <ADDRESS>")
+set(TROCAR_HOMEPAGE "" CACHE STRING "The packages' address on the web; empty: none")
+# Packages for different releases of Debian depend on different libraries, so their versions differ.
+cmake_host_system_information(RESULT debian QUERY DISTRIB_VERSION_ID)
+set(CPACK_DEBIAN_PACKAGE_RELEASE 1~deb${debian})
+set(release ${PROJECT_VERSION}-${CPACK_DEBIAN_PACKAGE_RELEASE})
+set(packages trocar-mesh trocar-farm trocar-sample-ct trocar-runtime trocar-console trocar-examples trocar-formats-dev)
+if(TROCAR_HOMEPAGE)
+  set(CPACK_DEBIAN_PACKAGE_HOMEPAGE ${TROCAR_HOMEPAGE})
+endif()
+
+# Licences, README and changes, as Debian wants them. The changelog's date is that of the source.
+execute_process(COMMAND git -C ${CMAKE_SOURCE_DIR} log -1 --format=%cD OUTPUT_VARIABLE date OUTPUT_STRIP_TRAILING_WHITESPACE
+  ERROR_QUIET)
+if(NOT date)
+  string(TIMESTAMP date "%a, %d %b %Y %H:%M:%S +0000" UTC)
+endif()
+string(REGEX REPLACE ", ([0-9]) " ", 0\\1 " date "${date}")
+file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/changelog.Debian @ONLY CONTENT
+"trocar (@release@) unstable; urgency=medium
+
+  * Version @PROJECT_VERSION@. Its changes are listed in changelog.gz.
+
+ -- @CPACK_PACKAGE_CONTACT@  @date@
+")
+set(changes ${CMAKE_BINARY_DIR}/changelog.gz ${CMAKE_BINARY_DIR}/changelog.Debian.gz)
+add_custom_command(OUTPUT ${changes}
+  COMMAND gzip -9nc ${CMAKE_SOURCE_DIR}/CHANGELOG.md > ${CMAKE_BINARY_DIR}/changelog.gz
+  COMMAND gzip -9nc ${CMAKE_BINARY_DIR}/changelog.Debian > ${CMAKE_BINARY_DIR}/changelog.Debian.gz
+  DEPENDS CHANGELOG.md ${CMAKE_BINARY_DIR}/changelog.Debian VERBATIM)
+add_custom_target(trocar-changelog ALL DEPENDS ${changes})
+foreach(package ${packages})
+  set(copyright scripts/debian/${package}.copyright)
+  if(package MATCHES "farm|examples")
+    set(copyright scripts/debian/own_work.copyright)
+  endif()
+  set(doc ${CMAKE_INSTALL_DATADIR}/doc/${package})
+  install(FILES ${copyright} RENAME copyright DESTINATION ${doc} COMPONENT ${package})
+  install(FILES README.md ${changes} DESTINATION ${doc} COMPONENT ${package})
+endforeach()
+
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
-set(CPACK_COMPONENTS_ALL trocar-mesh trocar-sample-ct trocar-runtime trocar-console trocar-formats-dev)
+set(CPACK_COMPONENTS_ALL ${packages})
 set(CPACK_COMPONENTS_GROUPING ONE_PER_GROUP)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -125,18 +206,34 @@ function(trocar_package name section summary text)
 endfunction()
 trocar_package(trocar-mesh science "CT scans to exact triangle meshes of bone, one a slice"
   "trocar-mesh turns images, DICOM or NIfTI into a verified glTF/Draco asset.")
-trocar_package(trocar-sample-ct science "a sample CT scan of a lumbar vertebra"
+trocar_package(trocar-farm science "assets of many CT scans on a Slurm cluster"
+  "trocar-farm brings the store of a collection up to date as job arrays.")
+trocar_package(trocar-examples science "scenes of a puncture simulator with their meshes"
+  "Scenes and assets of a phantom vertebra, for trocar-run and trocar-console.")
+trocar_package(trocar-sample-ct science "sample CT scan of a lumbar vertebra"
   "trocar-sample-ct writes a phantom of a lumbar vertebra as PNG, DICOM and NIfTI.")
 trocar_package(trocar-runtime science "haptic rendering of a needle or trocar going through bone"
   "trocar-run loads assets, renders the force of a puncture and drives a\nhaptic device; trocar-device-sim simulates the device.")
-trocar_package(trocar-console science "the operator's console of a puncture simulator"
+trocar_package(trocar-console science "operator's console of a puncture simulator"
   "trocar-console serves a page on this machine that starts, shows and commands\nsessions of trocar-run, and plays their recordings.")
 trocar_package(trocar-formats-dev libdevel "library to read and write Trocar's mesh assets"
   "Headers, static library and CMake package Trocar, component formats.")
-set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, trocar-runtime, trocar-sample-ct")
+set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, trocar-farm, trocar-runtime, trocar-sample-ct")
+set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_DEPENDS "passwd")
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_SUGGESTS "trocar-mesh, trocar-console")
-set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_DEPENDS "trocar-runtime (= ${PROJECT_VERSION})")
+file(WRITE ${CMAKE_BINARY_DIR}/conffiles "/etc/security/limits.d/trocar.conf\n")
+set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_CONTROL_EXTRA
+  ${CMAKE_BINARY_DIR}/conffiles ${CMAKE_SOURCE_DIR}/scripts/debian/postinst)
+set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_DEPENDS "trocar-runtime (= ${release}), trocar-examples (= ${release})")
 set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_SUGGESTS "chromium | firefox-esr")
 set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_DEPENDS "libdraco-dev, libeigen3-dev, zlib1g-dev")
-set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_SHLIBDEPS OFF)
+set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_DEPENDS "python3, trocar-mesh (= ${release})")
+set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_SUGGESTS "slurm-wlm, munge")
+set(CPACK_DEBIAN_TROCAR-EXAMPLES_PACKAGE_SUGGESTS "trocar-console")
+foreach(package FORMATS-DEV FARM EXAMPLES)  # no programs in them
+  set(CPACK_DEBIAN_TROCAR-${package}_PACKAGE_SHLIBDEPS OFF)
+endforeach()
+foreach(package FARM EXAMPLES)
+  set(CPACK_DEBIAN_TROCAR-${package}_PACKAGE_ARCHITECTURE all)
+endforeach()
 include(CPack)

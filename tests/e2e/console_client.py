@@ -22,13 +22,13 @@ SNAPSHOT, SHEET, SHAPE = 1, 2, 3
 class Console:
     """Starts a console; stop() ends it."""
 
-    def __init__(self, program, *arguments, page=None, stderr=None, port=0):
+    def __init__(self, program, *arguments, page=None, stderr=None, port=0, env=None):
         words = [str(program), *map(str, arguments), "--port", str(port)]
         if page:
             words += ["--page", str(page)]
         self.errors = stderr
         atexit.register(self.stop)  # a test that fails must not leave it and its session behind
-        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=stderr, text=True)
+        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=stderr, text=True, env=env)
         lines = [self.process.stdout.readline() for _ in range(2)]
         found = [re.match(r"\w+: http://(.+):(\d+)/#([0-9a-f]{32})$", line) for line in lines]
         assert all(found), f"the console printed {lines}"

@@ -2,12 +2,13 @@
 """The installed tree, used without the source tree.
 
 Installs all components, then: every program answers --version with the project's
-version; the installed scenes load with the installed device description; every schema is installed; every
+version; the console and the scenes work on the installed examples; every schema is installed; every
 installed header compiles by itself; the man pages render and name
 every option of --help; the example program builds against find_package(Trocar) and lists the
 slices that `trocar-mesh info` lists; the bill of materials names the libraries that are used.
 """
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -47,38 +48,50 @@ def test_schemas(usr, source):
     assert installed == sorted(path.name for path in (source / "formats/session").glob("*.schema.json")), f"installed schemas: {installed}"
 
 
-def test_console(usr, asset, work):
-    """The installed console serves its page, and starts the installed trocar-run."""
-    folder = work / "console"
-    (folder / "scenes").mkdir(parents=True)
-    shutil.copy(asset, folder / "sample.glb")
-    scene = json.loads((usr / "share/trocar/scenes/one_slice.json").read_text())
-    (folder / "scenes/one.json").write_text(json.dumps({**scene, "asset": "../sample.glb"}))
-    console = Console(usr / "bin/trocar-console", folder)
+def test_console(usr, work):
+    """The installed console serves its page, and starts the installed trocar-run on the installed examples, which stay as they are."""
+    examples, state = usr / "share/trocar/examples", work / "state"
+    before = sorted(examples.rglob("*"))
+    console = Console(usr / "bin/trocar-console", examples, env={**os.environ, "XDG_STATE_HOME": str(state)})
     status, page = console.get("/", token=None)
     assert status == 200 and b"<html" in page, f"the console's page: {status}"
     has_vendor = (usr / "share/trocar/console/vendor").is_dir()
     assert not has_vendor or console.get("/vendor/three.module.js", token=None)[0] == 200, "three.js of the installed page"
     assert (b"scripts/setup console" in page) != has_vendor, "the page does not say what is missing"
     live = console.live()
-    assert console.post("/api/start", {"scene": "scenes/one.json", "clock": "virtual"})[0] == 200, "a session"
-    assert live.until(lambda l: l.state() == "ended", 30) and "puncture" in live.kinds(), f"{live.states} {live.kinds()}"
+    assert console.post("/api/start", {"scene": "scenes/vertebra.json", "clock": "virtual"})[0] == 200, "a session"
+    assert live.until(lambda l: l.state() == "ended", 60) and "puncture" in live.kinds(), f"{live.states} {live.kinds()}"
+    names = [recording["file"] for recording in console.get("/api/folder")[1]["recordings"]]
+    assert len(names) == 1 and (state / "trocar" / names[0]).exists(), f"recordings: {names}"
+    assert console.get(f"/api/recording?file={names[0]}")[0] == 200, "the session's recording"
     assert console.stop() == 0, "the console's exit code"
+    assert sorted(examples.rglob("*")) == before, "the console wrote into the installed examples"
 
 
-def test_scenes(usr, asset):
-    scenes = sorted((usr / "share/trocar/scenes").glob("*.json"))
-    assert len(scenes) >= 4, f"installed scenes: {scenes}"
+def test_examples(usr):
+    """Every installed scene finds its asset and passes its check."""
+    scenes = sorted((usr / "share/trocar/examples/scenes").glob("*.json"))
+    assert len(scenes) >= 5, f"installed scenes: {scenes}"
     for scene in scenes:
-        run(usr / "bin/trocar-run", scene, "--asset", asset, "--device-description",
-            usr / "share/trocar/device/four_legs.json", "--check")
+        run(usr / "bin/trocar-run", scene, "--device-description", usr / "share/trocar/device/four_legs.json", "--check", "--strict")
+
+
+def test_farm(usr, work):
+    """The installed farm names itself and runs the installed program. Without a cluster it says what to install."""
+    farm = usr / "bin/trocar-farm"
+    assert run(farm, "--help").stdout.startswith("usage: trocar-farm"), "the name in the usage"
+    (work / "collection.json").write_text('{"schema": "trocar.collection/1", "scans": []}')
+    said = run(farm, "collection.json", "-o", "store", cwd=work, env={**os.environ, "PATH": f"{usr / 'bin'}:/usr/bin:/bin"}).stdout
+    assert said.startswith("0 scans"), said
+    wrong = run(farm, "collection.json", expect=2).stderr
+    assert wrong.startswith("farm: a run wants COLLECTION.json"), wrong
 
 
 def test_man_pages(usr):
     if not shutil.which("man") or not shutil.which("help2man"):
         print("no man or help2man here: man pages not checked")
         return
-    for name in PROGRAMS:
+    for name in (*PROGRAMS, "trocar-farm"):
         page = run("man", "--warnings", "-l", usr / "share/man/man1" / f"{name}.1.gz",
                    env={"MANWIDTH": "100", "LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"})
         assert not page.stderr, f"man {name}: {page.stderr}"

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 
-from errors import USAGE, WRITE, FarmError
+from errors import GET_SLURM, USAGE, WRITE, FarmError
 
 KEEPER = pathlib.Path(__file__).with_name("keeper.py")
 NODES_MAX = 64
@@ -28,7 +28,7 @@ class LocalCluster:
         os.environ["PATH"] = os.environ.get("PATH", "") + ":/usr/sbin:/sbin"
         missing = [name for name in PROGRAMS if shutil.which(name) is None]
         if missing:
-            raise FarmError(USAGE, f"--local-cluster: {missing[0]} is not installed; scripts/setup farm installs Slurm")
+            raise FarmError(USAGE, f"--local-cluster: {missing[0]} is not installed; {GET_SLURM} installs Slurm")
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="trocar-farm.", dir=self.parent))
         self.folder.chmod(0o755)  # munged and slurmd require it
         try:

@@ -12,7 +12,7 @@ import time
 import journal
 import slurm
 from cluster import PROGRAMS, LocalCluster
-from errors import BUG, REFUSED, USAGE, FarmError
+from errors import BUG, GET_SLURM, REFUSED, USAGE, FarmError
 
 SAMPLE = 8  # scans
 ATOMIC_FILES = 40
@@ -185,8 +185,8 @@ class Measurement:
         """On a separate cluster: the time a slot takes for an empty task, and slurmctld's processor time for a task."""
         path = os.environ.get("PATH", "") + ":/usr/sbin:/sbin"
         if any(shutil.which(name, path=path) is None for name in PROGRAMS):
-            self.keep("dispatch_s", "dispatch of a task", 1.0, "s", "assumed; Slurm is not installed here (scripts/setup farm)")
-            self.keep("controller_s", "slurmctld, of a task", 0.01, "s", "assumed; Slurm is not installed here (scripts/setup farm)")
+            self.keep("dispatch_s", "dispatch of a task", 1.0, "s", f"assumed; Slurm is not installed here ({GET_SLURM})")
+            self.keep("controller_s", "slurmctld, of a task", 0.01, "s", f"assumed; Slurm is not installed here ({GET_SLURM})")
             return
         self.say("dispatching empty tasks on a separate cluster")
         with LocalCluster(NODES) as cluster:

@@ -15,7 +15,7 @@ import run
 import summary
 import watch
 from cluster import NODES_MAX, LocalCluster
-from errors import DONE, REFUSED, USAGE, WRITE, FarmError
+from errors import DONE, GET_SLURM, NAME, REFUSED, USAGE, WRITE, FarmError
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 OWN_POLL_S, POLL_S = 0.5, 3
@@ -27,7 +27,7 @@ def say(message):
 
 class Parser(argparse.ArgumentParser):
     def error(self, message):
-        raise FarmError(USAGE, f"{message}; scripts/farm --help")
+        raise FarmError(USAGE, f"{message}; {NAME} --help")
 
 
 def number(kind, low, high):
@@ -47,14 +47,14 @@ def numbers(kind, low, high):
 
 
 def arguments(words):
-    parser = Parser(prog="scripts/farm", formatter_class=argparse.RawDescriptionHelpFormatter, description="""\
+    parser = Parser(prog=NAME, formatter_class=argparse.RawDescriptionHelpFormatter, description="""\
 Brings the store of a collection up to date on a Slurm cluster: what `trocar-mesh batch COLLECTION -o STORE`
-does on one machine, as job arrays. The same command again finishes what is missing and does nothing else.""", epilog="""\
+does on one machine, as job arrays. The same command again finishes what is missing and does nothing else.""", epilog=f"""\
 examples:
-  scripts/farm scans.json -o /shared/store
-  scripts/farm scans.json -o store --local-cluster 3     on this machine, with Slurm of its own (scripts/setup farm)
-  scripts/farm --local-cluster 3                         only the cluster, until Ctrl-C
-  scripts/farm --plan scans.json --nodes 20 --scans 1e6  how long, how many bytes, what saturates first
+  {NAME} scans.json -o /shared/store
+  {NAME} scans.json -o store --local-cluster 3     on this machine, with Slurm of its own ({GET_SLURM})
+  {NAME} --local-cluster 3                         only the cluster, until Ctrl-C
+  {NAME} --plan scans.json --nodes 20 --scans 1e6  how long, how many bytes, what saturates first
 COLLECTION, STORE and the program must have the same paths on every node. STORE.farm beside the store holds a run's state.
 exit codes: 0 done; 2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the cluster
 did not answer: run it again; 1 a bug.""")
@@ -85,7 +85,7 @@ did not answer: run it again; 1 a bug.""")
     elif bool(given.collection) != bool(given.store):
         raise FarmError(USAGE, "a run wants COLLECTION.json and -o STORE")
     elif not given.collection and not given.local:
-        raise FarmError(USAGE, "give COLLECTION.json and -o STORE, --local-cluster N or --plan; scripts/farm --help")
+        raise FarmError(USAGE, f"give COLLECTION.json and -o STORE, --local-cluster N or --plan; {NAME} --help")
     return given
 
 

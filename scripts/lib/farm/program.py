@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 
-from errors import BUG, REFUSED, USAGE, WRITE, FarmError
+from errors import BUG, NAME, REFUSED, USAGE, WRITE, FarmError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Program:
             found = json.loads(done.stdout)
             return int(found["scans"]), [str(scan["scan"]) for scan in found["stale"]]
         except (ValueError, KeyError, TypeError) as error:
-            raise FarmError(BUG, f"{self.path} batch --dry-run --json: not what this version of scripts/farm reads ({error!r})") from None
+            raise FarmError(BUG, f"{self.path} batch --dry-run --json: not what this version of {NAME} reads ({error!r})") from None
 
     def tidy(self):
         """Removes files that killed processes of this host left in the store, as every batch does when it starts. Failures are ignored."""

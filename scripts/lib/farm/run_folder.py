@@ -7,7 +7,7 @@ import os
 import pathlib
 import shutil
 
-from errors import USAGE, WRITE, FarmError
+from errors import NAME, USAGE, WRITE, FarmError
 
 
 class RunFolder:
@@ -26,7 +26,7 @@ class RunFolder:
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise FarmError(USAGE, f"{self.path}: another scripts/farm works on this store") from None
+            raise FarmError(USAGE, f"{self.path}: another {NAME} works on this store") from None
         self.clear()
         return self
 

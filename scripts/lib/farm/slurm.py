@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 
-from errors import USAGE, WRITE, FarmError
+from errors import GET_SLURM, USAGE, WRITE, FarmError
 
 ANSWER_S = 30  # slurmctld answers within its MessageTimeout, or not at all
 # States of `squeue -t all` in which a task still waits or runs. A COMPLETING task has ended.
@@ -59,7 +59,7 @@ def ask(*command, text=None):
 
 def require():
     if shutil.which("sbatch") is None:
-        raise FarmError(USAGE, "sbatch: not found; run this where Slurm's commands are, or give --local-cluster N (scripts/setup farm)")
+        raise FarmError(USAGE, f"sbatch: not found; run this where Slurm's commands are, or give --local-cluster N ({GET_SLURM})")
 
 
 def not_there(reason):
