@@ -41,8 +41,8 @@ std::string unexpected_argument(const CLI::App& app) {
   return "not expected: " + argument + did_you_mean(argument.substr(0, argument.find('=')), names);
 }
 
-std::string not_a_number(const std::string& option, const std::string& text, bool is_whole) {
-  return option + ": " + text + " is not a " + (is_whole ? "whole " : "") + "number";
+std::string not_a_number(const std::string& text, bool is_whole) {
+  return text + " is not a " + (is_whole ? "whole " : "") + "number";
 }
 
 /// The message about the first value that is no number although its option's type is one, or
@@ -56,7 +56,7 @@ std::string no_number(const CLI::App& app) {
     for (const std::string& text : option->results()) {
       double value = 0;
       if (!CLI::detail::lexical_cast(text, value) || (is_whole && value != std::floor(value)))
-        return not_a_number(option->get_name(), text, is_whole);
+        return option->get_name() + ": " + not_a_number(text, is_whole);
     }
   }
   return {};
@@ -71,33 +71,26 @@ std::string alternatives(std::string list) {
   return list;
 }
 
-/// A number of CLI11's messages without the zeros at its end.
-std::string without_zeros(std::string number) {
-  if (number.find('.') == std::string::npos) return number;
-  number.erase(number.find_last_not_of('0') + 1);
-  if (number.back() == '.') number.pop_back();
-  return number;
+/// The number without the zeros at the end of its decimals.
+std::string shown(double number, bool is_whole) {
+  if (is_whole) return std::to_string(static_cast<long long>(number));
+  std::string text = std::to_string(number);
+  text.erase(text.find_last_not_of('0') + 1);
+  if (text.back() == '.') text.pop_back();
+  return text;
 }
 
-/// CLI11's message about a missing value, a number out of range or a word outside a list, in the
-/// style of the programs' own messages. Messages in another form than CLI11 2.1's stay unchanged.
+/// CLI11's message about a missing value or a word outside a list, and that of option_range(), in the
+/// style of the programs' own messages. Messages in another form stay unchanged.
 std::string plain_words(const std::string& message) {
   static const std::regex missing(R"((-[^ :]+): 1 required .* missing)");
-  static const std::regex range(R"((-[^ :]+): Value (.*) not in range (\S+) to (\S+))");
+  static const std::regex range(R"((-[^ :]+): (.*: must be within .*))");
   static const std::regex word(R"((-[^ :]+): (.*) not in \{(.*)\})");
   std::smatch part;
   if (std::regex_match(message, part, missing)) return part.str(1) + ": its value is missing";
   if (std::regex_match(message, part, word))
     return part.str(1) + " " + part.str(2) + ": must be " + alternatives(part.str(3));
-  if (std::regex_match(message, part, range)) {
-    double value = 0;  // whole numbers have a range without decimals
-    const bool is_whole = part.str(3).find_first_of(".e") == std::string::npos;
-    const bool is_number = CLI::detail::lexical_cast(part.str(2), value);
-    if (!is_number || (is_whole && value != std::floor(value)))
-      return not_a_number(part.str(1), part.str(2), is_whole);
-    return part.str(1) + " " + part.str(2) + ": must be within " + without_zeros(part.str(3)) +
-           " and " + without_zeros(part.str(4));
-  }
+  if (std::regex_match(message, part, range)) return part.str(1) + " " + part.str(2);
   return message;
 }
 
@@ -121,6 +114,14 @@ void stop_on_signals() {
 int report_error(const std::string& program, const Error& error) {
   std::fprintf(stderr, "%s: %s\n", program.c_str(), error.message.c_str());
   return static_cast<int>(error.code);
+}
+
+std::string why_not_within(const std::string& text, double low, double high, bool is_whole) {
+  double value = 0;
+  const bool is_number = CLI::detail::lexical_cast(text, value) && !std::isnan(value);
+  if (!is_number || (is_whole && value != std::floor(value))) return not_a_number(text, is_whole);
+  if (value >= low && value <= high) return {};
+  return text + ": must be within " + shown(low, is_whole) + " and " + shown(high, is_whole);
 }
 
 void add_help_and_version(CLI::App& app, const std::string& version) {

@@ -49,6 +49,10 @@ Result<void> parse_words(CLI::App& app, int argc, const char* const* argv);
 /// treat the option as not given.
 std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv);
 
+/// The message about an option's text that is no number, or none within the range; empty if it is
+/// one. For option_range().
+std::string why_not_within(const std::string& text, double low, double high, bool is_whole);
+
 /// Does all that main() has to do: runs `body`, which returns an exit code, and flushes standard
 /// output.
 /// SIGPIPE and SIGXFSZ are ignored, so that a closed pipe or a file beyond the user's size limit is

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -20,6 +19,7 @@
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/option_range.h"
 #include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/garbage.h"
@@ -258,7 +258,6 @@ Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path&
 
 Result<void> check(const BatchArguments& a) {
   if (a.prune && !a.gc) return usage("--prune needs --gc");
-  if (!std::isfinite(a.grace_minutes)) return usage("--grace: not a finite number");
   if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
   if (a.gc && (a.dry_run || !a.explain.empty()))
     return usage("--gc changes the store; --dry-run and --explain do not");
@@ -274,7 +273,7 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("-o,--output", a.store, "folder of the store, created if needed")->required();
   app.add_option("--jobs", a.jobs, "concurrent scans, each in its own process; 0: all cores")
       ->capture_default_str()
-      ->check(CLI::Range(0, 1024));
+      ->check(option_range(0, 1024));
   app.add_option("--shard", a.shard, "work on the scans whose number, from 0, is I modulo N");
   app.add_option("--only", a.only,
                  "work on the scans named in this file, one on a line; - is stdin");
@@ -288,7 +287,7 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_flag("--prune", a.prune, "with --gc: first drop scans that the collection does not name");
   app.add_option("--grace", a.grace_minutes, "with --gc: keep younger files, minutes")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e6));
+      ->check(option_range(0.0, 1e6));
   app.add_flag("--json", a.as_json, "print the summary as JSON");
   app.add_flag("--quiet", a.quiet, "print errors only");
 }

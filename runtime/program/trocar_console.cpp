@@ -12,6 +12,7 @@
 
 #include "formats/base/command_line.h"
 #include "formats/base/json_text.h"
+#include "formats/base/option_range.h"
 #include "runtime/console/server.h"
 #include "runtime/program/library_versions.h"
 
@@ -36,7 +37,7 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("FOLDER", arguments.folder,
                  "scenes, assets and recordings to choose from; sessions are kept in its folder\n"
                  "sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
-  app.add_option("--port", arguments.port, "0: any free one (4841)")->check(CLI::Range(0, 65535));
+  app.add_option("--port", arguments.port, "0: any free one (4841)")->check(option_range(0, 65535));
   app.add_option(
       "--listen", arguments.listen,
       "numerical address; another than 127.0.0.1 or ::1 lets other machines in, without\n"

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/base/command_line.h"
+#include "formats/base/option_range.h"
 
 #include <gtest/gtest.h>
 
 #include <CLI/CLI.hpp>
 #include <csignal>
+#include <regex>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -26,14 +28,14 @@ Outcome parse(std::vector<const char*> arguments) {
   std::string axis;
   bool as_json = false;
   app.add_option("--threshold", threshold, "in HU");
-  app.add_option("--angle", angle, "in degrees")->check(CLI::Range(-1e6, 60.5));
-  app.add_option("--bits", bits, "a number")->check(CLI::Range(0, 14));
+  app.add_option("--angle", angle, "in degrees")->check(option_range(-1e6, 60.5));
+  app.add_option("--bits", bits, "a number")->check(option_range(0, 14));
   app.add_option("--axis", axis, "a name")->check(CLI::IsMember({"coronal", "sagittal", "other"}));
   app.add_option("--width", width, "of a line")
       ->type_name("MM")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 9.0).description(""));
-  app.add_option("--count", count)->type_name("N")->check(CLI::Range(0, 9).description(""));
+      ->check(option_range(0.0, 9.0).description(""));
+  app.add_option("--count", count)->type_name("N")->check(option_range(0, 9).description(""));
   app.add_option("--dump", "a stage")->group(kDiagnostics);
   app.add_subcommand("info", "describe")->add_flag("--json", as_json, "as JSON");
   add_help_for_diagnostics(app);
@@ -59,7 +61,7 @@ TEST(CommandLine, PrintsHelpAndVersionToStandardOutput) {
   const Outcome help_on_info = parse({"info", "--help"});
   EXPECT_EQ(help_on_info.code, 0);
   EXPECT_NE(help_on_info.out.find("--json"), std::string::npos) << help_on_info.out;
-  EXPECT_NE(help.out.find("--width MM=2.5 "), std::string::npos) << help.out;
+  EXPECT_TRUE(std::regex_search(help.out, std::regex("--width MM(=2.5| .2.5.) "))) << help.out;
   const Outcome version = parse({"--version"});
   EXPECT_EQ(version.code, 0);
   EXPECT_EQ(version.out, "program 1.2 (library 3)\n");
@@ -100,6 +102,7 @@ TEST(CommandLine, SaysWhatAValueMustBe) {
   EXPECT_EQ(parse({"--bits", "-1"}).err, "program: --bits -1: must be within 0 and 14" + end);
   EXPECT_EQ(parse({"--width", "10"}).err, "program: --width 10: must be within 0 and 9" + end);
   EXPECT_EQ(parse({"--width", "wide"}).err, "program: --width: wide is not a number" + end);
+  EXPECT_EQ(parse({"--width", "nan"}).err, "program: --width: nan is not a number" + end);
   EXPECT_EQ(parse({"--count", "2.5"}).err, "program: --count: 2.5 is not a whole number" + end);
   EXPECT_EQ(parse({"--axis", "axial"}).err,
             "program: --axis axial: must be coronal, sagittal or other" + end);
