@@ -8,6 +8,7 @@ line that says what failed."""
 import ctypes
 import os
 import pathlib
+import re
 import select
 import shutil
 import signal
@@ -73,6 +74,10 @@ class Keeper:
     def prepare(self):
         for name in ("state", "log", "munge", "run", *(f"spool.{node}" for node in node_names(self.nodes))):
             (self.folder / name).mkdir(mode=0o755, exist_ok=True)
+        # Nothing is limited here, and containers may have no cgroups, without which slurmd does not start since version 23.
+        version = re.search(r"(\d+)\.", self.ask("slurmd", "-V"))
+        if version and int(version[1]) >= 23:
+            (self.folder / "cgroup.conf").write_text("CgroupPlugin=disabled\n")
         key = self.folder / "munge" / "key"
         key.touch(mode=0o600)
         key.write_bytes(os.urandom(1024))
@@ -100,11 +105,11 @@ class Keeper:
         while not is_ready():
             dead = next((n for n, process in self.running.items() if process.poll() is not None), None)
             if dead or time.monotonic() > end:
-                raise StartError(f"{dead or name} did not start: {self.last_line()}")
+                raise StartError(f"{dead or name} did not start: {self.last_line(dead)}")
             time.sleep(0.05)
 
-    def last_line(self):
-        for file in ("start.log", "slurmctld.log"):
+    def last_line(self, dead):
+        for file in (f"slurmd.{dead}.log", "start.log", "slurmctld.log"):
             lines = [line for line in (self.folder / "log" / file).read_text(errors="replace").splitlines() if line.strip()] \
                 if (self.folder / "log" / file).exists() else []
             errors = [line for line in lines if "rror" in line or "atal" in line]
