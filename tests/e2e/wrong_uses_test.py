@@ -24,6 +24,7 @@ import tempfile
 from dataclasses import dataclass
 
 import pytest
+from programs import SOURCE
 
 
 PROGRAMS = ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-sample-ct")
@@ -92,6 +93,7 @@ class Folder:
             (self.path / "bin").mkdir()
             for name in PROGRAMS:
                 shutil.copy(programs / name, self.path / "bin" / name)
+            shutil.copytree(SOURCE / "runtime/console/page", self.path / "share/trocar/console", ignore=shutil.ignore_patterns("node_modules"))
             os.chown(self.work, NOBODY, NOBODY)
             self.user, programs = {"user": NOBODY, "group": NOBODY, "extra_groups": [], "umask": 0o022}, self.path / "bin"
         self.environment = dict(os.environ, PATH=f"{programs}{os.pathsep}{os.environ['PATH']}", LC_ALL="C.UTF-8", HOME=str(self.work))

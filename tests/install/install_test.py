@@ -152,7 +152,9 @@ def test_bill_of_materials(source, work):
     assert len(references) == len(set(references)), "a component stands twice in the bill"
     used = {d["ref"].split("/")[1].split("@")[0]: {r.split("/")[2].split("@")[0] for r in d["dependsOn"]}
             for d in bill["dependencies"]}
-    for name, needed in (("trocar-mesh", {"libdraco7", "libtinygltf-dev", "libeigen3-dev", "libdcmtk17", "libopencv-core406"}),
-                         ("trocar-run", {"libdraco7", "libeigen3-dev", "libsodium23", "libc6"})):
-        assert needed <= used.get(name, set()), f"the bill lacks {needed - used.get(name, set())} of {name}"
+    # The numbers in their names differ between releases of Debian.
+    for name, needed in (("trocar-mesh", ("libdraco", "libtinygltf-dev", "libeigen3-dev", "libdcmtk", "libopencv-core")),
+                         ("trocar-run", ("libdraco", "libeigen3-dev", "libsodium", "libc6"))):
+        for library in needed:
+            assert any(re.fullmatch(rf"{library}[0-9]*(t64)?", n) for n in used.get(name, ())), f"the bill of {name} lacks {library}: {used.get(name)}"
     assert not any(re.match("libopencv|libcgal", n) for n in used["trocar-run"]), "OpenCV or CGAL in trocar-run's bill"
