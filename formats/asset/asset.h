@@ -31,6 +31,9 @@ inline constexpr const char* kAssetUse = "for training, not for planning";
 /// Lattice extent (max - min over the whole scan) that a float32 position and
 /// Draco's quantiser carry exactly.
 inline constexpr std::int64_t kMaxAssetExtent = (1 << 24) - 1;
+/// The largest difference of two x, or two y, of an asset's slices, in lattice steps: Draco's encoder
+/// adds 1/2 to it in a float32.
+inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 
 struct AssetSlice {
   int index = 0;    ///< position in the scan, along the slice normal

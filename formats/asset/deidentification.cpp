@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "formats/asset/anatomical_words.h"
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/base/file_io.h"
@@ -87,7 +88,7 @@ const std::map<std::string, Allowed>& allowed_values() {
     add(Kind::kNumber, parameters,
         "tolerance_mm min_angle_deg min_region_mm2 lattice_bits max_area_mm2 max_area_px2 grade_hu "
         "threshold equalize labels/[] joined_labels/[]/[] slices/[] crop/[] spacing_mm/[] close_mm "
-        "min_volume_mm3 largest surface_triangles seeds_lps_mm/[]/[] mask_labels/[]");
+        "min_volume_mm3 largest surface_triangles seeds_lps_mm/[]/[] mask_labels/[] volume");
     add(Kind::kFlag, "", "materials/[]/doubleSided accessors/[]/normalized");
     add(Kind::kFlag, parameters, "hu values_are_hu");
     const auto extension = [](const std::string& text) {
@@ -159,8 +160,12 @@ std::string shown(const json& value) {
 Result<void> check_json(const json& value, const std::string& path) {
   const auto allowed = allowed_values().find(path);
   if (allowed == allowed_values().end()) return refused("its JSON has " + path);
-  if (!is_right(value, allowed->second))
-    return refused("its JSON has " + path + " " + shown(value));
+  if (!is_right(value, allowed->second)) {
+    const bool is_name = path.ends_with("/name") && value.is_string();
+    return refused(
+        "its JSON has " + path + " " + shown(value) +
+        (is_name ? ", which is not made of words of anatomy; --names gives another" : ""));
+  }
   for (const auto& [key, inner] : value.items()) {
     if (!value.is_structured()) break;
     if (auto ok = check_json(inner, path + '/' + (value.is_array() ? "[]" : key)); !ok) return ok;
@@ -218,9 +223,28 @@ Result<void> check_binary(std::span<const std::uint8_t> binary, std::uint64_t in
   return {};
 }
 
+// Whether all words of two letters or more are in kAnatomicalWords.
+bool has_known_words(std::string_view name) {
+  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; };
+  std::string word;
+  for (std::size_t i = 0; i <= name.size(); ++i) {
+    const char c = i < name.size() ? lower(name[i]) : ' ';
+    if (c >= 'a' && c <= 'z') {
+      word += c;
+      continue;
+    }
+    if (word.size() > 1 && !std::binary_search(kAnatomicalWords.begin(), kAnatomicalWords.end(),
+                                               std::string_view(word)))
+      return false;
+    word.clear();
+  }
+  return true;
+}
+
 }  // namespace
 
 bool is_plain_name(std::string_view name) {
+  if (!has_known_words(name)) return false;
   std::size_t digits = 0;
   for (const char c : name) {
     const bool is_digit = c >= '0' && c <= '9';

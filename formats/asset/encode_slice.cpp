@@ -14,16 +14,15 @@ namespace trocar {
 
 Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   const auto [low, high] = box;
-  const std::int64_t extent = std::max(std::int64_t{high.x} - low.x, std::int64_t{high.y} - low.y);
   const std::int64_t max_coordinate =
       std::max({std::abs(std::int64_t{low.x}), std::abs(std::int64_t{low.y}),
                 std::abs(std::int64_t{high.x}), std::abs(std::int64_t{high.y})});
   DracoGrid grid{lattice, low, 1};
   const std::int64_t span =
       std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
-  if (std::max({extent, max_coordinate, span}) > kMaxAssetExtent) {
-    return refused("the slices span " + std::to_string(std::max(extent, max_coordinate)) +
-                   " lattice steps; an asset holds " + std::to_string(kMaxAssetExtent) +
+  if (span > kMaxAssetSpan || max_coordinate > kMaxAssetExtent) {
+    return refused("the slices span " + std::to_string(std::max(span, max_coordinate)) +
+                   " lattice steps; an asset holds " + std::to_string(kMaxAssetSpan) +
                    " (use a coarser lattice)");
   }
   while ((std::int64_t{1} << grid.quantization_bits) - 1 < span)

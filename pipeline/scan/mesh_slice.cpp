@@ -2,6 +2,7 @@
 #include "pipeline/scan/mesh_slice.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <string>
 #include <utility>
@@ -10,6 +11,7 @@
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/shared_borders.h"
+#include "pipeline/base/number_ranges.h"
 #include "pipeline/base/stopwatch.h"
 #include "pipeline/scan/graded_area.h"
 #include "pipeline/scan/slice_borders.h"
@@ -148,12 +150,17 @@ Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& la
                    std::to_string(kMinStepsPerPixel) +
                    " lattice steps; use a finer lattice (--lattice-bits)");
   }
+  // Outlines reach half a pixel beyond the outermost centres, and the encoder's box as far again.
   const double extent =
-      std::max(stack.width() * plane.spacing_u_mm, stack.height() * plane.spacing_v_mm);
-  if (extent / lattice.step_mm() > static_cast<double>(kMaxAssetExtent)) {
-    return refused(
-        "an image of " + std::to_string(extent) +
-        " mm has more lattice steps than an asset holds; use a coarser lattice (--lattice-bits)");
+      std::max((stack.width() + 1) * plane.spacing_u_mm, (stack.height() + 1) * plane.spacing_v_mm);
+  const double steps = extent / lattice.step_mm(), most = static_cast<double>(kMaxAssetSpan);
+  if (steps > most) {
+    const double bits = std::floor(std::log2(most / extent));
+    return refused("a slice of " + text_of(extent, 5) + " mm is " + text_of(std::ceil(steps), 9) +
+                   " lattice steps wide, and an asset holds " + text_of(most) + "; " +
+                   (bits >= kMinLatticeBits
+                        ? "--lattice-bits " + text_of(bits) + " is the finest lattice that holds it"
+                        : "check the pixel size"));
   }
   return {};
 }
@@ -177,6 +184,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   auto images = read_slice(stack, slice, options);
   if (!images) return images.error();
   out.times.read_ms = watch.lap_ms();
+  out.not_numbers = images->image.not_numbers + (images->ct ? images->ct->not_numbers : 0);
   auto pixels = segment_slice(stack, slice, options, std::move(*images), out);
   if (!pixels) return fail(pixels.error());
   out.times.segment_ms = watch.lap_ms();

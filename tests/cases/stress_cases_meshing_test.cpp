@@ -333,7 +333,7 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
         extent = std::max(
             {extent, std::abs(std::int64_t{p.x} - q.x), std::abs(std::int64_t{p.y} - q.y)});
     }
-    return extent <= kMaxAssetExtent;
+    return extent <= kMaxAssetSpan;
   }
 
   // Stored in an asset, or refused with a hint.

@@ -477,6 +477,28 @@ TEST(Asset, PinchVerticesAreKept) {
   EXPECT_EQ(out->slices[0].mesh.vertices.size(), 6U);
 }
 
+TEST(Asset, HoldsSlicesUpToTheWidestSpan) {
+  constexpr auto kMost = static_cast<std::int32_t>(kMaxAssetSpan);
+  for (const std::int32_t low : {0, -4'321'077}) {
+    Asset asset = make_asset(8);
+    asset.slices.resize(1);
+    asset.slices[0].hu.clear();
+    const std::int32_t high = low + kMost;  // odd: Draco's encoder would round an odd one of 2^23
+    asset.slices[0].mesh = {{{low, low}, {high, low + 3}, {low + 7, high}}, {{0, 1, 2}}};
+    asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
+    const auto glb = encode_asset(asset);
+    ASSERT_TRUE(glb) << glb.error().message;
+    const auto out = decode_asset(*glb, "wide");
+    ASSERT_TRUE(out) << out.error().message;
+    EXPECT_EQ(out->slices[0].pslg.rings, asset.slices[0].pslg.rings);
+    ++asset.slices[0].mesh.vertices[1].x;
+    asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
+    const auto wider = encode_asset(asset);
+    ASSERT_FALSE(wider);
+    EXPECT_EQ(wider.error().code, ExitCode::kRefused);
+  }
+}
+
 TEST(Asset, RefusesCoordinatesBeyondTheExactRange) {
   const auto far = encode_asset(make_asset(8, {1 << 25, 0}));
   ASSERT_FALSE(far);

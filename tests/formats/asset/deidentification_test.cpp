@@ -8,6 +8,7 @@
 #include <cstring>
 #include <functional>
 
+#include "formats/asset/anatomical_words.h"
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 
@@ -128,13 +129,18 @@ TEST(PrivateAsset, BytesThatBelongToNothingAreFound) {
 }
 
 TEST(PrivateAsset, PlainNames) {
-  for (const char* name : {"L3", "disc L3-L4", "vertebra_22", "a, b (left)/c+d", "1234"})
+  for (const char* name :
+       {"L3", "disc L3-L4", "vertebra_22", "a, b (left)/c+d", "1234", "Left Femur",
+        "INFERIOR_VENA_CAVA", "rib_left_12", "vertebrae_T10 + 3 more"})
     EXPECT_TRUE(is_plain_name(name)) << name;
   for (const char* name :
-       {"", "1.2", "12345", "19470213", "D\xC3\xB6", "a\tb", "a\nb", "x@y", "C:"})
+       {"", "1.2", "12345", "19470213", "D\xC3\xB6", "a\tb", "a\nb", "x@y", "C:", "Doe, Jane",
+        "MUSTER_HANS", "Maria Muster", "femur of Smith", "femurSmith"})
     EXPECT_FALSE(is_plain_name(name)) << name;
-  EXPECT_FALSE(is_plain_name(std::string(65, 'a')));
+  EXPECT_TRUE(is_plain_name(std::string(64, '1').replace(4, 60, 60, ' ')));
+  EXPECT_FALSE(is_plain_name(std::string(65, ' ')));
   EXPECT_FALSE(is_plain_name(std::string_view("a\0b", 3)));
+  EXPECT_TRUE(std::is_sorted(kAnatomicalWords.begin(), kAnatomicalWords.end()));
 }
 
 }  // namespace
