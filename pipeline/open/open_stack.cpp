@@ -16,6 +16,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+Result<void> check_no_volume(const std::string& where, const OpenOptions& options) {
+  if (!options.volume) return {};
+  return usage(where + ": --volume chooses among the volumes of a NIfTI file; this is none");
+}
+
 // Warns of inputs in the folder that were not taken.
 void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
   const std::string others = found.left_out();
@@ -57,6 +62,7 @@ Result<std::unique_ptr<SliceStack>> open_image_files(const std::vector<fs::path>
     return usage(where + ": --axis applies to volumes only; images keep their planes");
   if (!options.series.empty())
     return usage(where + ": --series chooses among DICOM files; there are none");
+  if (auto ok = check_no_volume(where, options); !ok) return ok.error();
   for (const fs::path& file : files) {
     if (auto ok = check_readable(file); !ok) return ok.error();
   }
@@ -88,6 +94,7 @@ Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
       break;
     case ScanFolder::Kind::kDicom:
     case ScanFolder::Kind::kNothing:
+      if (auto ok = check_no_volume(found->where, options); !ok) return ok.error();
       stack = open_dicom(std::move(found->dicom), found->where, options);
       break;
   }
@@ -112,6 +119,7 @@ Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
   for (const fs::path& file : files) {
     if (auto ok = check_readable(file); !ok) return ok.error();
   }
+  if (auto ok = check_no_volume(first, options); !ok) return ok.error();
   return open_dicom(files, options);
 }
 

@@ -13,6 +13,7 @@
 #include "pipeline/base/parallel_for.h"
 #include "pipeline/scan/empty_asset.h"
 #include "pipeline/scan/slice_borders.h"
+#include "pipeline/scan/warnings.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -329,6 +330,7 @@ class Maker {
     }
     if (auto doubt = value_warning(tally, out_.unit, out_.segmentation, input_name(stack_)))
       out_.warnings.push_back(std::move(*doubt));
+    out_.warnings = grouped(out_.warnings);
   }
 
   const SliceStack& stack_;

@@ -3,6 +3,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/base/command_line.h"
+#include "formats/base/option_range.h"
 #include "pipeline/program/presets.h"
 
 namespace trocar::pipeline {
@@ -20,7 +21,7 @@ class Group {
     return app_.add_option(name, value, help)
         ->type_name(unit)
         ->capture_default_str()
-        ->check(CLI::Range(low, high).description(""))
+        ->check(option_range(low, high).description(""))
         ->group(name_);
   }
   // An option without a default; `form` says how its value is written.
@@ -50,6 +51,10 @@ void add_input_options(CLI::App& app, Arguments& a) {
   group.value("--crop", a.crop, "X0:X1,Y0:Y1",
               "first and last pixel of each row and column, from 0");
   group.value("--series", a.series, "UID", "UID, number or description of one of several series");
+  a.volume_given = group
+                       .value("--volume", a.volume, "N",
+                              "volume of a NIfTI with a fourth dimension, counted from 0")
+                       ->check(option_range(0, 1'000'000'000).description(""));
   group.flag("--any-modality", a.any_modality, "accept DICOM other than CT; its values are not HU");
   a.axis_given = group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
                               "slice direction of a volume; default: as stored, NIfTI axial");
@@ -116,7 +121,7 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.area_px_given = group
                         .value("--max-area-px", a.max_area_px2, "PX2",
                                "the same in pixels of the slice, instead of --max-area")
-                        ->check(CLI::Range(1e-6, 1e12).description(""));
+                        ->check(option_range(1e-6, 1e12).description(""));
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
                "refine where HU change by more than this along an edge; 0: never");
   group.number("--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
@@ -161,7 +166,7 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
                     "write the stages of --dump-slice as JSON, for pictures");
   a.dump_slice_given =
       diagnostics.value("--dump-slice", a.dump_slice, "N", "the slice of --dump-stages")
-          ->check(CLI::Range(0, 1'000'000'000).description(""));
+          ->check(option_range(0, 1'000'000'000).description(""));
 }
 
 void add_preview_options(CLI::App& app, Arguments& a) {

@@ -146,6 +146,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
   out["fill"] = o.solid.fill_mm2
                     ? (std::isfinite(*o.solid.fill_mm2) ? json(*o.solid.fill_mm2) : json("all"))
                     : json();
+  if (open.volume) out["volume"] = *open.volume;
   // The default number of the surface's triangles may be exceeded, but not a given number.
   out["surface-triangles"] = o.surface && o.surface->at_most ? json(o.surface->triangles) : json();
   out["names"] = LabelNames::is_table(a.names) ? json(a.names) : json();

@@ -38,8 +38,10 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
   }
   if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
   if (ending_of(a.output) != ".glb") {
-    return usage("-o " + a.output.string() +
-                 ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg");
+    return usage(
+        "-o " + a.output.string() +
+        ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg, and "
+        "the surface of one made with --surface as .stl, .ply, .obj");
   }
   return {};
 }
@@ -57,6 +59,24 @@ std::function<void(int, int)> progress_bar() {
   };
 }
 
+// The name of an input in a report. A folder's own name is left out, because it is often the
+// patient's.
+std::string shared_name(const fs::path& input) {
+  std::error_code ignored;
+  return fs::is_directory(input, ignored) ? "input" : without_folder(input);
+}
+
+// Replaces `whole` by `name` where it begins a path in the text.
+std::string with_name(std::string text, const std::string& whole, const std::string& name) {
+  constexpr std::string_view kBefore = " \"'(,";
+  for (std::size_t at = 0; (at = text.find(whole, at)) != std::string::npos;) {
+    const bool is_path = at == 0 || kBefore.find(text[at - 1]) != std::string_view::npos;
+    if (is_path) text.replace(at, whole.size(), name);
+    at += is_path ? name.size() : whole.size();
+  }
+  return text;
+}
+
 // The report without absolute paths and without texts that may identify the patient, also in its
 // warnings.
 json deidentified(json report, const std::vector<fs::path>& inputs) {
@@ -64,10 +84,11 @@ json deidentified(json report, const std::vector<fs::path>& inputs) {
     std::string out = text.get<std::string>();
     for (const fs::path& input : inputs) {
       const std::string whole = (input.has_filename() ? input : input.parent_path()).string();
-      const std::string name = without_folder(input);
-      if (!input.is_absolute() || name.empty()) continue;
-      for (std::size_t at = 0; (at = out.find(whole, at)) != std::string::npos; at += name.size())
-        out.replace(at, whole.size(), name);
+      const std::string name = shared_name(input);
+      std::error_code ignored;
+      if (fs::is_directory(input, ignored))
+        out = with_name(std::move(out), whole + "/", name + "/");
+      if (input.is_absolute() && !name.empty()) out = with_name(std::move(out), whole, name);
     }
     text = std::move(out);
   };
@@ -92,12 +113,12 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackRe
   result.report["asset"]["file"] = without_folder(a.output);
   json inputs = json::array();
   for (const fs::path& input : a.inputs)
-    inputs.push_back(without_folder(input));
+    inputs.push_back(shared_name(input));
   result.report["input"] = {{"paths", std::move(inputs)},
                             {"slices", stack.size()},
                             {"width_px", stack.width()},
                             {"height_px", stack.height()}};
-  if (!a.hu.empty()) result.report["input"]["hu"] = without_folder(a.hu);
+  if (!a.hu.empty()) result.report["input"]["hu"] = shared_name(a.hu);
   if (!result.input_key_digest.empty())
     result.report["input"]["key_digest"] = result.input_key_digest;
   if (stack.series) {

@@ -65,19 +65,6 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   return out;
 }
 
-// CLI11 2.1 accepts nan in every range.
-Result<void> check_finite(const Arguments& a) {
-  for (const auto& [name, value] :
-       {std::pair{"--threshold", a.threshold}, std::pair{"--equalize", a.equalize},
-        std::pair{"--tolerance", a.tolerance_mm}, std::pair{"--min-angle", a.min_angle_deg},
-        std::pair{"--max-area", a.max_area_mm2}, std::pair{"--max-area-px", a.max_area_px2},
-        std::pair{"--min-region", a.min_region_mm2}, std::pair{"--close", a.close_mm},
-        std::pair{"--min-volume", a.min_volume_mm3}, std::pair{"--grade", a.grade_hu}}) {
-    if (!std::isfinite(value)) return usage(std::string(name) + ": not a finite number");
-  }
-  return {};
-}
-
 // Options that only label maps have.
 Result<void> check_label_options(const Arguments& a) {
   if (a.labels_given->count() > 0) return {};
@@ -186,7 +173,6 @@ void add_solid_parameters(const SolidOptions& o, json& out) {
 }  // namespace
 
 Result<StackOptions> stack_options(const Arguments& a) {
-  if (auto ok = check_finite(a); !ok) return ok.error();
   StackOptions out;
   for (const auto& set : {set_material, set_mesh, set_outputs, set_region}) {
     if (auto ok = set(a, out); !ok) return ok.error();
@@ -203,6 +189,7 @@ Result<OpenOptions> open_options(const Arguments& a) {
                : a.axis == "sagittal" ? SliceAxis::kSagittal
                                       : SliceAxis::kAxial;  // also called transverse
   }
+  if (a.volume_given->count() > 0) out.volume = a.volume;
   out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
   auto wanted = labels(a.labels);
@@ -252,6 +239,7 @@ json parameters_json(const StackOptions& o, const OpenOptions& input) {
   add_solid_parameters(o.solid, out);
   if (o.surface) out["surface_triangles"] = o.surface->triangles;
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
+  if (input.volume) out["volume"] = *input.volume;
   if (input.axis) out["axis"] = axis_name(*input.axis);
   return out;
 }

@@ -20,10 +20,14 @@
 
 namespace trocar::pipeline {
 
+/// The value of pixels without data in a CT.
+inline constexpr float kNoData_HU = -1024;
+
 /// One channel, row-major: value(x, y) = values[y * width + x].
 struct Image {
   int width = 0, height = 0;
   std::vector<float> values;
+  std::size_t not_numbers = 0;  ///< pixels that were not numbers (NaN) and are background here
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
@@ -100,6 +104,7 @@ struct OpenOptions {
   /// slices, most of which may have no frame.
   const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< no value: the stored axis; for a NIfTI volume axial
+  std::optional<int> volume;      ///< volume of a NIfTI that holds several, counted from 0
   bool as_labels = false;         ///< read image levels as stored, and take DICOM segmentations
   bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers) as kUncalibrated
   /// Unpack a gzipped volume while its first slices are read. Damage is then reported by

@@ -65,8 +65,9 @@ struct MeshedSlice {
   /// At least one entry, whose mesh is empty if nothing is material. In a label map the materials
   /// with a mesh, ascending by `first_label`; their outlines pass check_shared_borders().
   std::vector<MeshedMaterial> materials;
-  std::set<int> labels;  ///< the wanted labels that occur in the slice
-  ValueTally values;     ///< statistics of input in HU, or with material chosen by labels
+  std::set<int> labels;         ///< the wanted labels that occur in the slice
+  std::size_t not_numbers = 0;  ///< Image::not_numbers, of the CT of a label map, too
+  ValueTally values;            ///< statistics of input in HU, or with material chosen by labels
   double max_area_bound_mm2 = 0;
   StageTimes times;
 

@@ -110,6 +110,12 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
   if (refined.mesh.triangles.empty()) {
     out.push_back({"empty_slice", index, "without material"});
   }
+  if (meshed.not_numbers > 0) {
+    out.push_back({"not_numbers", index,
+                   "# voxels are not numbers (NaN); they are taken as air, "
+                   "or in a label map as background",
+                   static_cast<double>(meshed.not_numbers)});
+  }
   if (meshed.all_material) {
     out.push_back({"all_material", index, "every pixel is material: nothing is outside"});
   }
@@ -124,13 +130,14 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
       break;
     case RefinementOutcome::kLatticeTooCoarse:
       out.push_back({"lattice_too_coarse", index,
-                     "# triangles a few lattice steps wide were left as they are",
+                     "# triangles a few lattice steps wide were left as they are; a higher "
+                     "--lattice-bits resolves them",
                      static_cast<double>(refined.bad_at_lattice_step)});
       break;
     case RefinementOutcome::kAngleNotReached:
       out.push_back({"angle_not_reached", index,
                      "the wanted angle needs too many vertices here; refined to # degrees "
-                     "instead",
+                     "instead (a lower --min-angle takes fewer)",
                      static_cast<double>(refined.angle_deg)});
       return out;
     case RefinementOutcome::kVertexBudget:
@@ -149,7 +156,7 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
     out.push_back({"angle_not_reached", index,
                    "# triangles" + which +
                        " are below the wanted angle although the input has no such small "
-                       "angle there",
+                       "angle there; a lower --min-angle or a higher --lattice-bits helps",
                    static_cast<double>(material.quality.below_unexplained)});
   }
   return out;
@@ -174,6 +181,13 @@ json warnings_json(const std::vector<Warning>& of_scan,
     for (json& warning : out)
       if (warning["code"] == w.code) warning["shared"] = w.shared;
   }
+  return out;
+}
+
+std::vector<Warning> grouped(const std::vector<Warning>& warnings) {
+  std::vector<Warning> out;
+  for (const json& w : warnings_json(warnings, {}))
+    out.push_back({w["code"], w["where"], w["sentence"], w.value("shared", "")});
   return out;
 }
 

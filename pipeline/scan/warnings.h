@@ -29,6 +29,9 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
 nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
                              const std::vector<SliceWarning>& of_slices);
 
+/// One warning for each code, as in warnings_json().
+std::vector<Warning> grouped(const std::vector<Warning>& warnings);
+
 /// `warnings[]` of a run. `values` and `area_mm2` are those of all meshed slices together. Adds the
 /// warnings of the stack, voxel_volume (read/voxel_volume.h), face, and those of
 /// label_map_detection.h to the warnings of the slices.

@@ -8,7 +8,7 @@ namespace trocar::pipeline {
 namespace {
 
 Image cropped(Image image, const Crop& c) {
-  Image out{c.x1 - c.x0 + 1, c.y1 - c.y0 + 1, {}};
+  Image out{c.x1 - c.x0 + 1, c.y1 - c.y0 + 1, {}, image.not_numbers};
   out.values.reserve(static_cast<std::size_t>(out.width) * out.height);
   for (int y = c.y0; y <= c.y1; ++y) {
     const auto row = image.values.begin() + static_cast<std::ptrdiff_t>(y) * image.width;

@@ -291,7 +291,7 @@ def test_groups_its_warnings(programs, scan, work):
     where = ", ".join(str(folder / f"note{k}.txt") for k in range(3)) + " and 2 more"
     assert said == [f"trocar-mesh: warning (not_dicom): {where}: not a DICOM image; left out"], f"files grouped: {said}"
     entry = json.loads(report.read_bytes())["warnings"][0]
-    assert entry.get("places") == [f"stray/note{k}.txt" for k in range(5)], f"files of a warning: {entry}"
+    assert entry.get("places") == [f"input/note{k}.txt" for k in range(5)], f"files of a warning: {entry}"
     # Values that differ are a range.
     said = run(mesh, scan / "sample.nii.gz", "-o", work / "grouped.glb", "--slices", "3:5", "--lattice-bits", "5").stderr.splitlines()
     codes = [line.split("(")[1].split(")")[0] for line in said]
@@ -312,10 +312,11 @@ def test_reports_to_be_shared(programs, scan, work):
         made = json.loads(text)
         assert made.get("schema") == "trocar.report/1" and made.get("program") == f"trocar-mesh {version}", f"{made.get('schema')}"
         assert str(work) not in text and str(scan) not in text, f"{words}: a path in the report: {made['input']} {made['warnings']}"
-        assert made["input"]["paths"] == [pathlib.Path(words[0]).name] and made["asset"]["file"] == "shared.glb", f"{made['input']}"
+        name = "input" if pathlib.Path(words[0]).is_dir() else pathlib.Path(words[0]).name
+        assert made["input"]["paths"] == [name] and made["asset"]["file"] == "shared.glb", f"{made['input']}"
     run(mesh, "shared", "-o", "shared.glb", "--report", report, "--quiet", cwd=work)
     made = json.loads(report.read_bytes())
-    assert made["input"]["paths"] == ["shared"] and made["warnings"][0]["where"] == "shared/note.txt", f"relative: {made['warnings']}"
+    assert made["input"]["paths"] == ["input"] and made["warnings"][0]["where"] == "input/note.txt", f"relative: {made['warnings']}"
 
 
 def test_limits_its_memory(programs, scan, work):

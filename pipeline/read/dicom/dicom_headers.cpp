@@ -2,6 +2,7 @@
 #include "pipeline/read/dicom/dicom_headers.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <optional>
@@ -159,6 +160,25 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   return {};
 }
 
+// A stored value, whose representation in the file (US or SS) may not be that of the pixels.
+std::optional<int> stored_value(DcmItem& data, const DcmTagKey& tag, const DicomFrame& h) {
+  Uint16 bits = 0;
+  if (Sint16 number = 0; data.findAndGetUint16(tag, bits).bad()) {
+    if (data.findAndGetSint16(tag, number).bad()) return {};
+    bits = static_cast<Uint16>(number);
+  }
+  const int mask = (1 << h.bits_stored) - 1, sign = 1 << (h.bits_stored - 1);
+  const int value = bits & mask;
+  return h.is_signed && (value & sign) != 0 ? value - mask - 1 : value;
+}
+
+void read_padding(DcmItem& data, DicomFrame& h) {
+  const auto value = stored_value(data, DCM_PixelPaddingValue, h);
+  if (!value) return;
+  const int limit = stored_value(data, DCM_PixelPaddingRangeLimit, h).value_or(*value);
+  h.padding = {std::min(*value, limit), std::max(*value, limit)};
+}
+
 SeriesInfo read_series(DcmDataset& data) {
   SeriesInfo out;
   out.uid = dicom_text(&data, DCM_SeriesInstanceUID);
@@ -238,6 +258,10 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
   }
   const bool is_binary = is_segmentation && out.segments.max_fraction == 0;
   if (auto wrong = read_format(data, is_binary, common)) return wrong;
+  if (!is_segmentation && out.content.kind != ImageContent::Kind::kOther)
+    read_padding(data, common);
+  if (double tilt_deg = 0; dicom_numbers(&data, DCM_GantryDetectorTilt, &tilt_deg, 1))
+    common.stated_tilt_deg = tilt_deg;
   if (is_binary && common.bits_allocated != 1)
     return "a BINARY segmentation of " + std::to_string(common.bits_allocated) + " bits a pixel";
   Sint32 frames = 1;

@@ -31,7 +31,16 @@ struct DicomFrame {
   int rows = 0, columns = 0;
   int bits_allocated = 16, bits_stored = 16, high_bit = 15;
   bool is_signed = false;
+  /// CT only: PixelPaddingValue and PixelPaddingRangeLimit (equal if there is no range) as stored
+  /// values, ascending. Pixels within them have no data.
+  std::optional<std::array<int, 2>> padding;
+  std::optional<double> stated_tilt_deg;  ///< GantryDetectorTilt
 
+  double hu(int stored) const { return stored * slope + intercept; }
+  /// Whether padding has positive HU, so that it would be taken for tissue.
+  bool has_dense_padding() const {
+    return padding && (hu((*padding)[0]) > 0 || hu((*padding)[1]) > 0);
+  }
   std::string name() const;  ///< the file, and the frame if there are several
 };
 

@@ -202,9 +202,14 @@ Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
   out.values.resize(words->size());
   const int shift = h.high_bit - (h.bits_stored - 1);
   const int mask = (1 << h.bits_stored) - 1, sign = 1 << (h.bits_stored - 1);
+  const bool has_dense_padding = h.has_dense_padding();
   for (std::size_t i = 0; i < words->size(); ++i) {
     int value = ((*words)[i] >> shift) & mask;
     if (h.is_signed && (value & sign) != 0) value -= mask + 1;
+    if (has_dense_padding && value >= (*h.padding)[0] && value <= (*h.padding)[1]) {
+      out.values[i] = kNoData_HU;
+      continue;
+    }
     out.values[i] = static_cast<float>(value * h.slope + h.intercept);
   }
   return out;

@@ -12,7 +12,8 @@ namespace trocar::pipeline {
 
 /// Decodes the frame `h` of its loaded file: uncompressed of any byte order, deflated, RLE, JPEG
 /// baseline, extended and lossless, JPEG-LS (DCMTK) and JPEG 2000 (OpenJPEG). Only this frame is
-/// read from an uncompressed or encapsulated file, and nothing of it is kept in `format`.
+/// read from an uncompressed or encapsulated file, and nothing of it is kept in `format`. Dense
+/// padding (DicomFrame::has_dense_padding()) becomes kNoData_HU.
 /// Errors (refused): damaged, truncated, another transfer syntax.
 Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format);
 

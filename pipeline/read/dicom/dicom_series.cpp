@@ -10,10 +10,12 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <numbers>
 #include <set>
 #include <utility>
 
 #include "pipeline/base/number_ranges.h"
+#include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/digest.h"
 #include "pipeline/read/file_names.h"
 
@@ -35,6 +37,13 @@ bool have_equal_bytes(const std::filesystem::path& a, const std::filesystem::pat
   if (a == b) return false;  // one file twice in a list, or two frames of it
   const auto first = digest_file(a), second = digest_file(b);
   return first && second && *first == *second;
+}
+
+bool have_equal_pixels(const DicomFrame& a, const DicomFrame& b) {
+  DcmFileFormat format_a, format_b;
+  if (load_dicom(a.file, format_a).bad() || load_dicom(b.file, format_b).bad()) return false;
+  const auto first = read_dicom_frame(a, format_a), second = read_dicom_frame(b, format_b);
+  return first && second && first->values == second->values;
 }
 
 std::string lower(std::string text) {
@@ -177,6 +186,36 @@ void warn_of_gaps(const std::vector<DicomFrame>& slices, std::vector<Warning>& w
   }
 }
 
+// Warns of slices whose planes are not tilted as their scanner was.
+void warn_of_tilt(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  constexpr double kNearlyAxial = 0.7, kTolerance_deg = 1;
+  const DicomFrame& h = slices[0];
+  const double along_body = std::abs(h.u.cross(h.v).z());
+  if (!h.stated_tilt_deg || along_body < kNearlyAxial) return;
+  const double stated = std::abs(*h.stated_tilt_deg),
+               found = std::acos(std::min(along_body, 1.0)) * 180 / std::numbers::pi;
+  if (std::abs(stated - found) <= kTolerance_deg) return;
+  warnings.push_back({"tilt_contradiction", h.name(),
+                      "the gantry was tilted by " + text_of(stated, 3) +
+                          " degrees (GantryDetectorTilt), but the planes are tilted by " +
+                          text_of(found, 3) +
+                          " (ImageOrientationPatient), which is used; unless the scanner corrected "
+                          "the tilt, the shape is sheared"});
+}
+
+// Warns of padding that read_dicom_frame() replaces.
+void warn_of_padding(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  const auto first = std::find_if(slices.begin(), slices.end(),
+                                  [](const DicomFrame& h) { return h.has_dense_padding(); });
+  if (first == slices.end()) return;
+  const double low = first->hu((*first->padding)[0]), high = first->hu((*first->padding)[1]);
+  warnings.push_back({"dense_padding", first->name(),
+                      "pixels of " + text_of(low, 6) +
+                          (low == high ? "" : " to " + text_of(high, 6)) +
+                          " HU are declared to be without data (PixelPaddingValue); they are taken "
+                          "as air"});
+}
+
 // Stored values without a rescale may be HU, but probably are not if other slices of the series
 // have a rescale.
 Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
@@ -277,8 +316,17 @@ Result<std::string> named_series(const std::vector<DicomSeries>& series,
     return usage("no series " + wanted +
                  "; there are: " + listed(pointers(series), name_and_description));
   if (named_so.size() > 1) {
-    return usage("--series " + wanted + " is said of " + std::to_string(named_so.size()) +
-                 " series: " + distinct_names(named_so) + "; give a number or a UID");
+    const bool by_number = std::all_of(named_so.begin(), named_so.end(), [&](const auto* s) {
+      return s->info.number && std::to_string(*s->info.number) == wanted;
+    });
+    std::set<std::string> studies;
+    for (const DicomSeries* s : named_so)
+      studies.insert(s->info.study_uid);
+    const std::string of_studies =
+        studies.size() == 1 ? "" : " of " + std::to_string(studies.size()) + " studies";
+    return usage("--series " + wanted + " names " + std::to_string(named_so.size()) + " series" +
+                 of_studies + ": " + distinct_names(named_so) +
+                 (by_number ? "; give the UID of one" : "; give the number or UID of one"));
   }
   return named_so[0]->info.uid;
 }
@@ -384,9 +432,9 @@ Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning
     const DicomFrame &a = slices[kept - 1], &b = slices[i];
     if (normal.dot(b.position - a.position) < 1e-3) {
       const bool same = !a.sop_uid.empty() && a.sop_uid == b.sop_uid && a.frame == b.frame;
-      if (!same || !have_equal_bytes(a.file, b.file)) {
+      if (!have_equal_bytes(a.file, b.file) && !have_equal_pixels(a, b)) {
         return refused(b.name() + ": at the same position as " + a.name() +
-                       (same ? ", and the same SOP instance with other contents" : ""));
+                       (same ? ", and the same SOP instance with other pixels" : ""));
       }
       if (copies++ == 0) copy = b.name();
       continue;
@@ -395,12 +443,15 @@ Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning
   }
   slices.resize(kept);
   if (copies > 0) {
-    warnings.push_back({"copied_slice", copy,
-                        plural(copies, "slice") + (copies == 1 ? " is" : " are") +
-                            " there twice, equal to the byte (this is the first); the copies are "
-                            "left out"});
+    warnings.push_back(
+        {"copied_slice", copy,
+         plural(copies, "slice") + (copies == 1 ? " is" : " are") +
+             " there twice with equal pixels (this is the first); the copies are left "
+             "out"});
   }
   warn_of_gaps(slices, warnings);
+  warn_of_tilt(slices, warnings);
+  warn_of_padding(slices, warnings);
   return {};
 }
 

@@ -64,8 +64,9 @@ StackShape stack_shape(const std::vector<DicomFrame>& slices);
 
 /// Sorts by position along the first slice's normal (ascending). Errors (refused), which name both
 /// files: size, orientation, pixel spacing or frame of reference differ, or two slices have the
-/// same position. Of two files with the same bytes one is taken (warning copied_slice). Other
-/// warnings: missing_slice, uneven_spacing, gantry_tilt.
+/// same position and differ in a pixel. Of two with equal pixels one is taken (warning
+/// copied_slice). Other warnings: missing_slice, uneven_spacing, gantry_tilt, tilt_contradiction,
+/// dense_padding.
 Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings);
 
 }  // namespace trocar::pipeline

@@ -17,6 +17,8 @@ struct ImageDeleter {
 };
 using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
 
+constexpr std::int64_t kMaxVolumes = 1 << 20;
+
 // 0: not supported. That includes 128-bit floats: quadruple precision in the standard, 80-bit in
 // most files.
 int bytes_of(int datatype) {
@@ -72,7 +74,11 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
     const std::int64_t side = i <= h.dim[0] ? static_cast<std::int64_t>(h.dim[i]) : 1;
     if (i <= 3 && (side < 1 || side > kMaxImageSide))
       return refused(file + ": a side of " + std::to_string(side) + " voxels");
-    if (i > 3 && side > 1) return refused(file + ": more than three dimensions");
+    if (i > 3 && side > 1) {
+      if (side > kMaxVolumes || out.volumes * side > kMaxVolumes)
+        return refused(file + ": more than " + std::to_string(kMaxVolumes) + " volumes");
+      out.volumes *= side;
+    }
   }
   for (int i = static_cast<int>(h.dim[0]) + 1; i <= 7; ++i)
     h.dim[i] = 1;
@@ -93,6 +99,18 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
   } else {
     return NiftiImage(nifti_convert_n2hdr2nim(h, file.c_str()));
   }
+}
+
+Result<void> check_volume(const std::string& file, std::int64_t volumes,
+                          std::optional<int> volume) {
+  const std::string range = "0:" + std::to_string(volumes - 1);
+  if (!volume && volumes > 1) {
+    return usage(file + ": holds " + std::to_string(volumes) +
+                 " volumes (a fourth dimension); choose one of " + range + " with --volume");
+  }
+  if (volume && (*volume < 0 || *volume >= volumes))
+    return usage(file + ": --volume " + std::to_string(*volume) + " is outside " + range);
+  return {};
 }
 
 // The voxel-to-patient matrix in LPS mm, by sform, qform or, failing both, the voxel sizes.
@@ -136,7 +154,8 @@ double unit_mm(int xyz_units) {
 }  // namespace
 
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
-                                       const std::string& file, std::vector<Warning>& warnings) {
+                                       const std::string& file, std::optional<int> volume,
+                                       std::vector<Warning>& warnings) {
   nifti_set_debug_level(0);
   if (head.size() < sizeof(nifti_1_header))
     return refused(file + ": not a NIfTI file (shorter than its header)");
@@ -164,6 +183,8 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   out.bytes_per_voxel = bytes_of(m.datatype);
   out.swapped = swapped;
   out.data_start = m.iname_offset > 0 ? m.iname_offset : (size == 348 ? 352 : 544);
+  if (auto ok = check_volume(file, out.volumes, volume); !ok) return ok.error();
+  out.data_start += volume.value_or(0) * out.data_bytes();
   const double mm = unit_mm(m.xyz_units);
   if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
   out.T_lps_voxel = voxel_to_lps(m, file, warnings);

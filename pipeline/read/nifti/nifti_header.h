@@ -20,6 +20,7 @@ namespace trocar::pipeline {
 
 struct NiftiHeader {
   std::array<std::int64_t, 3> n{};  ///< voxels along the array's axes, the first fastest
+  std::int64_t volumes = 1;         ///< number of such volumes in the file
   int datatype = 0;                 ///< NIFTI_TYPE_... code; one real number for each voxel
   int bytes_per_voxel = 0;
   bool swapped = false;  ///< whether the bytes of voxels are in the other order than the host's
@@ -35,10 +36,13 @@ struct NiftiHeader {
 };
 
 /// Parses the first bytes of a file (NIfTI-1 needs 348, NIfTI-2 540). `file` is named in messages.
-/// Errors (refused): not NIfTI, a pair of files, not three dimensions, not a real scalar type,
-/// sides or offset out of range, an affine that is not finite. Warnings: no_orientation.
+/// In a file of more than three dimensions `volume` counts along the others, the fourth fastest.
+/// Errors (refused): not NIfTI, a pair of files, not a real scalar type, sides or offset out of
+/// range, an affine that is not finite; (usage) several volumes and no `volume`, or one beyond the
+/// last. Warnings: no_orientation.
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
-                                       const std::string& file, std::vector<Warning>& warnings);
+                                       const std::string& file, std::optional<int> volume,
+                                       std::vector<Warning>& warnings);
 
 inline constexpr std::size_t kNiftiHeadBytes = 540;
 

@@ -75,8 +75,13 @@ class NiftiStack final : public SliceStack {
       if (const auto ok = voxels_.read(at, bytes, name(slice)); !ok) return ok.error();
       write_pixels(bytes, fixed, slowest_used == 2 ? run : -1, out);
     }
-    if (!are_finite(out.values))
-      return refused(name(slice) + ": a voxel that is not a finite number");
+    if (are_finite(out.values)) return out;
+    for (float& value : out.values) {
+      if (std::isinf(value)) return refused(name(slice) + ": an infinite voxel");
+      if (!std::isnan(value)) continue;
+      value = background_;
+      ++out.not_numbers;
+    }
     return out;
   }
 
@@ -150,11 +155,11 @@ class NiftiStack final : public SliceStack {
     return std::bit_cast<T>(raw);
   }
   // A cast beyond the range of float is undefined, so the value becomes infinite; read() refuses
-  // it.
+  // it. Voxels that are not numbers stay so.
   template <typename T>
   float number(T value) const {
     const double scaled = static_cast<double>(value) * header_.slope + header_.intercept;
-    return std::abs(scaled) <= 3e38 ? static_cast<float>(scaled) : INFINITY;
+    return std::abs(scaled) <= 3e38 || std::isnan(scaled) ? static_cast<float>(scaled) : INFINITY;
   }
 
   // Calls f with a zero of the voxel type; parse_nifti_header() accepts no others.
@@ -185,6 +190,7 @@ class NiftiStack final : public SliceStack {
   }
 
   std::string file_;
+  float background_ = kNoData_HU;  // in place of voxels that are not numbers
   NiftiHeader header_;
   VolumeFile voxels_;
   std::array<std::int64_t, 3> n_{};  // sizes along u, v and the slices
@@ -258,7 +264,7 @@ Result<std::unique_ptr<NiftiStack>> file_without_voxels(const std::filesystem::p
   std::vector<Warning> warnings;
   const auto head = VolumeFile::head(path, kNiftiHeadBytes);
   if (!head) return head.error();
-  auto header = parse_nifti_header(*head, file, warnings);
+  auto header = parse_nifti_header(*head, file, options.volume, warnings);
   if (!header) return header.error();
   if (options.any_modality) {
     warnings.push_back({"no_modality", file,
@@ -278,6 +284,7 @@ Result<std::unique_ptr<NiftiStack>> file_without_voxels(const std::filesystem::p
   auto stack = without_voxels(file, *header, options.axis.value_or(SliceAxis::kAxial));
   if (!stack) return stack;
   (*stack)->warnings = std::move(warnings);
+  if (options.as_labels) (*stack)->background_ = 0;
   if (header->pixdim_beside_sform_mm) {
     auto& conflict = (*stack)->voxel_conflict;
     conflict =

@@ -81,6 +81,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
       {"surface", {json::object(), true}},
       {"surface-triangles", {{{"surface", true}}, 50000}},
       {"spacing", {json::object(), "1,1,1"}},
+      {"volume", {json::object(), 1}},
       {"slices", {json::object(), "0:1"}},
       {"crop", {json::object(), "0:9,0:9"}},
       {"any-modality", {json::object(), true}},
