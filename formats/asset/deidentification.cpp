@@ -7,10 +7,10 @@
 #include <regex>
 #include <set>
 #include <sstream>
+#include <string_view>
 #include <utility>
 #include <vector>
 
-#include "formats/asset/anatomical_words.h"
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/base/file_io.h"
@@ -223,20 +223,61 @@ Result<void> check_binary(std::span<const std::uint8_t> binary, std::uint64_t in
   return {};
 }
 
+// The words that names of materials consist of, each between blanks: those of the tables of VerSe and
+// TotalSegmentator, and others of anatomy, of implants and of place.
+constexpr std::string_view kAnatomicalWords =
+    " abdomen abdominal accessory acetabulum adrenal air airway all alveolar and aneurysm"
+    " ankle annulus anterior aorta appendage arch arteries artery articular ascending atlas"
+    " atria atrial atrium autochthon axial axis background basal bladder blood bodies body"
+    " bone bones bowel brachiocephalic brain brainstem breast bronchi bronchus calcaneus"
+    " calcification callus canal canine capitate cardiac carotid cartilage cartilages cava"
+    " cavity cement cerebellum cervical cheek chest clavicle clavicula coccyx colon column"
+    " common condyle contrast cord coronal coronary coronoid cortex cortical costal cranial"
+    " cranium cricoid crown ct cuboid cuneiform cyst deltoid dens dental dermis descending"
+    " device diaphragm disc discs disk disks distal dorsal duodenum ear edema elbow electrode"
+    " enamel endplate epidural epiphysis esophagus ethmoid external eye eyes face facet facial"
+    " fascia fat femoral femur fibula fifth finger fingers first flavum fluid foot foramen"
+    " foramina forearm foreign fourth fracture fragment frontal gallbladder gland glands"
+    " glenoid gluteus graft growth hamate hand head heart hematoma hepatic hip hole humerus"
+    " hyoid iliac iliopsoas ilium implant incisor inferior inner insert inside internal"
+    " interspinous intervertebral ischium jaw joint joints kidney kidneys knee label labels"
+    " lacrimal lamina laminae large larynx lateral left leg lens lesion ligament ligaments"
+    " ligamentum limb lingual lip liver lobe longus low lower lumbar lumen lunate lung lungs"
+    " lymph magnum main malleolus mandible mandibular manubrium marrow mask mass mastoid"
+    " material maxilla maxillary maximus medial medius medulla meninges meniscus metacarpal"
+    " metacarpals metal metatarsal metatarsals middle minimus mitral molar more mouth muscle"
+    " muscles myocardium nail nasal navicular neck needle nerve nerves node nodule nose"
+    " nucleus object occipital occiput oesophagus of optic oral orbit organ organs outer"
+    " outline outlines outside ovary palate palatine pancreas parietal parotid part patella"
+    " pedicle pedicles pelvic pelvis periosteum petrous phalanges phalanx pharynx pisiform"
+    " plate portal posterior premolar process processes prostate proximal psoas pubis"
+    " pulmonary pulp radius ramus region renal rest retina rib ribs right rod root roots"
+    " sacral sacroiliac sacrum sagittal scalp scaphoid scapula scapulae screw second segment"
+    " segmentation sella septum seventh shaft shoulder sinus sinuses sixth skeleton skin skull"
+    " small soft solid space spacer spacers specimen sphenoid spinal spine spines spinosus"
+    " spinous spleen splenic stem stent sternal sternum stomach structure structures"
+    " subclavian subcutaneous superior supraspinatus surface surfaces suture talus tarsal"
+    " teeth temporal tendon testis the thick thigh thin third thoracic thorax throat thumb"
+    " thymus thyroid tibia tissue tissues toe toes tongue tonsil tooth total trabecular"
+    " trachea transverse transversus trapezium trapezius trapezoid triquetrum trochanter trunk"
+    " tumor tumour turbinate tympanic ulna unknown upper ureter urethra urinary uterus valve"
+    " vasculature vein veins vena ventral ventricle ventricles vertebra vertebrae vertebral"
+    " vessel vessels vestibule void volume vomer wall whole wisdom with without wrist xiphoid"
+    " zygapophyseal zygoma zygomatic ";
+
 // Whether all words of two letters or more are in kAnatomicalWords.
 bool has_known_words(std::string_view name) {
-  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; };
-  std::string word;
+  std::string word(1, ' ');
   for (std::size_t i = 0; i <= name.size(); ++i) {
-    const char c = i < name.size() ? lower(name[i]) : ' ';
-    if (c >= 'a' && c <= 'z') {
-      word += c;
+    const char c = i < name.size() ? name[i] : ' ';
+    const char lower = c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
+    if (lower >= 'a' && lower <= 'z') {
+      word += lower;
       continue;
     }
-    if (word.size() > 1 && !std::binary_search(kAnatomicalWords.begin(), kAnatomicalWords.end(),
-                                               std::string_view(word)))
+    if (word.size() > 2 && kAnatomicalWords.find(word + ' ') == std::string_view::npos)
       return false;
-    word.clear();
+    word.resize(1);
   }
   return true;
 }

@@ -14,8 +14,8 @@ namespace trocar {
 
 /// May a material have this name in a de-identified asset? Names have 1 to 64 ASCII letters,
 /// digits, spaces and _-+,/(), and no five digits in a row, which excludes dates, patient numbers,
-/// paths with dots and UIDs. Words of two letters or more are in kAnatomicalWords, in any case,
-/// which excludes names of persons.
+/// paths with dots and UIDs. Words of two letters or more are of anatomy, of implants or of place, in any
+/// case (a list in deidentification.cpp), which excludes names of persons.
 bool is_plain_name(std::string_view name);
 
 /// Errors: (refused) with the file and the first finding, unless `glb` is an asset of schema 2 as

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The scans in a folder, from their headers alone (`trocar-mesh list`).
+// The scans in a folder, from their headers alone (`trocar-mesh list`). Pixels are read only of
+// slices at one position, which may be copies.
 // Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 

@@ -208,7 +208,8 @@ def test_lists(s):
     s.series(study / "DICOM" / "C", 9, "PET", range(3), Modality="PT")
     s.series(study / "DICOM" / "D", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
     s.series(study / "DICOM" / "E", 8, "Twice", (1, 2))
-    s.series(s.work / "again", 8, "Twice", (1,), ImageComments="not the same file")
+    s.series(s.work / "again", 8, "Twice", (1,), lambda ds, k: setattr(ds, "PixelData", bytes([ds.PixelData[0] ^ 1]) + ds.PixelData[1:]),
+             ImageComments="another header, too")
     shutil.move(s.work / "again" / "IM000001", study / "DICOM" / "E" / "copy")
     shutil.copy(s.scan / "sample.nii.gz", study / "ct.nii.gz")
     shutil.copytree(s.scan / "png", study / "png")
