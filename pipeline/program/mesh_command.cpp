@@ -87,7 +87,8 @@ json deidentified(json report, const std::vector<fs::path>& inputs) {
       const std::string name = shared_name(input);
       std::error_code ignored;
       if (fs::is_directory(input, ignored))
-        out = with_name(std::move(out), whole + "/", name + "/");
+        out = with_name(std::move(out), std::string(whole).append("/"),
+                        std::string(name).append("/"));
       if (input.is_absolute() && !name.empty()) out = with_name(std::move(out), whole, name);
     }
     text = std::move(out);
