@@ -13,24 +13,24 @@ namespace {
 
 using Eigen::Vector2d;
 
-// Half the side of the square within which the region lies: its corners are in sight.
+// Half the side of the square that contains the region. The square's corners are at the distance kSight_m.
 constexpr double kHalfSquare_m = kSight_m / std::numbers::sqrt2;
 constexpr double kCrossingSlack_m = 1e-9;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// The region is where towards . p <= reach_m, relative to the axis.
+// A half plane: the region satisfies towards . p <= reach_m, with p relative to the axis.
 struct Wall {
   Vector2d towards = Vector2d::Zero();
   double reach_m = 0;
 };
 
-// The part of a segment that no wall keeps a radius away.
+// The part of a segment that can be nearer to the region than a radius, because no wall keeps it away.
 struct Part {
   double from = 0, to = 1;
   bool is_none() const noexcept { return !(from <= to); }
 };
 
-// The square's sides, and those that are found.
+// The sides of the square, followed by the walls found so far.
 struct Walls {
   static constexpr int kSides = 4;
   int count = kSides;
@@ -61,7 +61,7 @@ struct Walls {
     return out;
   }
 
-  // The nearest point of the segment that no wall keeps a radius away; infinite if there is none.
+  // Returns the point nearest to the axis on that part of a segment; infinite if the part is empty.
   Vector2d nearest(const Vector2d& a, const Vector2d& b, double radius_m) const noexcept {
     const Part free = part(a, b, radius_m);
     if (free.is_none()) return {kInfinity, kInfinity};
@@ -71,8 +71,8 @@ struct Walls {
     return a + std::clamp(at, free.from, free.to) * d;
   }
 
-  // Moves a wall in, that which stays farthest from the axis, so that it keeps all of the segment a
-  // radius away.
+  // Moves one wall inwards so that it keeps the whole segment a radius away. Chooses the wall that then
+  // remains farthest from the axis.
   void shift(const Vector2d& a, const Vector2d& b, double radius_m) noexcept {
     const Part free = part(a, b, radius_m);
     if (free.is_none()) return;
@@ -108,7 +108,7 @@ struct Region {
     *this = out;
   }
 
-  // Leaves the corner out that takes least away.
+  // Removes the corner whose removal takes least area away.
   void leave_one_out() noexcept {
     int least = 0;
     double least_m2 = kInfinity;
@@ -155,7 +155,7 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
       const std::array<Vector2d, 3> p{place(corner[0]), place(corner[1]), place(corner[2])};
       if (is_first) {
         const auto left_of = [](const Vector2d& a, const Vector2d& b) {
-          return a.x() * b.y() - a.y() * b.x() >= 0;  // of the axis, from a to b
+          return a.x() * b.y() - a.y() * b.x() >= 0;  // the axis is left of a -> b
         };
         is_inside =
             is_inside || (left_of(p[0], p[1]) && left_of(p[1], p[2]) && left_of(p[2], p[0]));
@@ -179,10 +179,10 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
     is_whole = !(least2 < sight_m * sight_m);
     if (is_whole) break;
     const double distance_m = std::sqrt(least2);
-    if (!(distance_m > 1e-9)) return slot;  // on the material's edge
+    if (!(distance_m > 1e-9)) return slot;  // the axis is on the edge of the material
     walls.wall[walls.count++] = {nearest / distance_m, distance_m - radius_m};
   }
-  // Shift lines inwards past the remaining material: a round hole has more walls than lines.
+  // Move lines inwards past the remaining edges; a round hole has more edges than kMaxWalls.
   if (!is_whole) {
     for_each_edge([&](const Vector2d& a, const Vector2d& b) {
       if (walls.nearest(a, b, radius_m).squaredNorm() < sight_m * sight_m)
@@ -198,7 +198,7 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
   region.corner[3] = {-kHalfSquare_m, kHalfSquare_m};
   for (int i = 0; i < walls.count; ++i)
     region.cut(walls.wall[i]);
-  if (region.size == 0) return slot;  // narrower than the tool
+  if (region.size == 0) return slot;  // the gap is narrower than the tool
   while (region.size > Slot::kMaxCorners)
     region.leave_one_out();
   slot.open(at_m + region.corner[0], 0);

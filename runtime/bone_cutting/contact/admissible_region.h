@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The admissible region of the tool's axis in a sheet: a convex region around the present position in which
-// the axis touches no uncut material, for a tool that approaches a wall from outside.
+// The admissible region of the tool's axis in a sheet: a convex region around the present position of the axis
+// in which the tool touches no uncut material. It serves for a tool that approaches a wall from outside.
 //
 // Contract (tests/runtime/bone_cutting/contact/admissible_region_test.cpp):
-//  1. The distance from the region to material is at least the tool's radius. An axis that presses on a wall lies
-//     outside of the region by as much as the tool overlaps the wall.
-//  2. At most kMaxWalls lines bound the region. Each is perpendicular to a shortest connection between axis
-//     and material, and is shifted inwards if material lies between the lines. The region is a subset of
-//     all admissible positions, and extends at most kSight_m from the axis, so it must be computed again
-//     when the axis has moved.
-//  3. If the axis is inside material, or in a gap narrower than the tool, the region is that point alone.
+//  1. The distance from the region to material is at least the tool's radius. If the tool presses on a wall,
+//     the axis lies outside the region by the depth to which tool and wall overlap.
+//  2. At most kMaxWalls lines and a square of half-diagonal kSight_m bound the region. Each line is
+//     perpendicular to the shortest segment from the axis to material that no other line keeps away. If
+//     material remains nearer than the tool's radius, lines are moved inwards. The region is a subset of all
+//     admissible positions around the axis, so it must be computed again when the axis has moved.
+//  3. If the axis is inside material or in a gap narrower than the tool, the region is that point alone.
 #pragma once
 
 #include <Eigen/Core>

@@ -13,16 +13,16 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kAhead_m = 3e-3;  // smallest depth below the tip that is evaluated
+constexpr double kAhead_m = 3e-3;  // sheets down to this depth below the tip are evaluated
 constexpr int kMinSheetsAhead = 3;
 constexpr std::int32_t kNewOutline_steps =
-    4;  // motion of a corner after which a sheet is evaluated again
+    4;  // a sheet is evaluated again after a corner of the outline has moved farther
 constexpr double kMostlyMaterial = 0.5;
-constexpr double kMinCoverage = 1e-3;  // with less coverage there is no hole
+constexpr double kMinCoverage = 1e-3;  // with less coverage no hole is cut
 constexpr double kNewRegion_m = 2e-4;
-constexpr int kCheckedInTick = 2;  // sheets around the shaft that a tick evaluates
+constexpr int kCheckedInTick = 2;  // number of sheets around the shaft evaluated per tick
 constexpr double kTwist_s = 0.02;
-constexpr double kWidening = 0.25;  // step in which a yielded wall is cut, in radii
+constexpr double kWidening = 0.25;  // a yielded wall is cut in steps of this many radii
 
 bool has_moved(const LatticeOutline& a, const LatticeOutline& b) noexcept {
   if (a.size != b.size) return true;
@@ -45,7 +45,8 @@ class BoneContactTick {
       slice_push_ = slice_push(bone.shape, state.twist_rad_per_s, state.feed_m_per_s);
   }
 
-  // Evaluates the sheets from the front, or from the tip above it, to some distance below the tip.
+  // Evaluates the sheets from the front (or from the tip, if it is not under load) down to kAhead_m below the
+  // tip, and at least kMinSheetsAhead of them.
   void evaluate_below() noexcept {
     const double front_m = state_.law.stretch_m > 0 ? state_.front_m : tip_m_;
     const int count = static_cast<int>(sheets_.size());
@@ -56,7 +57,7 @@ class BoneContactTick {
     while (end < count &&
            (end - first < kMinSheetsAhead || bone_.sheets[end].top_m < tip_m_ + kAhead_m))
       ++end;
-    // A shell's strength depends on how far below the material ends.
+    // Whether a slab is in a cortical shell depends on how far below it the material ends.
     int seen = end;
     while (seen < count &&
            bone_.sheets[seen].top_m < bone_.sheets[end - 1].bottom_m + bone_.shell_m)
@@ -74,8 +75,8 @@ class BoneContactTick {
       state_.options.tip_N_per_m = bone_.sheets[first].tip_N_per_m;
   }
 
-  // Evaluates some of the sheets around the shaft in turn: the admissible region beside material, and the cuts
-  // where a wall yielded.
+  // Takes the sheets around the shaft in turn, kCheckedInTick of them in a tick. Updates the admissible region
+  // if the tool is beside the material, and cuts where a wall has yielded.
   void evaluate_around() noexcept {
     const int count = static_cast<int>(sheets_.size());
     for (int checked = 0, passed = 0; checked < kCheckedInTick && passed < count; ++passed) {
@@ -93,7 +94,7 @@ class BoneContactTick {
     for (int k = result.passed_from; k < result.passed_to; ++k) {
       const int i = bone_.sheet_of_slab[k];
       const BoneSheet& sheet = bone_.sheets[i];
-      if (k + 1 < sheet.first_slab + sheet.slabs) continue;  // the sheet's slab has more parts
+      if (k + 1 < sheet.first_slab + sheet.slabs) continue;  // not yet the sheet's last slab
       if (!(state_.sheets[i].share > kMinCoverage)) continue;
       request(i, outline_at(i, state_.law.T_device_proxy), true);
     }
@@ -131,8 +132,8 @@ class BoneContactTick {
     own.has_hu = under.share > 0;
   }
 
-  // Thickness of material between the i-th sheet's slab and the point where the tool entered it, or where it will
-  // leave it.
+  // Thickness of the material above the slabs of the i-th sheet, up to where the tool entered it; and below
+  // them, down to where the tool would leave it. The sum stops at the thickness of the shell.
   double material_above_m(int i) const noexcept {
     double sum = 0;
     for (; bone_.sheets[i].meets_above && sum < bone_.shell_m; --i) {
@@ -184,12 +185,11 @@ class BoneContactTick {
       slab.strength_bottom_N =
           own.share * (is_shell ? sheet.shell_N : ends[0] + slope * (down_m + length_m));
     }
-    // When the tool reaches a sheet, its admissible region beside the material is needed at once.
+    // When the tool reaches a sheet from the side, the admissible region is needed in the same tick.
     if (own.is_beside && sheet.bottom_m > sheet.top_m) find_free(i, kNewRegion_m);
   }
 
-  // In a sheet that the shaft fills: the point at which the tool touches the wall that it presses on, or its axis
-  // if it presses on none.
+  // Returns the axis position in a sheet, moved back into the slot if the shaft presses on a wall.
   Eigen::Vector2d touching(int i) const noexcept {
     const CuttingState& law = state_.law;
     Eigen::Vector2d at_m = axis_in(i, law.has_begun ? law.T_device_proxy : tool_);
@@ -198,7 +198,7 @@ class BoneContactTick {
     const Slot::Reach reach = wall->reach(at_m);
     return at_m - reach.distance_m * reach.away;
   }
-  // Null: the shaft does not fill the sheet.
+  // Returns the slot of the hole in the i-th sheet; null if the shaft is not in that sheet.
   const Slot* wall_of(int i) const noexcept {
     const CuttingState& law = state_.law;
     if (law.hole < 0 || !law.has_begun) return nullptr;
@@ -224,12 +224,13 @@ class BoneContactTick {
     }
   }
 
-  // A wall yields where it is pressed at its strength: there the slot of the axis has grown.
+  // Cuts a sheet in which the wall has yielded, so that the slot of the axis has grown: requests a hole with the
+  // outline that the tool has at the slot's boundary.
   void cut_yielded(int i) noexcept {
     SheetInContact& own = state_.sheets[i];
     if (wall_of(i) == nullptr) return;
     const Eigen::Vector2d wall_m = touching(i);
-    if (bone_.sheets[i].bottom_m > state_.front_m) return;  // the front is still in it
+    if (bone_.sheets[i].bottom_m > state_.front_m) return;  // the front is still in this sheet
     if (own.has_cut && (wall_m - own.cut_at_m).norm() < kWidening * bone_.radius_m) return;
     if (!own.has_cut && own.share > kMinCoverage) return;
     SheetTrack& track = tracks_[i];
@@ -271,7 +272,8 @@ class BoneContactTick {
   bool backlog_ = false;
 };
 
-// Over about kTwist_s, so that single steps of an encoder do not count.
+// Updates the velocities of twist and feed, averaged over about kTwist_s, so that single encoder steps have
+// little effect.
 void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
                   BoneContactState& state) noexcept {
   const Twist way = displacement(state.T_device_plate, T_device_plate);
@@ -283,7 +285,7 @@ void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double int
   state.feed_m_per_s += share * (tip_way.dot(inward) / interval_s - state.feed_m_per_s);
 }
 
-// The tool has left its hole or entered another one. The meshes keep the cuts.
+// Call this when the tool has left its hole or entered another one. The meshes keep the cuts.
 void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
   for (std::size_t i = 0; i < state.sheets.size(); ++i) {
     state.sheets[i].has_cut = false;
@@ -338,7 +340,7 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   tick.request_passed();
   output.backlog = tick.backlog();
 
-  // The energy account: work of the last tick's wrench over the plate's displacement since.
+  // Energy account: add the work of the last tick's wrench over the displacement of the plate since then.
   BoneEnergyAccount& energy = state.energy;
   if (state.has_plate && pose_interval_s > 0)
     energy.absorbed_J -=

@@ -82,7 +82,7 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   if (out.predicts_pose) {
     coupling.translation_N_per_m = std::min(coupling.translation_N_per_m, most.translation_N_per_m);
     coupling.rotation_Nm_per_rad = std::min(coupling.rotation_Nm_per_rad, most.rotation_Nm_per_rad);
-    // The tissue must be softer than the coupling as it is now.
+    // The tissue must be softer than the coupling after this limit, too.
     if (law.axis != ToolAxis::kRigid && tissue_N_per_m > coupling.translation_N_per_m)
       coupling.is_rigid = false;
   }

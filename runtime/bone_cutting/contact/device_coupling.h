@@ -1,20 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// Couples the tool of a bone volume to a device's plate: as stiff as the scene says, within what the device
-// can hold without releasing energy to the hand.
+// Chooses the coupling between the device's plate and the tool in the bone. The coupling is as stiff as the
+// scene asks, but not stiffer than the device can render without releasing energy to the hand.
 //
-// A wrench that is held for a tick T releases at most dx' K dx / 2 (cutting_law.h). A device's own damping
-// absorbs this energy if B - K T / 2 has no negative eigenvalue (J. Colgate, G. Schenkel, Passivity of a
-// class of sampled-data systems, J. Robotic Systems 14(1), 1997). B is the damping of the joints' viscous
-// friction, G' b G. If B is too small, the law is evaluated at the pose predicted one tick ahead. With
-// prediction no trial up to K T^2 / M = 0.5 released energy, where M is the mass of the plate
-// (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
+// Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a tick and
+// dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2 (cutting_law.h). Let
+// B = G^T b G be the damping that the joints give the plate, with the motor Jacobian G and the viscous
+// friction b of a joint. It absorbs that energy if B - K T / 2 has no negative eigenvalue (J. Colgate,
+// G. Schenkel, Passivity of a class of sampled-data systems, J. Robotic Systems 14(1), 1997). If B is too
+// small, the law is evaluated at the pose predicted one tick ahead. With prediction and a plate of mass M, no
+// simulation with K T^2 / M up to 0.5 released energy (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
 //
 // Contract (tests/runtime/bone_cutting/contact/device_coupling_test.cpp):
-//  1. The axis is rigid if the scene says so, or if the scene leaves the choice and everything that the
-//     tool can meet is softer than the coupling.
-//  2. `damping_share` is the largest factor of K for which the device's damping suffices.
-//  3. With prediction, K is at most 0.5 M / T^2, in translation and rotation.
-//  4. The coupling's largest force is the one that the device can render along the tool at its peak torques.
+//  1. The tool is rigidly fixed to the plate (no coupling spring) if the scene says so. It is also rigid if the
+//     scene leaves the choice open and the stiffest thing that the tool can meet is softer than the coupling.
+//  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
+//  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2 divided by the force scale
+//     (SceneForceLaw::force_scale), and in rotation likewise with the plate's smallest moment of inertia.
+//     The stiffness of a rigid tool is not limited.
+//  4. The coupling's largest force is the one that the device can render along the tool at its peak torques,
+//     divided by the force scale.
 #pragma once
 
 #include <string>
@@ -28,15 +32,15 @@ struct DeviceCoupling {
   CuttingCoupling coupling;
   bool predicts_pose = false;  ///< the law is evaluated at the pose predicted one tick ahead
   double damping_share = 0;    ///< at least 1: the device's own damping suffices
-  double most_N = 0;  ///< largest force of the device along the tool, divided by the force scale
+  double most_N = 0;           ///< largest tissue force along the tool that the device can render
 };
 
-/// Chooses the coupling for a pose of the plate, such as the one with the tip on the bone's top.
+/// Chooses the coupling for one pose of the plate, for example with the tip on top of the bone.
 DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
                                const DeviceDescription& device, const Pose& T_device_plate,
                                double rate_Hz);
 
-/// The choice in one line, for `--check`.
+/// Returns the choice as one line of text, for `--check`.
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);
 
 }  // namespace trocar::runtime

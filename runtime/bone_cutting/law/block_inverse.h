@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inverse of a symmetric 6 x 6 matrix, by blocks of 3 x 3.
+// Inverse of a symmetric 6 x 6 matrix, computed from blocks of 3 x 3.
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
@@ -7,7 +7,7 @@
 
 namespace trocar::runtime {
 
-/// The inverse of a symmetric matrix; false if it is not positive definite.
+/// Computes the inverse of a symmetric matrix. Returns false if the matrix is not positive definite.
 inline bool invert(const Eigen::Matrix3d& A, Eigen::Matrix3d& inverse) noexcept {
   const double c00 = A(1, 1) * A(2, 2) - A(1, 2) * A(1, 2),
                c01 = A(0, 2) * A(1, 2) - A(0, 1) * A(2, 2),
@@ -29,7 +29,7 @@ class BlockInverse {
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
   using Vector6 = Eigen::Matrix<double, 6, 1>;
 
-  /// False if the matrix is not positive definite.
+  /// Computes the inverse of `A`. Returns false if `A` is not positive definite.
   bool of(const Matrix6& A) noexcept {
     const Eigen::Matrix3d A01 = A.topRightCorner<3, 3>();
     if (!invert(A.topLeftCorner<3, 3>(), first_)) return false;

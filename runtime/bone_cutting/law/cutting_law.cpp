@@ -14,7 +14,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// The stiffness goes with the limit. What grows keeps its force, so that its energy falls.
+// Sets the limit of the tip's friction, and its stiffness in proportion. If the stiffness grows, the force is
+// kept, so the stored energy falls.
 void hold_tip(Tick& tick) noexcept {
   CuttingState& state = tick.state;
   tick.tip_friction_N =
@@ -58,7 +59,7 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
   finish_layers(tick, e.slide[0], out);
   if (tick.front_m > tick.first_front_m) record_cut(tick, tip, axis, out);
   if (tick.options.coupling.is_rigid) {
-    // The derivative of what is stored now, with the shaft as it is now.
+    // The wrench is the derivative of the energy stored now, at the present pose of the shaft.
     tick.start_at(e.X);
     if (tick.tip_friction_N > 0) tick.limit_tip_slip();
     Evaluation now;

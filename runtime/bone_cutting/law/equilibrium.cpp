@@ -22,15 +22,15 @@ Pose moved(const Pose& X, const Vector6& step) noexcept {
 }
 
 double size_of(const Vector6& g) noexcept {
-  // A moment counts as its force at 0.1 m.
+  // A moment is converted to a force by a lever of 0.1 m.
   return std::max(g.head<3>().cwiseAbs().maxCoeff(), g.tail<3>().cwiseAbs().maxCoeff() / 0.1);
 }
 double allowed(const Tick& tick, const Evaluation& e) noexcept {
   return tick.options.tolerance * std::max(1.0, e.coupling_N);
 }
 
-// One step of Newton's method that lowers the potential; false if none was found. Where the
-// tangent leads astray, beyond the limits of many elements, the majorising parabola's does not.
+// Makes one step of Newton's method that lowers the potential; returns false if none was found. If the step
+// from the true second derivative fails, as it can where many elements yield, the majorising parabola is used.
 bool step(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   Evaluation next;
   constexpr double kMinDecrease = 1e-4;
@@ -45,7 +45,7 @@ bool step(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     double share = 1;
     for (int k = 0; k < (majorise ? kMaxHalvings : 2); ++k, share *= 0.25) {
       evaluate(tick, moved(e.X, -share * towards), false, next, out);
-      // Close to the minimum the potential cannot tell better from worse; the gradient can.
+      // Close to the minimum, differences of the potential are lost in rounding, so the gradients are compared.
       if (next.V <= e.V + kMinDecrease * share * slope ||
           (next.V <= e.V + kRounding_J && size_of(next.g) < size_of(e.g))) {
         e = next;
@@ -69,8 +69,8 @@ void minimise(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   }
 }
 
-// The linear model of one evaluation: how all but the front moves for a force along the shaft,
-// and how fast the tip's force falls as the front advances.
+// Linear model at one evaluation. `along`: displacement of the proxy per unit of force along the shaft, at a
+// fixed front. `K_s`: decrease of the tip's force per metre of advance of the front, if the proxy follows.
 struct Model {
   Vector6 along = Vector6::Zero();
   double K_s = 0;
@@ -82,8 +82,8 @@ Model model_of(const Tick& tick, const Evaluation& e, const BlockInverse& invers
   return m;
 }
 
-// Newton's step `-towards`. Friction that is elastic, but would slide in that step, is taken as
-// sliding: it is so in most ticks in which the tool moves.
+// Computes Newton's step `-towards`. If friction is elastic but would slide in that step, the step is computed
+// again with sliding friction, as in most ticks in which the tool moves.
 bool newton(const Tick& tick, const Evaluation& e, BlockInverse& inverse,
             Vector6& towards) noexcept {
   if (!inverse.of(e.H)) return false;
@@ -106,12 +106,12 @@ bool newton(const Tick& tick, const Evaluation& e, BlockInverse& inverse,
   return true;
 }
 
-// Steps of proxy and front together, by the force that the linear model predicts for the tip.
-// False where it does not hold; then e and the front are as before the front's last step.
+// Moves proxy and front together, by the tip force that the linear model predicts. Returns false if the model
+// does not hold; then `e` and the front are as before the front's last step.
 bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   Evaluation before = e;
   FrontMemory was = remember(tick, out);
-  double least_N = 0;  // of the tip, if the front's last step did not go too far
+  double least_N = 0;  // with a smaller tip force, the front's last step went too far
   while (true) {
     out.has_converged = size_of(e.g) <= allowed(tick, e);
     if (out.has_converged && e.tip_N <= 0) return true;
@@ -127,7 +127,7 @@ bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     }
     Advance a;
     if (e.tip_N > 0 && R > 0) a = scan(tick, R, m.K_s);
-    // Less than Newton's method leaves undetermined.
+    // The advance is within the tolerance of Newton's method.
     if (m.K_s * a.length_m <= allowed(tick, e)) {
       if (out.has_converged) return true;
       a = {};
@@ -156,14 +156,14 @@ bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   }
 }
 
-// Newton's method at a fixed front, and steps of the front by the tip's force then.
+// Alternates between Newton's method at a fixed front and steps of the front by the resulting tip force.
 void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   minimise(tick, e, out);
   constexpr int kMaxAdvances = 24;
   for (int k = 0; k < kMaxAdvances && e.tip_N > 0; ++k) {
-    // A coupling at its limit lets the front run at a force that does not fall, until it is not
-    // at its limit any more: its secant falls short of that place, its tangent would miss it. The
-    // same for a tool that is about to tilt over, whose tangent has no inverse.
+    // While the coupling is at its limit, the force does not fall as the front advances, so the tangent would
+    // miss the point at which the coupling leaves its limit. The majorising parabola acts like a secant, which
+    // stops before that point. It also serves for a tool that is about to tilt over, where H has no inverse.
     BlockInverse inverse;
     bool has_model = !e.is_saturated && inverse.of(e.H);
     if (!has_model) {
@@ -201,7 +201,7 @@ void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
       e = before;
     }
     if (m.K_s * a.length_m <= allowed(tick, e))
-      return;  // less than Newton's method leaves undetermined
+      return;  // the advance is within the tolerance of Newton's method
     if (out.steps >= tick.options.most_steps) {
       out.has_converged =
           out.has_converged && scan(tick, e.tip_N, m.K_s).length_m * m.K_s <= allowed(tick, e);
@@ -214,9 +214,9 @@ void settle_front(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   if (!step_together(tick, e, out)) step_in_turn(tick, e, out);
 }
 
-// A step of the front of the soft layer that the tip presses on; false if it stays. The tip follows
-// by the linear model; where that raises the potential, the front goes with the tip where it is,
-// which never does.
+// Advances the front of the soft layer that the tip presses on; returns false if it stays. The tip follows
+// according to the linear model. If that raises the potential, the step is repeated with the tip held in
+// place, which never raises it.
 bool advance_layer(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   if (pressed_layer(tick, e.slide[0]) < 0) return false;
   constexpr double kMinFalling = 1e-3;

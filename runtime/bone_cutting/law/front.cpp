@@ -16,7 +16,7 @@ void find_front(Tick& tick) noexcept {
   const double tip_m = -tick.tip.z();
   if (tick.state.stretch_m > 0) {
     double front_m = tip_m - tick.state.stretch_m * tick.down;
-    // Rounding must not carry it over a sheet of no thickness that bears the tip.
+    // Rounding must not move the front past a sheet of thickness 0 that bears the tip.
     const int i = tick.slab_at(front_m - kSlabEndSlack_m);
     if (i < tick.slab_count() && tick.slab(i).bottom_m <= tick.slab(i).top_m &&
         tick.slab(i).top_m < front_m + kSlabEndSlack_m)
@@ -54,7 +54,7 @@ Advance to_rest(Advance a, double R, double K_s) noexcept {
 Advance scan(const Tick& tick, double R, double K_s) noexcept {
   Advance a;
   double at = tick.front_m;
-  // Beside a boundary the slab below it counts.
+  // If the front is at the boundary of two slabs, the lower slab counts.
   for (int i = tick.slab_at(tick.front_m); i < tick.slab_count(); ++i) {
     const CuttingSlab& slab = tick.slab(i);
     const double thickness = slab.bottom_m - slab.top_m;
@@ -63,7 +63,7 @@ Advance scan(const Tick& tick, double R, double K_s) noexcept {
     if (cut >= slab.bottom_m) continue;
     const double slope_depth =
         thickness > 0 ? (slab.strength_bottom_N - slab.strength_top_N) / thickness : 0;
-    // Above and below the depth to which other holes have taken a share.
+    // First the part of the slab above share_to_m, then the part below it.
     for (const bool shared : {true, false}) {
       const double top = shared ? slab.top_m : std::max(slab.top_m, slab.share_to_m);
       const double bottom = shared ? std::min(slab.bottom_m, slab.share_to_m) : slab.bottom_m;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cutting front: its depth, and its advance under a force. It only moves down, to the first equilibrium
-// on its way.
+// The cutting front: its depth, and its advance under a force. It only moves down, and it stops at the first
+// equilibrium that it reaches.
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
@@ -8,8 +8,8 @@
 
 namespace trocar::runtime {
 
-/// Determines the front: it is carried from tick to tick under load, otherwise it is the next material below
-/// the tip.
+/// Determines the front. Under load it is kept from the last tick. Otherwise it is the uppermost uncut material
+/// at or below the tip.
 void find_front(Tick& tick) noexcept;
 
 /// Advance of the front along the shaft, its work, and the strength before its end.
@@ -18,13 +18,13 @@ struct Advance {
   bool ends_free = false;  ///< the front leaves all material
 };
 
-/// Computes the advance until the tip's force, which falls from `tip_N` by `per_m` (N/m) along the shaft, does
-/// not exceed the strength.
+/// Computes the advance after which the tip's force no longer exceeds the strength. The force starts at `tip_N`
+/// and falls by `per_m` (N per metre of advance).
 Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 
-/// The values that a step of the front changes, kept to undo the step.
+/// Values that a step of the front changes. They serve to undo the step.
 struct FrontMemory {
   double stretch_m, front_m, cut_J;
   bool is_free;

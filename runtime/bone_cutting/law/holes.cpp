@@ -13,7 +13,7 @@ using Eigen::Vector3d;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// True if the axis meets a slab within or beside the region of the hole there.
+// True if, in this slab, the axis is within `same_hole_m` of the hole's slot.
 bool is_near(const Tick& tick, const CuttingHoleSlab& slab, std::size_t i) noexcept {
   return slab.walls[0].is_open() &&
          slab.walls[0]
@@ -49,14 +49,15 @@ void enter(Tick& tick, int slab) noexcept {
 void renew_walls(const Tick& tick, std::size_t i, double before_m, double stiffness,
                  bool has_new_free, CuttingHoleSlab& s) noexcept {
   const CuttingSlab& slab = tick.slabs[i];
-  // A rigid tool's wrench is the wall's own: held over the tick, it would not know another wall.
+  // If the coupling is rigid, the plate feels the walls directly, and the wrench is held for a tick. So a new
+  // region replaces the walls only when the shaft presses on none of them.
   if (has_new_free && before_m > 0 && tick.options.coupling.is_rigid) {
     for (std::size_t g = 0; g < tick.options.wall_points; ++g)
       has_new_free = has_new_free &&
                      s.walls[g].reach(crossing(tick.tip, tick.axis, s.depth_m[g])).distance_m <= 0;
   }
   if (before_m > 0 && stiffness <= s.wall_N_per_m && !has_new_free) return;
-  // A tool that comes back beside its hole has left it: it is where the tool is now.
+  // A tool that enters the slab beside the hole starts a new slot at its present position.
   const bool is_new = before_m <= 0 && !is_near(tick, s, i);
   if (is_new) s.cut_m = std::min(slab.top_m + s.embedded_m, slab.bottom_m);
   for (std::size_t g = 0; g < tick.options.wall_points; ++g) {
@@ -100,7 +101,6 @@ void embed(const Tick& tick, std::size_t i, double low, CuttingHoleSlab& s) noex
 
 }  // namespace
 
-// tick.hole: that the tool is in, or would enter.
 void choose_hole(Tick& tick) noexcept {
   tick.hole = tick.state.hole;
   if (tick.hole >= 0) return;
@@ -108,7 +108,8 @@ void choose_hole(Tick& tick) noexcept {
   for (std::size_t h = 0; h < tick.state.holes.size(); ++h) {
     const CuttingHole& hole = tick.state.holes[h];
     if (hole.first < 0) continue;
-    // At the slab below the tip, or at the sheet above it, of no thickness, that it has passed.
+    // Compare positions in the slab that holds the tip, and in the one above it, which may be a sheet of
+    // thickness 0 that the tip has passed.
     for (const int slab : {std::max(next, hole.first), next - 1}) {
       if (slab < hole.first || slab >= tick.slab_count()) continue;
       const auto i = static_cast<std::size_t>(slab);
@@ -144,7 +145,7 @@ void enter_or_leave(Tick& tick) noexcept {
   if (slab < tick.slab_count() && low > tick.slab(slab).top_m) {
     enter(tick, slab);
   } else if (tick.hole >= 0 && slab > 0 && low > tick.slab(slab - 1).top_m) {
-    enter(tick, slab - 1);  // below a sheet of no thickness
+    enter(tick, slab - 1);  // the tip is below a sheet of thickness 0
   }
 }
 
@@ -214,7 +215,7 @@ void record_cut(Tick& tick, const Vector3d& tip, const Vector3d& axis,
         s.walls[g].open(crossing(tip, axis, gauss_depth(slab, g, tick.options.wall_points)),
                         slab.clearance_m);
     }
-    const double passed = slab.bottom_m - 1e-9;  // by rounding the front may stop just above
+    const double passed = slab.bottom_m - 1e-9;  // rounding may stop the front above it
     const bool was_passed = s.cut_m >= passed;
     s.cut_m = std::max(s.cut_m, std::min(tick.front_m, slab.bottom_m));
     if (!was_passed && s.cut_m >= passed) {

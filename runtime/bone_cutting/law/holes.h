@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The holes: which one the tool is in, what has been cut out of each slab, and how much of it the shaft fills.
+// The holes: which hole the tool is in, how deep each slab has been cut, and how much of it the shaft fills.
 // Tests: tests/runtime/bone_cutting/law/hole_test.cpp
 #pragma once
 
@@ -11,16 +11,17 @@ namespace trocar::runtime {
 void choose_hole(Tick& tick) noexcept;
 /// Depth down to which a slab is already cut at the tool's position; minus infinity: the slab is uncut.
 double cut_of(const Tick& tick, int slab) noexcept;
-/// Updates whether the tool is in a hole: it is while it is below the top of the hole's first slab.
+/// Updates whether the tool is in a hole. It is in a hole while tip and front are below the top of the hole's
+/// first slab.
 void enter_or_leave(Tick& tick) noexcept;
-/// Updates embedded lengths, and with them the stiffness of friction and walls. An element that gets stiffer
-/// keeps its force, so its energy falls; a new element starts without force.
+/// Updates the embedded lengths, and with them the stiffness of friction and walls. An element that gets stiffer
+/// keeps its force, so its energy falls. A new element starts without force.
 void embed(Tick& tick) noexcept;
 
-/// At the end of a tick: walls loaded beyond their strength stay where the shaft pushed them. Returns the
-/// energy that the walls store (J).
+/// Call this at the end of a tick. Walls that are loaded beyond their strength stay where the shaft pushed them.
+/// Returns the energy that the walls store (J).
 double yield_walls(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis) noexcept;
-/// Records everything above the front as cut, in the hole that the tool is in or begins.
+/// Records everything above the front as cut. If the tool is not in a hole, it begins a new one here.
 void record_cut(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                 CuttingResult& out) noexcept;
 

@@ -21,7 +21,7 @@ void add_coupling(const Tick& tick, bool majorise, Evaluation& e) noexcept {
     const YieldSpring h = yield_spring(k, most, length, majorise);
     e.coupling_J += h.energy;
     e.is_saturated = e.is_saturated || k * length > most;
-    // A little of the stiffness stays where the force is constant, so that H has an inverse.
+    // A small stiffness is kept where the force is constant, so that H has an inverse.
     for (int i = 0; i < 3; ++i)
       e.H(at + i, at + i) += std::max(h.across, 1e-6 * k);
     if (length > 0) {
@@ -39,8 +39,8 @@ void add_coupling(const Tick& tick, bool majorise, Evaluation& e) noexcept {
   e.g += e.coupling;
 }
 
-// Tip and friction. The angle around the shaft is measured as 2 sin(angle / 2), whose derivative
-// is simple; the same measure is used throughout, so that energies agree.
+// Adds tip, layers and friction of the shaft. The angle around the shaft is measured as 2 sin(angle / 2), whose
+// derivative is simple. The same measure is used throughout, so that energies agree.
 void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, bool majorise,
                Evaluation& e) noexcept {
   const Eigen::Quaterniond turned = e.X.q * tick.back;
@@ -59,7 +59,7 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
     stiffness += layers.stiffness_N_per_m;
   }
   e.pressed_N_per_m = stiffness;
-  // A damper takes c v^2 a second: in a tick of length T its potential is c s^2 / 2 T.
+  // A damper c dissipates the power c v^2. In a tick of length T with the slide s its potential is c s^2 / (2 T).
   const double viscous_N_per_m = tick.viscous_N_s_per_m / tick.options.interval_s;
   e.viscous_J = 0.5 * viscous_N_per_m * e.slide[0] * e.slide[0];
   axial += viscous_N_per_m * e.slide[0];
@@ -89,7 +89,7 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   }
   e.g += axial * e.along;
   if (stiffness > 0) e.H += stiffness * e.along * e.along.transpose();
-  // The tip's path is curved where the tool turns about the plate.
+  // Geometric stiffness: the tip moves on a curved path when the tool rotates about the plate's origin.
   if (axial != 0 && !majorise) {
     const Matrix3d M = 0.5 * axial * tick.axis * lever.transpose();
     e.H.bottomRightCorner<3, 3>() += M + M.transpose();
@@ -98,7 +98,7 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   }
 }
 
-// Friction of the tip across its axis.
+// Adds the friction of the tip across its axis.
 void add_tip_friction(const Tick& tick, const Vector3d& tip, const Vector3d& lever, bool majorise,
                       Evaluation& e) noexcept {
   const Matrix3d across = Matrix3d::Identity() - tick.axis * tick.axis.transpose();
@@ -113,7 +113,7 @@ void add_tip_friction(const Tick& tick, const Vector3d& tip, const Vector3d& lev
   e.g.head<3>() += force;
   e.g.tail<3>() += lever.cross(force);
   const Matrix3d H = h.across * across - (h.across - h.along) * unit * unit.transpose();
-  Matrix3d turned;  // a turn w moves the tip by turned * w
+  Matrix3d turned;  // a rotation w moves the tip by turned * w
   turned << 0, lever.z(), -lever.y(), -lever.z(), 0, lever.x(), lever.y(), -lever.x(), 0;
   const Matrix3d mixed = H * turned;
   e.H.topLeftCorner<3, 3>() += H;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The potential that the proxy minimises, with its first and second derivatives by the proxy's displacement
-// (translation, and rotation about the plate's origin, in {B}).
+// The potential that the proxy minimises, with its first and second derivatives with respect to the proxy's
+// displacement (translation, and rotation about the plate's origin, in {B}).
 // Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 
@@ -16,7 +16,7 @@ struct Evaluation {
   Pose X;
   double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0, viscous_J = 0, layer_J = 0,
          tip_friction_J = 0;
-  double pressed_N_per_m = 0;  ///< stiffness of tip and layers
+  double pressed_N_per_m = 0;  ///< stiffness of tip and layers along the shaft
   double tip_N = 0, coupling_N = 0;
   Eigen::Vector2d slide =
       Eigen::Vector2d::Zero();  ///< slides since the start of the tick, along and around the shaft
@@ -30,8 +30,8 @@ struct Evaluation {
   bool walls_yield = false, is_saturated = false;  ///< is_saturated: the coupling is at its limits
 };
 
-/// If `majorise` is set, H is the second derivative of a parabola that lies above the potential where elements
-/// yield.
+/// Evaluates the potential at the proxy's pose X. With `majorise`, H is the second derivative of a parabola that
+/// lies above the potential even where elements yield (yield_spring.h).
 void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
               CuttingResult& out) noexcept;
 

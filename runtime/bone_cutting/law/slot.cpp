@@ -8,15 +8,14 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kFlat = 1e-13;  // radians: above rounding, and below what could be felt
+constexpr double kFlat = 1e-13;  // radians: more than rounding errors, less than could be felt
 
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// Andrew's monotone chain (1979); `points` is sorted here. Returns the size of `hull`. A corner
-// that is flat but for rounding is none: signs of such are chance, and a hull by chance is not
-// convex.
+// Andrew's monotone chain (1979). Sorts `points`, and returns the size of `hull`. A corner that is straight
+// within rounding is left out: the sign of its cross product is random, so the hull would not be convex.
 template <std::size_t N>
 int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
             std::array<Eigen::Vector2d, 2 * N>& hull) noexcept {
@@ -69,7 +68,7 @@ void Slot::find_disc() noexcept {
     const Eigen::Vector2d edge = corners_[(i + 1) % size_] - corners_[i];
     radius = std::min(radius, cross(edge, middle_m_ - corners_[i]) / edge.norm());
   }
-  // Less than the whole, so that rounding cannot make it reach outside.
+  // The factor 0.99 keeps the disc inside in spite of rounding.
   disc_m_ = 0.99 * std::max(radius, 0.0);
 }
 
@@ -81,8 +80,8 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
     const Eigen::Vector2d from = to - edge * (along / length2);
     return {from.x(), from.y(), false};
   };
-  // Outside a convex polygon the strips beside the edges and the sectors beside the corners do not
-  // overlap: the feature that was nearest last is so if the point lies in its strip or sector.
+  // Outside a convex polygon, the strips beside the edges and the sectors beside the corners do not overlap.
+  // The edge or corner that was nearest last time is still nearest if the point lies in its strip or sector.
   {
     const int i = last_edge_;
     const Eigen::Vector2d& a = corners_[i];
@@ -94,8 +93,8 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
       return {to.x(), to.y(), true};
     }
   }
-  // All of the outline. A point is within only if it is so beyond rounding: beside a region that is
-  // all but a line, signs are chance, but the distance from its outline is not.
+  // Search all corners and edges. A point counts as inside only if it is inside by more than rounding. Next to
+  // a region that is almost a line, the signs are random, but the distance from the region is still accurate.
   constexpr double kRounding = 1e-12;
   bool within = true;
   double best2 = std::numeric_limits<double>::infinity();
@@ -161,7 +160,7 @@ void Slot::include(const Eigen::Vector2d& p_m) noexcept {
   std::array<Eigen::Vector2d, 2 * kMax> hull;
   int size = hull_of(points, size_ + 1, hull);
   while (size > kMaxCorners) {
-    // Cut off the edge whose removal adds least: its neighbours meet beyond it.
+    // Remove the edge whose removal adds the least area: extend its two neighbours until they meet.
     int best = -1;
     double least = std::numeric_limits<double>::infinity();
     Eigen::Vector2d meeting = Eigen::Vector2d::Zero();
@@ -178,7 +177,7 @@ void Slot::include(const Eigen::Vector2d& p_m) noexcept {
     }
     int gone = (best + 1) % size;
     if (best < 0) {
-      // All but flat: the corner nearest to what joins its neighbours adds nothing.
+      // The hull is almost flat: remove the corner nearest to the chord between its neighbours.
       least = std::numeric_limits<double>::infinity();
       for (int i = 0; i < size; ++i) {
         const Eigen::Vector2d a = hull[(i + size - 1) % size], chord = hull[(i + 1) % size] - a;

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The slot of a hole: the region in one plane in which the tool's axis does not press on the hole's wall. It
-// is convex and only widens, so that pushing the wall aside can only cost energy. (A region that moved with
-// the tool would close again behind it.)
+// is the convex hull of its corners, widened on all sides by the clearance. It can only grow, so that pushing
+// the wall aside always costs energy. (A region that moved with the tool would close again behind it.)
 //
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
-//  1. reach().distance_m is the distance to the convex hull of the corners, less the clearance, at least 0.
-//  2. include(p) extends the region by p and removes nothing: no distance grows. The result is the convex
-//     hull of both. If the corners are used up, the hull's shortest edge is replaced by the intersection of
-//     its neighbours' lines, which only adds to the region.
+//  1. reach().distance_m is the distance to the convex hull of the corners minus the clearance, and at least 0.
+//  2. include(p) extends the region so that it contains p: the hull gets the nearest additional corner whose
+//     clearance disc contains p. Without clearance the result is the convex hull of the region and p. The
+//     distance of no point grows. If the hull has more than kMaxCorners corners, the edge whose removal adds
+//     least area is replaced by the intersection of the lines of its two neighbours.
 #pragma once
 
 #include <Eigen/Core>
@@ -56,10 +57,11 @@ class Slot {
     return offset_of_many(p_m);
   }
 
-  /// Finds the one feature of the hull that is nearest to all points within `reach_m` of `p_m`, and calls
-  /// corner(offset) or edge(offset, edge, squared length of the edge) with the vector from the feature to
-  /// `p_m`; returns the result of that call. Returns true without a call if all these points are inside.
-  /// Returns false if several features are nearest, or if a search would be necessary.
+  /// If one corner or one edge of the hull is the nearest part of the hull for all points within `reach_m` of
+  /// `p_m`, calls corner(offset) or edge(offset, edge, squared length of the edge) and returns the result of
+  /// that call; `offset` is the vector from the corner or edge to `p_m`. If all these points are inside,
+  /// returns true without a call. Returns false if different parts are nearest to different points, or if
+  /// the last search's result does not decide this.
   template <class Corner, class Edge>
   bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
                Edge&& edge) const noexcept {
@@ -90,7 +92,7 @@ class Slot {
 
  private:
   Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
-  /// The feature nearest to the previous point, if it is still the nearest one.
+  /// Result of nearest_of_many(): inside, the one nearest corner or edge, or several or unknown ones.
   struct Nearest {
     enum { kInside, kCorner, kEdge, kSeveral } part = kSeveral;
     Eigen::Vector2d offset_m = Eigen::Vector2d::Zero(), edge_m = Eigen::Vector2d::Zero();
@@ -98,7 +100,7 @@ class Slot {
   Nearest nearest_of_many(const Eigen::Vector2d& p_m, double reach_m) const noexcept;
   void find_disc() noexcept;
 
-  // Slots of one or two corners need only the first members: they share a cache line.
+  // The members are ordered so that a slot with one or two corners uses a single cache line.
   int size_ = 0;
   mutable int last_edge_ = 0;  // edge, or its first corner, nearest to the previous point
   double clearance_m_ = 0;

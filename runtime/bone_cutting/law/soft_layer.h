@@ -1,27 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-// Soft tissue over the bone: a skin, a ligament, the dura. Before its puncture a layer is a stiffening
-// spring; afterwards it is cut at a constant force and rubs along the shaft (Okamura, Simone and O'Leary,
-// IEEE Trans. Biomed. Eng. 51, 2004).
+// Layers of soft tissue over the bone, such as skin, a ligament or the dura. Before its puncture a layer is a
+// stiffening spring. Afterwards it is cut at a constant force, and there is friction between it and the shaft
+// (Okamura, Simone and O'Leary, IEEE Trans. Biomed. Eng. 51, 2004).
 //
-// Each layer is an element of its own between the tip and the layer's front, parallel to the tip's element
-// in the bone: the layer stretches by millimetres, the bone by micrometres. Its incremental potential is
-//   W(z) = a1 z^2 / 2 + a2 z^3 / 3,  z = max(0, stretch + slide of the tip in this tick),
-// which is convex in the slide because a1, a2 >= 0. Its internal variables are the puncture, which changes
-// no energy, and the front, which only moves down: this shortens z, so W only decreases.
+// Each layer is an element of its own between the tip and the layer's front. It acts parallel to the tip's
+// element in the bone, because the layer stretches by millimetres and the bone by micrometres. Let z be the
+// stretch, that is max(0, stretch_m + slide of the tip in this tick). The layer's incremental potential is
+//   W(z) = a1 z^2 / 2 + a2 z^3 / 3,
+// which is convex in the slide because a1, a2 >= 0. The layer has two internal variables. The puncture changes
+// no energy. The front only moves down, which shortens z, so W can only decrease.
 //
 // Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
-//  1. The energy inequality of cutting_law.h (1.) holds with `layer_cut_J` added on its left side.
+//  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
 //  2. Until the puncture, the layer's force is a1 z + a2 z^2 at the depth z below the surface.
-//  3. The tip presses on the uppermost layer that it has not cut through, and on all lower layers only
-//     through that one. Only that layer is punctured or cut, by the sum of their forces. A thin layer close
-//     behind a strong one therefore tears together with it if it is stretched enough by then.
-//  4. A punctured layer is cut at `cutting_N` down to its bottom; from then on this hole is free of it. The
-//     hole outlives withdrawal: a tool that comes within its radius of the hole enters it again. Elsewhere
-//     the layer is whole.
+//  3. The tip presses on the uppermost layer that it has not cut through, and on all lower tissue only
+//     through that layer. Therefore only that layer is punctured or cut, and the force that does so is the
+//     sum of its own force and the forces of all tissue below it. A thin layer close below a strong one can
+//     therefore be cut in the same tick as the strong one, if it is stretched enough by then.
+//  4. A punctured layer is cut at the force `cutting_N` down to its bottom. From then on the layer exerts only
+//     friction in this hole. The hole remains after the tool is withdrawn: a tool that comes back nearer to
+//     the hole than the tool's radius enters it again. Elsewhere the layer is uncut.
 //  5. The stretch of a loaded layer is carried from tick to tick. It is computed from geometry only while
 //     the layer is unloaded.
-//  6. No allocation; at most kMaxLayerAdvances front steps in a tick. Remaining steps follow in the next
-//     tick.
+//  6. No allocation; at most kMaxLayerAdvances front steps in a tick. Further steps are made in the next tick.
 #pragma once
 
 #include <Eigen/Core>
@@ -37,7 +38,7 @@ struct SoftLayer {
   double stiffness_N_per_m = 0;    ///< a1, at the surface
   double stiffening_N_per_m2 = 0;  ///< a2
   double puncture_N =
-      0;  ///< force of everything that the tip presses on, at which the layer is punctured
+      0;  ///< puncture force, compared with the total force of this and all lower tissue
   double cutting_N = 0;         ///< force after the puncture, at most puncture_N
   double friction_N_per_m = 0;  ///< friction of the shaft per cut depth
 };
@@ -51,7 +52,7 @@ inline SoftSpring soft_spring(const SoftLayer& layer, double z_m) noexcept {
   const double a1 = layer.stiffness_N_per_m, a2 = layer.stiffening_N_per_m2;
   return {z_m * z_m * (0.5 * a1 + z_m * a2 / 3), z_m * (a1 + z_m * a2), a1 + 2 * z_m * a2};
 }
-/// The stretch at which a layer has this force (at least 0); infinite if it has no stiffness.
+/// Stretch at which the layer's force is `force_N`, at least 0; infinite if the layer has no stiffness.
 double stretch_at(const SoftLayer& layer, double force_N) noexcept;
 
 struct SoftHole {
@@ -62,7 +63,7 @@ struct SoftHole {
 
 struct SoftLayerState {
   double stretch_m = 0;       ///< distance of the tip beyond the front, along the shaft
-  bool is_punctured = false;  ///< at the tool's position
+  bool is_punctured = false;  ///< the layer is punctured at the tool's position
   double cut_m = 0;           ///< depth of the front at the tool's position
   bool is_in = false;         ///< the tip is below the layer's top
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();  ///< position of the puncture

@@ -14,7 +14,7 @@ bool is_whole_below(const SoftLayer& layer, const SoftLayerState& s) noexcept {
   return s.cut_m < layer.bottom_m;
 }
 
-// Into the hole that is near, or over whole tissue.
+// Enters the nearest hole within the tool's radius; if there is none, starts on uncut tissue.
 void enter(const Tick& tick, const SoftLayer& layer, SoftLayerState& s) noexcept {
   s.is_punctured = false;
   s.cut_m = layer.top_m;
@@ -66,7 +66,7 @@ void find_layers(Tick& tick) noexcept {
     if (s.is_in && !is_in) leave(tick, s);
     if (!s.is_in || !is_in) enter(tick, layer, s);
     s.is_in = is_in;
-    // A layer above the tip that has not been cut was reached from the side: it is not stretched.
+    // If the tip is below a layer that it has not cut, it came from the side: the layer is not stretched.
     s.stretch_m = std::min((tip_m - s.cut_m) / tick.down, 0.0);
   }
 }
@@ -112,7 +112,7 @@ LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falli
   SoftLayerState& s = tick.state.layers[i];
   const double z = s.stretch_m + slide_m;
   const SoftSpring own = soft_spring(layer, z);
-  // All layers above are cut through or not reached.
+  // All layers above the pressed one are cut through or not reached, so all forces act on it.
   const double on_it = spring_of_layers(tick, slide_m).force_N + bone_N;
   if (!s.is_punctured) {
     if (on_it <= layer.puncture_N) return a;
@@ -125,11 +125,11 @@ LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falli
   a.stiffness_N_per_m = own.stiffness_N_per_m;
   const double room = std::max((layer.bottom_m - s.cut_m) / tick.down, 0.0);
   if (below >= Y) {
-    a.length_m = room;  // pressed on what lies below, it is cut through
+    a.length_m = room;  // the force from below suffices to cut the whole layer
   } else if (falling >= 1) {
     a.length_m = std::min(z - stretch_at(layer, Y - below), room);
   } else {
-    // The tangent falls faster than the spring itself: this is not too far.
+    // The spring's force falls less steeply than its tangent, so this advance is not too long.
     a.length_m = std::min((on_it - Y) / (falling * own.stiffness_N_per_m), room);
   }
   a.ends_layer = a.length_m >= room;
@@ -137,8 +137,8 @@ LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falli
     a.work_J = Y * a.length_m;  // the tip follows: the force is at least Y up to the end
     return a;
   }
-  // If the layer's own force is less than its cutting force, the elements below supply the rest: only the layer's
-  // own energy is counted.
+  // If the layer's own force is less than its cutting force, the elements below supply the rest. Then only the
+  // layer's own energy is counted.
   const double end = std::clamp(z - a.length_m, 0.0, z);
   const double enough = std::clamp(stretch_at(layer, Y), end, z);
   a.work_J =

@@ -7,13 +7,14 @@
 
 namespace trocar::runtime {
 
-/// Determines the fronts: carried from tick to tick under load, otherwise the end of the hole below the tip.
+/// Determines the front of each layer. A loaded layer keeps the front of the last tick. For an unloaded layer
+/// the front is the bottom of the hole that the tip is in, or the layer's top.
 void find_layers(Tick& tick) noexcept;
 
-/// Force, energy and stiffness of all layers after a slide of the tip along the shaft in this tick.
+/// Total force, energy and stiffness of all layers after the tip has slid by `slide_m` along the shaft.
 SoftSpring spring_of_layers(const Tick& tick, double slide_m) noexcept;
 
-/// Friction force of the layers on the shaft, from the depth that is cut and filled (N).
+/// Friction force of the layers on the shaft (N), computed from the cut depth that the shaft fills.
 double friction_of_layers(const Tick& tick) noexcept;
 
 /// Advance of the front of the layer that the tip presses on.
@@ -23,15 +24,16 @@ struct LayerAdvance {
   double stiffness_N_per_m = 0;  ///< stiffness of the layer before the advance
   bool ends_layer = false;
 };
-/// Computes the advance until the force on the layer, from `bone_N` and all layers, equals its cutting force.
-/// Per metre of advance the force falls by `falling` times the layer's stiffness: 1 if the tip keeps its
-/// position, less if the tip follows. Punctures the layer if the force suffices.
+/// Punctures the pressed layer if the total force, `bone_N` plus the force of all layers, suffices. If the layer
+/// is punctured, computes the advance after which the total force equals the layer's cutting force. Per metre of
+/// advance the force falls by `falling` times the layer's stiffness; `falling` is 1 if the tip keeps its
+/// position, and less if the tip follows.
 LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept;
 /// Index of the layer that the tip presses on; -1: none.
 int pressed_layer(const Tick& tick, double slide_m) noexcept;
 void take(Tick& tick, const LayerAdvance& advance, CuttingResult& out) noexcept;
 
-/// Ends the tick, after a slide of the tip by `slide_m`.
+/// Updates the layers at the end of the tick, in which the tip has slid by `slide_m`.
 void finish_layers(Tick& tick, double slide_m, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime

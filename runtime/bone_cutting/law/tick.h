@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working data of one tick of the cutting law. holes.h, front.h, potential.h and equilibrium.h operate on
-// it, in that order (cutting_law.cpp).
+// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of holes.h, front.h,
+// soft_layers.h, potential.h and equilibrium.h.
 // Tests: tests/runtime/bone_cutting/law/cutting_tick_test.cpp
 #pragma once
 
@@ -18,8 +18,9 @@ struct Tick {
   CuttingState& state;
   std::span<const SoftLayer> layers;  ///< layers that have an entry in `state`
 
-  /// The proxy's pose at the start of the tick, from which slides are measured. `axis` and `tip` belong to
-  /// that pose, in {B}; `down` is the downward component of the axis.
+  /// The proxy's pose at the start of the tick. Slides are measured from it. `axis` and `tip` are the tool's
+  /// axis and tip at that pose, in {B}. `down` is the downward component of `axis`, and `back` the inverse of
+  /// the pose's rotation.
   Pose start{};
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
@@ -42,8 +43,8 @@ struct Tick {
     back = X.q.conjugate();
   }
 
-  /// Removes the part of the tip's slip that is along the shaft or beyond its limit. This only lowers its
-  /// energy.
+  /// Removes the component of the tip's slip along the shaft, and limits its length to tip_presliding_m. This
+  /// can only lower the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= axis * axis.dot(slip);
@@ -53,7 +54,7 @@ struct Tick {
 
   int slab_count() const noexcept { return static_cast<int>(slabs.size()); }
   const CuttingSlab& slab(int i) const noexcept { return slabs[static_cast<std::size_t>(i)]; }
-  /// The first slab whose bottom is at this depth or below it.
+  /// Index of the first slab whose bottom is at this depth or below it.
   int slab_at(double depth_m) const noexcept {
     const auto at = std::lower_bound(slabs.begin(), slabs.end(), depth_m,
                                      [](const CuttingSlab& s, double d) { return s.bottom_m < d; });
@@ -64,14 +65,14 @@ struct Tick {
   }
 };
 
-/// Intersection of the line through the tip with the plane at a depth.
+/// Intersection (x, y) of the tool's axis with the horizontal plane at a depth.
 inline Eigen::Vector2d crossing(const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                                 double depth_m) noexcept {
   const double along = (-depth_m - tip.z()) / axis.z();
   return {tip.x() + along * axis.x(), tip.y() + along * axis.y()};
 }
 
-/// Depth of Gauss point `g` of a slab with this number of points, which have equal weights.
+/// Depth of Gauss point `g` of a slab that has `points` Gauss points of equal weight.
 inline double gauss_depth(const CuttingSlab& slab, std::size_t g,
                           std::size_t points = kMaxWallPoints) noexcept {
   constexpr std::array<double, kMaxWallPoints> kGauss{0.21132486540518713, 0.78867513459481287};

@@ -15,7 +15,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// The reach is so many times the shaft's largest displacement in recent ticks.
+// The radius is at least kReachPerStep times the displacement of the shaft within a tick. At each new tick it
+// shrinks by the factor kForgotten.
 constexpr double kReachPerStep = 2, kForgotten = 0.9, kMinReach_m = 1e-9;
 
 }  // namespace
@@ -24,7 +25,7 @@ WallSums WallModel::at(const Tick& tick, const ShaftLine& line) noexcept {
   double& reach_m = tick.state.wall_radius_m;
   if (is_known_) {
     const ShaftLine by{line.at_m - line_.at_m, line.per_depth - line_.per_depth};
-    // It moves most at one end of the hole.
+    // The largest displacement of the axis is at one end of the hole.
     const double step_m = std::sqrt(
         std::max(by.crossing(top_m_).squaredNorm(), by.crossing(bottom_m_).squaredNorm()));
     reach_m = std::max(reach_m, kReachPerStep * step_m);
@@ -56,7 +57,7 @@ void WallModel::learn(const Tick& tick, const ShaftLine& line) noexcept {
       const Slot& wall = s.walls[g];
       const auto add = [&](const Vector2d& offset, auto&& add_stiffness) {
         const double d2 = offset.squaredNorm(), clear_m = wall.clearance_m();
-        // A wall with clearance is quadratic only where its energy is zero.
+        // If there is clearance, the energy is quadratic only inside the clearance, where it is zero.
         if (clear_m > 0) return clear_m > reach_m && d2 < (clear_m - reach_m) * (clear_m - reach_m);
         if (d2 > elastic2_m2) return false;
         sums.energy_J += 0.5 * k * d2;
@@ -86,7 +87,8 @@ void WallModel::learn(const Tick& tick, const ShaftLine& line) noexcept {
   others_ = others;
 }
 
-// A crossing moves by N' (u + turn x (lever + t axis)).
+// If the proxy moves by the translation u and the rotation w, the crossing at the distance t from the tip moves
+// by N^T (u + w x (lever + t axis)).
 void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, const Vector3d& lever,
                bool majorise, Evaluation& e) noexcept {
   e.wall_J = 0;
@@ -104,7 +106,7 @@ void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, cons
     const Slot& wall = s.walls[g];
     const Slot::Offset d = wall.offset(line.crossing(depth));
     const double d2 = d.x_m * d.x_m + d.y_m * d.y_m, clearance = wall.clearance_m();
-    // A femtometre has no direction that could be computed.
+    // Below a femtometre the direction of the offset cannot be computed.
     if (d2 <= std::max(clearance * clearance, 1e-30)) continue;
     const double whole = std::sqrt(d2), distance = whole - clearance;
     const YieldSpring h = yield_spring(k, s.wall_most_N, distance, majorise);
@@ -124,7 +126,7 @@ void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, cons
     C0.col(c) = lever.cross(n);
     C1.col(c) = axis.cross(n);
   }
-  // In place of the depth, the distance from the tip along the shaft: t = (tip.z + depth) per_z.
+  // Convert powers of the depth to powers of t = (tip.z + depth) per_z, the distance from the tip.
   const double t0 = tip.z() * per_z;
   const Vector2d g0 = sums.force(0), g1 = t0 * g0 + per_z * sums.force(1);
   const Eigen::Matrix2d H0 = sums.stiffness(0), S1 = per_z * sums.stiffness(1), H1 = t0 * H0 + S1,

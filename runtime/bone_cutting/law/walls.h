@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums the forces and stiffnesses of the walls of the hole that the tool is in, over their Gauss points. While
-// the shaft stays close to a reference position and a wall does not yield, the same corner or edge of each
-// point's slot is the nearest, so the point's energy is a quadratic function of the shaft's displacement. So
-// is the sum of these energies. A tick therefore visits all points once, and Newton's further steps visit
-// only the few remaining points.
+// Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss points at
+// which the wall acts, and each Gauss point has a slot. As long as the shaft stays close to a reference
+// position and the wall at a Gauss point does not yield, the nearest corner or edge of that point's slot does
+// not change. The energy of the point is then quadratic in the shaft's displacement, and so is the sum of such
+// energies. Therefore the first evaluation of a tick visits all points, and the other evaluations visit only
+// the few points whose energy is not quadratic.
 //
 // Contract (tests/runtime/bone_cutting/law/walls_test.cpp): apart from rounding, add_walls() adds the sum over
 // all points, independent of earlier poses.
@@ -18,14 +19,14 @@ namespace trocar::runtime {
 struct Tick;
 struct Evaluation;
 
-/// The shaft's axis: it intersects the plane at a depth at `at_m + depth * per_depth`.
+/// The axis of the shaft. It crosses the horizontal plane at depth d in the point at_m + d * per_depth.
 struct ShaftLine {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero(), per_depth = Eigen::Vector2d::Zero();
   Eigen::Vector2d crossing(double depth_m) const noexcept { return at_m + depth_m * per_depth; }
 };
 
-/// Energies, and forces and stiffnesses multiplied by powers of the depth. The derivatives by the proxy's
-/// six coordinates are computed from these.
+/// Sums over Gauss points: the energy, and the forces and stiffnesses multiplied by powers of the depth. The
+/// derivatives with respect to the proxy's six coordinates are computed from them.
 class WallSums {
  public:
   double energy_J = 0;
@@ -39,7 +40,7 @@ class WallSums {
     k_[1] += depth_m * k;
     k_[2] += depth_m * depth_m * k;
   }
-  /// Adds `k` times the products of the vector's coordinates.
+  /// Adds the stiffness matrix k v v^T. If v is a unit vector, this is a spring k along v.
   void add_along(double depth_m, double k, const Eigen::Vector2d& v) noexcept {
     const Eigen::Vector2d scaled = k * v, squares = scaled.cwiseProduct(v);
     const double mixed = scaled.x() * v.y(), depth2 = depth_m * depth_m;
@@ -50,7 +51,7 @@ class WallSums {
     mixed_[1] += depth_m * mixed;
     mixed_[2] += depth2 * mixed;
   }
-  /// The sums after a motion of the shaft, for points of constant stiffness.
+  /// Returns the sums after the shaft has moved by `by`, if the stiffness of all points stays constant.
   WallSums moved(const ShaftLine& by) const noexcept {
     const Eigen::Matrix2d S1 = stiffness(1);
     const Eigen::Vector2d more = stiffness(0) * by.at_m + S1 * by.per_depth,
@@ -80,16 +81,17 @@ class WallSums {
                                           Eigen::Vector2d::Zero()};
 };
 
-/// Cache of the points whose energy is quadratic while the shaft stays within a radius of the position at
-/// which all points were last visited. The radius, CuttingState::wall_radius_m, follows the motion of the
-/// shaft in a tick: a larger one leaves more points to visit one by one, a smaller one causes more visits of
-/// all points.
+/// Cached sums over the quadratic points: those whose energy is quadratic while the shaft stays within a radius
+/// of its position at the last visit of all points. The radius, CuttingState::wall_radius_m, is adapted to the
+/// motion of the shaft in a tick. With a larger radius fewer points are quadratic; with a smaller one, all
+/// points are visited more often.
 class WallModel {
  public:
   /// Call this when a wall has changed.
   void forget() noexcept { is_known_ = false; }
-  /// The sums of these points with the shaft at `line`. Afterwards the first others() entries of
-  /// CuttingState::wall_points are the remaining points, numbered kMaxWallPoints * slab + Gauss point.
+  /// Returns the sums over the quadratic points for the shaft at `line`. Afterwards the first others() entries
+  /// of CuttingState::wall_points list the points that are not in the sums. The number of a point is
+  /// kMaxWallPoints * slab + Gauss point.
   WallSums at(const Tick& tick, const ShaftLine& line) noexcept;
   std::size_t others() const noexcept { return others_; }
 
@@ -104,7 +106,7 @@ class WallModel {
 };
 
 /// Adds the walls to energy, gradient and second derivatives. `lever`: vector from the plate's origin to the
-/// tip.
+/// tip. `majorise`: as for evaluate() (potential.h).
 void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                const Eigen::Vector3d& lever, bool majorise, Evaluation& e) noexcept;
 

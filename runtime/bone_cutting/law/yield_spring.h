@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// A spring that yields: elastic below a force, with constant force beyond it (Huber, 1964).
+// A spring that yields: it is elastic up to a limit force, and beyond that its force is constant (Huber, 1964).
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
 namespace trocar::runtime {
 
-/// Energy, force and second derivatives, along the spring and across it.
+/// Energy, force, and second derivatives of the energy along the spring and across it.
 struct YieldSpring {
   double energy = 0, force = 0, along = 0, across = 0;
 };
 
-/// `most`: the force at which it yields; `length` >= 0. With `majorise`, the second derivative along the spring
-/// is that of a parabola that lies above the energy everywhere.
+/// `most`: the force at which the spring yields. `length`: its extension, at least 0. With `majorise`, the
+/// second derivative along the spring is that of a parabola that touches the energy at `length` and lies above
+/// it everywhere else.
 inline YieldSpring yield_spring(double stiffness, double most, double length,
                                 bool majorise) noexcept {
   if (stiffness * length <= most)
