@@ -16,7 +16,7 @@
 namespace trocar {
 namespace {
 
-/// The message about the first empty value, or nothing.
+/// A message about the first empty value; empty if there is none.
 std::string empty_value(int argc, const char* const* argv) {
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i], before = argv[i - 1];
@@ -28,7 +28,8 @@ std::string empty_value(int argc, const char* const* argv) {
   return {};
 }
 
-/// The message about the first argument that no option took, with the option that may be meant.
+/// A message about the first argument that no option took, with the option that may have been
+/// meant.
 std::string unexpected_argument(const CLI::App& app) {
   const std::vector<std::string> rest = app.remaining(true);
   const std::string argument = rest.empty() ? "" : rest.front();
@@ -45,8 +46,8 @@ std::string not_a_number(const std::string& text, bool is_whole) {
   return text + " is not a " + (is_whole ? "whole " : "") + "number";
 }
 
-/// The message about the first value that is no number although its option's type is one, or
-/// nothing.
+/// A message about the first value that is not a number although its option takes one; empty if
+/// there is none.
 std::string no_number(const CLI::App& app) {
   const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
   for (const CLI::Option* option : command.get_options()) {
@@ -62,7 +63,7 @@ std::string no_number(const CLI::App& app) {
   return {};
 }
 
-/// "a", "a or b", "a, b or c" from "a,b,c".
+/// Writes a list for messages: "a,b,c" becomes "a, b or c", and "a,b" becomes "a or b".
 std::string alternatives(std::string list) {
   const std::size_t last = list.rfind(',');
   if (last != std::string::npos) list.replace(last, 1, " or ");
@@ -71,7 +72,7 @@ std::string alternatives(std::string list) {
   return list;
 }
 
-/// The number without the zeros at the end of its decimals.
+/// The number without trailing zeros after the decimal point.
 std::string shown(double number, bool is_whole) {
   if (is_whole) return std::to_string(static_cast<long long>(number));
   std::string text = std::to_string(number);
@@ -80,8 +81,8 @@ std::string shown(double number, bool is_whole) {
   return text;
 }
 
-/// CLI11's message about a missing value or a word outside a list, and that of option_range(), in the
-/// style of the programs' own messages. Messages in another form stay unchanged.
+/// Rewrites CLI11's messages about a missing value and about a word outside a list, and those of
+/// option_range(), in the style of the programs' own messages. Other messages stay unchanged.
 std::string plain_words(const std::string& message) {
   static const std::regex missing(R"((-[^ :]+): 1 required .* missing)");
   static const std::regex range(R"((-[^ :]+): (.*: must be within .*))");
@@ -94,7 +95,7 @@ std::string plain_words(const std::string& message) {
   return message;
 }
 
-/// Whether an unknown option was given, which may be the required one with a typing error.
+/// Was an unknown option given? It may be the required option, misspelt.
 bool has_unknown_option(const CLI::App& app) {
   const std::vector<std::string> rest = app.remaining(true);
   return !rest.empty() && rest.front().starts_with("--");

@@ -13,21 +13,22 @@ namespace trocar {
 
 class DisjointSets {
  public:
-  /// Each number is a set of its own. `size` is below 2^32.
+  /// At first each number is a set of its own. `size` must be below 2^32.
   explicit DisjointSets(std::size_t size = 0) : parent_(size) {
     std::iota(parent_.begin(), parent_.end(), std::uint32_t{0});
   }
 
   std::size_t size() const noexcept { return parent_.size(); }
 
-  /// The root of i's set, which is its least number unless put_under() was used.
+  /// The root of the set that contains i. It is the smallest number in the set unless put_under()
+  /// was used.
   std::uint32_t root(std::uint32_t i) noexcept {
     while (parent_[i] != i)
       i = parent_[i] = parent_[parent_[i]];
     return i;
   }
 
-  /// Merges two sets; false if they were already one.
+  /// Merges the sets that contain a and b. Returns false if they were already one set.
   bool join(std::uint32_t a, std::uint32_t b) noexcept {
     a = root(a);
     b = root(b);
@@ -35,7 +36,7 @@ class DisjointSets {
     return a != b;
   }
 
-  /// Merges the sets of two roots; the first root becomes that of the result.
+  /// Merges the sets of two roots. `root` becomes the root of the result.
   void put_under(std::uint32_t root, std::uint32_t other) noexcept { parent_[other] = root; }
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A file descriptor of the system that is closed with its owner.
+// A file descriptor that is closed when its owner is destroyed.
 // Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
@@ -19,7 +19,7 @@ class FileDescriptor {
     if (fd_ >= 0) ::close(fd_);
   }
   int get() const { return fd_; }
-  /// Closes it now; false, with errno set, if what was written may be lost.
+  /// Closes the descriptor now. Returns false and sets errno if data that was written may be lost.
   bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
 
  private:

@@ -28,9 +28,10 @@ class ByteSource {
   virtual ~ByteSource() = default;
 
   virtual std::uint64_t size() const = 0;
-  /// Reads `into.size()` bytes from `offset` on. Errors: (refused) there are fewer.
+  /// Reads `into.size()` bytes from `offset` on. Errors: (refused) fewer bytes are left; the file
+  /// cannot be read.
   Result<void> read(std::uint64_t offset, std::span<std::uint8_t> into);
-  /// The total of all calls of read().
+  /// Number of bytes that all calls of read() have read.
   std::uint64_t bytes_read() const { return bytes_read_; }
 
  private:
@@ -62,13 +63,13 @@ struct OutputFile {
   std::filesystem::path file;
 };
 
-/// Calls check_writable() for each. Errors: also (usage) an output is also an input or another
-/// output.
+/// Calls check_writable() for each output. Errors: those of check_writable(); (usage) an output is
+/// also an input, or two outputs are the same file.
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs);
 
-/// A path for reports that are passed on and must not show absolute paths: a relative path
-/// unchanged, of an absolute path only the file name.
+/// Shortens a path for reports that are passed on and must not show absolute paths. A relative path
+/// stays unchanged; an absolute path is reduced to its file name.
 std::string without_folder(const std::filesystem::path& file);
 
 /// Writes a temporary file in the target's folder, syncs it and renames it to the target. Errors:

@@ -16,9 +16,9 @@ struct EmbeddedDocument {
 
 /// The template with each mark `{{name}}` replaced by the JSON document of that name. A mark stands
 /// in a `<script type="application/json">`. Each `<` of a document is written as \u003c, so that
-/// nothing in it can end the element. The template's script sets texts by `textContent` only. Marks
-/// stand in the template in the order of the documents.
-/// Errors: std::logic_error if a mark is missing.
+/// nothing in it can end the element. The template's script sets texts by `textContent` only. The
+/// marks must have the same order in the template as the documents have here. Errors:
+/// std::logic_error if a mark is missing.
 std::string html_page(std::string_view page_template,
                       std::initializer_list<EmbeddedDocument> documents);
 

@@ -15,7 +15,7 @@ inline std::string json_text(const nlohmann::json& value, int indent = -1) {
   return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-/// The to_string() names of an enumeration's first `count` values.
+/// The names, by to_string(), of the first `count` values of an enumeration.
 template <typename Enumeration>
 nlohmann::json names_of(int count) {
   nlohmann::json list = nlohmann::json::array();

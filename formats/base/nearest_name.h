@@ -10,7 +10,8 @@
 namespace trocar {
 
 /// The candidate with the smallest edit distance (Levenshtein) to `name`. Empty if all distances
-/// exceed a third of the name's length (at least 1), or the name has more than 64 bytes.
+/// exceed a third of the name's length (or 1, if the name is shorter than three bytes), or if the
+/// name has more than 64 bytes.
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
 
 /// ", did you mean X?", or an empty text.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The range of the number that an option takes. CLI11's own differs between versions: its messages,
-// and whether it accepts nan.
+// The range of the number that an option takes. CLI::Range is not used, because its messages, and
+// whether it accepts nan, differ between versions of CLI11.
 // Tests: tests/formats/base/command_line_test.cpp
 #pragma once
 

@@ -23,7 +23,8 @@ namespace trocar {
 /// key that occurs twice in an object, numbers beyond double's range and nesting deeper than 64.
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
-/// Keeps the first error of a document, whose readers continue with defaults.
+/// Keeps the first error found in a document. After an error, reading continues with default
+/// values.
 struct JsonErrors {
   std::string file;  ///< name of the file in messages
   std::optional<Error> first;
@@ -41,7 +42,8 @@ class StrictObject {
   /// Adds an error of this object, or of the value under `key`.
   void error(const std::string& why) { errors_.add(path_, why); }
   void error(const char* key, const std::string& why) { errors_.add(path(key), why); }
-  /// Finite and lowest <= x <= highest. Without `otherwise` the key is required.
+  /// Reads a finite number x, lowest <= x <= highest. If the key is missing, the result is
+  /// `otherwise`; without `otherwise` the key is required.
   double number(const char* key, double lowest, double highest,
                 std::optional<double> otherwise = std::nullopt);
   std::int64_t integer(const char* key, std::int64_t lowest, std::int64_t highest,
@@ -51,9 +53,9 @@ class StrictObject {
   void read(const char* key, std::optional<double>& value, double lowest, double highest);
   /// The index of a string among `names`; 0 if the key is missing.
   std::size_t choice(const char* key, std::span<const char* const> names);
-  /// A missing key means false.
+  /// Reads true or false. A missing key means false.
   bool boolean(const char* key);
-  /// 1 to 4096 bytes without control characters.
+  /// Reads a string of 1 to 4096 bytes without control characters.
   std::string string(const char* key);
   /// Reads `result.size()` numbers. If `required` is not set, a missing key leaves `result`
   /// unchanged.
@@ -62,7 +64,7 @@ class StrictObject {
   /// The array under `key`. If it is missing, not an array, or its length is out of bounds, adds an
   /// error and returns null.
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
-  /// The value under `key`, or null if it is missing; the key counts as known.
+  /// The value under `key`, or null if it is missing. finish() then accepts the key.
   const nlohmann::json* optional_value(const char* key);
   /// Calls read(object) for the object under `key` and then finishes it. False if the key is
   /// missing.
@@ -72,7 +74,7 @@ class StrictObject {
     if (value != nullptr) read_object(*value, path(key), read);
     return value != nullptr;
   }
-  /// The same, but a missing key is an error.
+  /// Like section(), but a missing key is an error.
   template <typename Read>
   void required_section(const char* key, const Read& read) {
     if (const nlohmann::json* value = find(key, true)) read_object(*value, path(key), read);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The system's words for an error number.
+// The system's message for an error number.
 // Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 

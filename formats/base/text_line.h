@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of text from a printf format, and about a value beyond its limit.
+// Lines of text made from a printf format, and lines about a value that exceeds its limit.
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
@@ -18,7 +18,8 @@ std::string text_line(const char* format, Values... values) {
   return text;
 }
 
-/// A value with at least `decimals` decimals, and as many as it takes to differ from the limit.
+/// Writes a value with `decimals` decimals, or with more (at most 9) if it would otherwise look
+/// equal to the limit.
 inline std::string apart_from(double value, double limit, int decimals) {
   for (; decimals < 9; ++decimals) {
     if (text_line("%.*f", decimals, value) != text_line("%.*f", decimals, limit)) break;
@@ -26,7 +27,7 @@ inline std::string apart_from(double value, double limit, int decimals) {
   return text_line("%.*f", decimals, value);
 }
 
-/// Such as "WHAT 2.31 m/s; the limit is 2 m/s" with the unit " m/s".
+/// A line such as "WHAT 2.31 m/s; the limit is 2 m/s", here with the unit " m/s".
 inline std::string describe_beyond(const char* what, double value, double limit, const char* unit,
                                    int decimals) {
   return text_line("%s %s%s; the limit is %.4g%s", what, apart_from(value, limit, decimals).c_str(),
