@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rotation of the plane by right angles that brings a set of points into a canonical
 // orientation. Every decision that depends on the order of points, on ties or on rounding is made
-// in the rotated plane. So if the points are moved by lattice steps or rotated by right angles, the
-// result is the same, moved and rotated.
+// in the rotated plane. So if the points are translated by whole lattice steps or rotated by right
+// angles, the result is translated and rotated with them, and otherwise the same.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -100,10 +100,10 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
   return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
 }
 
-/// The same rotation, but if the offset is zero, a third moment about the centre of the box
-/// decides: (x^3, y^3), or if that is zero (x y^2, y x^2). If all are zero, which hardly happens
-/// unless a rotation maps the points onto themselves, the result is the identity. Exact.
-/// `for_each(visit)` calls visit(point) for all points, in the same way each time.
+/// Like rotation_by_centroid(), but if the offset is zero, a third moment about the centre of the
+/// box decides: the sum of (x^3, y^3) or, if that is zero, the sum of (x y^2, y x^2). If both are
+/// zero, which is rare unless a rotation maps the points onto themselves, the result is the
+/// identity. Exact. `for_each(visit)` calls visit(point) for all points, in the same way each time.
 template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   CentroidOffset offset;

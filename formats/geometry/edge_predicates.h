@@ -24,22 +24,23 @@ inline bool encroaches(LatticePoint a, LatticePoint b, LatticePoint p) noexcept 
   return diametral_dot(a, b, p) < 0;
 }
 
-/// Does the boundary edge ab, with the material on its left, forbid a new vertex p: because p
-/// encroaches upon it, or does not lie strictly on its left?
+/// Does the boundary edge ab, with the material on its left, forbid a new vertex p? It does if p
+/// encroaches upon it or does not lie strictly on its left.
 inline bool blocks(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return diametral_dot(a, b, p) < 0 || orient2d(a, b, p) <= 0;
 }
 
-/// May the edge ab of the counter-clockwise triangle abc be split at m: m lies on ab or on its
-/// inner side, and strictly inside the other two edges? Such a split never moves the boundary
-/// outwards, so the boundary cannot cross itself there.
+/// May the edge ab of the counter-clockwise triangle abc be split at m? It may if m lies on ab or
+/// on its inner side, and strictly on the inner side of the other two edges. Such a split never
+/// moves the boundary outwards, so the boundary cannot cross itself there.
 inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint m) noexcept {
   return (orient2d(a, b, m) >= 0) & (orient2d(b, c, m) > 0) & (orient2d(c, a, m) > 0);
 }
 
-/// Is the edge bc between the triangles abc and dcb locally Delaunay: do the angles opposite bc sum
-/// to at most 180 degrees? The sine of their sum, times the lengths of the four other edges, is the
-/// determinant of in_circle(), with fewer products and, as flips cannot be predicted, no branches.
+/// Is the edge bc between the triangles abc and dcb locally Delaunay? It is if the two angles
+/// opposite bc sum to at most 180 degrees. The sine of that sum, times the lengths of the four
+/// other edges, equals the determinant of in_circle() and needs fewer products. There are no
+/// branches, because the result cannot be predicted.
 inline bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c,
                                 LatticePoint d) noexcept {
   return Int128{orient2d(a, b, c)} * diametral_dot(b, c, d) +

@@ -20,7 +20,8 @@ struct EdgeTable {
     std::uint32_t edge;
   };
   std::vector<Entry> entries;        ///< sorted by the lower vertex, then `high`, then `edge`
-  std::vector<std::uint32_t> first;  ///< index of each lower vertex's first entry, then the end
+  std::vector<std::uint32_t> first;  ///< index of each vertex's first entry as lower vertex; then
+                                     ///< the end
 
   /// Calls visit(low, high, edges) for every pair of vertices with an edge, ascending by low and
   /// high. `edges` has the entries of both directions: in a valid mesh two for an interior edge,
@@ -37,7 +38,8 @@ struct EdgeTable {
   }
 };
 
-/// Expects that every index is in range and every triangle has three different vertices. O(n).
+/// Makes the table. Every index must be in range, and every triangle must have three different
+/// vertices. O(n).
 EdgeTable edge_table(const SliceMesh& mesh);
 
 }  // namespace trocar

@@ -29,8 +29,8 @@ struct LatticePoint {
 /// "lattice point (x, y)", for messages.
 std::string to_text(LatticePoint p);
 
-/// Largest admissible |coordinate|: keeps orient2d within 64 and in_circle
-/// within 128 bits. Assets are narrower still: see kMaxAssetExtent in asset.h.
+/// Largest admissible |coordinate|: keeps orient2d within 64 and in_circle within 128 bits. Assets
+/// have a smaller limit: kMaxAssetExtent in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
 
 /// Are the coordinates admissible? Larger ones would overflow the predicates below.
@@ -44,10 +44,10 @@ struct Lattice {
   int bits = 8;
   double step_mm() const { return power_of_two(-bits); }
   double step_m() const { return step_mm() * 1e-3; }
-  /// Nearest lattice coordinate (ties to even) of a coordinate in mm; the
-  /// caller has checked that it is finite and |mm| / step <= kMaxCoordinate.
+  /// The lattice coordinate nearest to a coordinate in mm (ties to even). `mm` must be finite with
+  /// |mm| / step <= kMaxCoordinate.
   std::int32_t snap_mm(double mm) const {
-    // Beyond 2^52 a double has no fractions, so the sum is rounded to a whole number.
+    // Beyond 2^52 a double has no fractional part, so the sum is rounded to a whole number.
     constexpr double kWhole = 0x1.8p52;
     return static_cast<std::int32_t>((mm * power_of_two(bits) + kWhole) - kWhole);
   }

@@ -30,7 +30,8 @@ Result<void> check_rings(const Pslg& pslg) {
   return {};
 }
 
-// Checks how rings whose edges do not cross nest. `first` has the first edge of each ring.
+// Checks the nesting of rings whose edges do not cross. `first` has the index of each ring's first
+// edge.
 Result<void> check_nesting(const Pslg& pslg, const EdgeLoops& loops,
                            const std::vector<std::uint32_t>& first,
                            const std::vector<std::uint32_t>& order) {
@@ -74,7 +75,7 @@ bool is_edge_delaunay(const SliceMesh& mesh, std::uint32_t edge, std::uint32_t o
                              corner(mesh, next_edge(edge)), corner(mesh, previous_edge(other)));
 }
 
-// Proves what check_mesh() does, except that the boundary does not cross itself. Determines
+// Proves what check_mesh() proves, except that the boundary does not cross itself. Determines
 // `is_delaunay` only if `delaunay_too` is set.
 Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
   const std::size_t n = mesh.vertices.size();
@@ -171,7 +172,7 @@ std::vector<Edge> sorted_edges(const std::vector<Ring>& rings) {
   return edges;
 }
 
-// Has the boundary exactly the outline's edges, each once? Usually the outline is
+// Does the boundary have exactly the outline's edges, each once? Usually the outline is
 // boundary_rings(mesh), and its rings are compared in order; otherwise sorted edges are compared.
 Result<void> check_same_edges(const SliceMesh& mesh, const Manifold& manifold, const Pslg& pslg) {
   const Pslg boundary = rings_along(mesh, manifold.next);
@@ -196,7 +197,7 @@ Result<void> check_against_outline(const SliceMesh& mesh, const ProvedOutline& o
   const auto manifold = check_manifold(mesh, delaunay_too);
   if (!manifold) return manifold.error();
   if (auto differ = check_same_edges(mesh, *manifold, outline.pslg()); !differ) {
-    // Crossing edges are the graver defect and are reported first; the outline has none.
+    // Crossing edges are the more serious defect, so they are reported first. The outline has none.
     if (auto ok = check_boundary(mesh, *manifold); !ok) return ok;
     return differ;
   }

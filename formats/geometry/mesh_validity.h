@@ -18,18 +18,18 @@ namespace trocar {
 ///    in opposite directions), and every vertex's triangles form one fan
 ///    (manifold; a pinch is two vertices at one point);
 ///  - no two boundary edges cross.
-/// Then the triangles tile without overlap every region around which the boundary winds once, which
-/// check_mesh_against_pslg() proves. O(n log n).
+/// If the boundary also winds exactly once around every point of the material, which
+/// check_mesh_against_pslg() proves, the triangles tile the material without overlap. O(n log n).
 Result<void> check_mesh(const SliceMesh& mesh);
 
-/// check_mesh, and the mesh's boundary is exactly the PSLG's edges, in their
-/// direction, and their areas are equal. O(n log n).
+/// Proves what check_mesh() proves and, in addition, that the mesh's boundary consists of exactly
+/// the PSLG's edges, in the same direction, and that mesh and PSLG have the same area. O(n log n).
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 
-/// The same for an outline that is proved already. One pass over the mesh.
+/// The same for an outline that has already been proved. One pass over the mesh.
 Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutline& outline);
-/// In the same pass also proves that every interior edge is locally Delaunay. If only this fails,
-/// the message is "not constrained Delaunay".
+/// Like check_mesh_against_outline(), and in the same pass also proves that every interior edge is
+/// locally Delaunay. If only this fails, the message is "not constrained Delaunay".
 Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline);
 
 /// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
@@ -44,7 +44,7 @@ Result<void> check_pslg(const Pslg& pslg);
 /// so that the midpoint of an edge can be tested. Exact. O(n).
 bool is_inside_ring(std::int64_t doubled_x, std::int64_t doubled_y, const Ring& ring);
 
-/// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.
+/// Is every interior edge locally Delaunay? Exact. The mesh must be valid.
 bool is_constrained_delaunay(const SliceMesh& mesh);
 
 }  // namespace trocar

@@ -14,16 +14,16 @@
 namespace trocar {
 namespace {
 
-// Left and right follow LatticePoint's order: of two points above each other, the lower one is to
-// the left. So no edge is vertical.
+// Left and right follow LatticePoint's order: of two points with equal x, the lower one counts as
+// the left one. So no edge counts as vertical.
 //
 // The sweep line moves from left to right and meets edges, ordered from below to above. Until it
 // reaches the first point where two edges cross, the order of any two edges does not change, and
 // those two edges are neighbours just before that point, or begin there. Therefore it is enough to
 // test pairs of edges when they become neighbours, and the edges next to a point where edges begin.
 
-// An edge that the sweep line meets. If it ends where another edge begins, that edge replaces it in
-// the set, and the order stays.
+// An edge that the sweep line meets. If it ends where another edge begins, that edge takes its
+// place in the set, and the order of the set does not change.
 struct Met {
   mutable LatticePoint left, right;
   mutable const Met *below = nullptr, *above = nullptr;  // neighbours on the sweep line
@@ -51,8 +51,8 @@ class Below {
     if (e.left == f.left) return side(e, f.right) > 0;
     return e.left < f.left ? side(e, f.left) > 0 : side(f, e.left) < 0;
   }
-  // Are the two in this order at the right end of the one that ends first? They do not end in one
-  // point. This is free of branches because it cannot be predicted which ends first.
+  // Are the two edges in this order at the right end of the one that ends first? They must not end
+  // in the same point. There are no branches, because it cannot be predicted which one ends first.
   bool is_in_order_at_end(const Met& lower, const Met& upper) const {
     const bool lower_ends = sort_key(lower.right) < sort_key(upper.right);
     const std::array<const Met*, 2> both{&lower, &upper};
@@ -61,7 +61,7 @@ class Below {
   }
 
  private:
-  // A number whose order is that of the points.
+  // A number for each point. The numbers have the order of the points.
   static std::int64_t sort_key(LatticePoint p) {
     return static_cast<std::int64_t>(static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x))
                                          << 32 |
@@ -70,8 +70,8 @@ class Below {
   std::uint64_t* tests_;
 };
 
-// An edge that the sweep line begins to meet and that replaces no other edge, and the edge just
-// below it or kNoEdge.
+// An edge that begins without taking the place of an edge that ends; and the edge just below it, or
+// kNoEdge.
 constexpr std::uint32_t kNoEdge = 0xffffffff;
 struct Beginning {
   std::uint32_t edge, below;
@@ -197,8 +197,8 @@ class Sweeper {
     if (wanted_.right_of != nullptr) (*wanted_.right_of)[met.edge] = winding;
   }
 
-  // Tests two neighbours: until one of them ends, the lower one must stay below the other, except
-  // in a common end.
+  // Tests two neighbours. Until one of them ends, the lower one must stay below the other; only a
+  // common end is allowed.
   void look_at(const Met& lower, const Met& upper) {
     if (lower.right == upper.right) return;
     if (!line_.key_comp().is_in_order_at_end(lower, upper)) found(lower, upper);
@@ -220,7 +220,8 @@ class Sweeper {
   std::vector<std::uint32_t> ends_;
 };
 
-// Digits of this many bits: their counts fit the L1 cache.
+// Largest number of bits in a digit of the radix sort. The counts of all values of such a digit fit
+// into the L1 cache.
 constexpr int kMaxDigitBits = 11;
 
 }  // namespace
@@ -242,8 +243,8 @@ void EdgeLoops::add(std::span<const LatticePoint> ring) {
 }
 
 std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) {
-  // Radix sort, beginning with the lowest digits: it needs no unpredictable branches. Digits in
-  // which all points agree are skipped.
+  // Radix sort, beginning with the lowest digit. It has no unpredictable branches. Digits in which
+  // all points agree are skipped.
   struct Key {
     std::uint64_t point;
     std::uint32_t number;
@@ -260,7 +261,8 @@ std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) 
   for (std::uint32_t i = 0; i < points.size(); ++i)
     keys[i] = {
         std::uint64_t{above(points[i].x, box.low.x)} << y_bits | above(points[i].y, box.low.y), i};
-  // Counting costs time for each digit value, so there are about as many values as points.
+  // Counting takes time for each value of a digit, so digits are chosen such that they have about
+  // as many values as there are points.
   const int most_bits = std::clamp(width(points.size()), 6, kMaxDigitBits),
             passes = std::max(1, (bits + most_bits - 1) / most_bits),
             digit_bits = (bits + passes - 1) / passes;
@@ -304,7 +306,8 @@ std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring
   }
   constexpr std::uint32_t kUnknown = kNoRing - 1;
   std::vector<std::uint32_t> out(rings.size(), kUnknown);
-  // The lower edge at its first point comes first in a ring, and likewise in the ring below.
+  // The first beginning of a ring is the lower edge at its leftmost point. The edge below it
+  // belongs to another ring, whose own first beginning was earlier.
   for (const auto& [edge, below] : beginnings) {
     std::uint32_t& around = out[ring_of[edge]];
     if (around != kUnknown) continue;

@@ -25,11 +25,11 @@ struct EdgeLoops {
   LatticePoint to(std::uint32_t edge) const { return points[next[edge]]; }
 };
 
-/// The numbers of the points, ascending by point and number. O(n log n).
+/// The indices of the points, sorted by point and then by index. O(n log n).
 std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points);
 
 struct SweepResult {
-  bool crosses = false;  ///< two edges cross by segments_cross(), and the sweep stopped there
+  bool crosses = false;  ///< two edges cross (segments_cross()), and the sweep stopped there
   std::uint32_t first = 0, second = 0;  ///< the two edges that cross
   /// The loops wind 0 times around the points just right of every edge, and therefore once around
   /// those just left of it. Then they wind 0 times or once around every point of the plane.
@@ -39,20 +39,22 @@ struct SweepResult {
 };
 
 /// Sweeps over all edges, or only over those for which `is_swept` is not 0. `order` comes from
-/// in_sweep_order(). If no edges cross, sets `right_of`, if not null, to the number of times that
-/// the loops wind around the points just right of each edge. O(n log n).
+/// in_sweep_order(). If no edges cross and `right_of` is not null, sets it to the number of times
+/// that the loops wind around the points just right of each edge. O(n log n).
 SweepResult sweep(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                   std::span<const char> is_swept = {},
                   std::vector<std::int32_t>* right_of = nullptr);
 
 inline constexpr std::uint32_t kNoRing = 0xffffffff;
-/// The number of the smallest ring around each ring, or kNoRing. Each ring has at least 3
-/// different points. Nothing if edges cross, or rings cross at a common vertex. O(n log n).
+/// The index of the smallest ring that encloses each ring, or kNoRing. Each ring must have at least
+/// 3 different points. The result is empty (std::nullopt) if edges cross, or if rings cross at a
+/// common vertex. O(n log n).
 std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings);
 
-/// Proves that no two edges cross by segments_cross(). O(n log n). Errors: (refused) "`what` cross
-/// near lattice point (x, y)". Edges are ordered by their least x and then their two ends; the
-/// point is the start of the first edge that crosses an earlier one. This takes O(n log^2 n).
+/// Proves that no two edges cross (segments_cross()). O(n log n). Errors: (refused) "`what` cross
+/// near lattice point (x, y)". To choose this point, edges are sorted by their smallest x and then
+/// by their two ends; the point is the start of the first edge that crosses an earlier one. Finding
+/// it takes O(n log^2 n).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

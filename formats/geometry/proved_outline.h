@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An outline that check_pslg() has accepted. The type documents that it need not be proved again.
+// An outline that check_pslg() has accepted. The type shows that it need not be proved again.
 // Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 

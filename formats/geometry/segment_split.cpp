@@ -34,7 +34,7 @@ std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, La
   double least = 0;
   constexpr std::int32_t kNear = 2,
                          kFar =
-                             16;  // search distance from the aim; the far one is the second attempt
+                             16;  // largest distances from the aim: first attempt, second attempt
   for (std::int32_t away = 0; away <= kFar && !(best && away > kNear); ++away) {
     for (const std::int32_t column : {middle - away, middle + away}) {
       const double on_edge = across + slope * (column - from);

@@ -13,13 +13,14 @@
 
 namespace trocar {
 
-/// Corners have shells if the angle in the material is below this.
+/// A corner has shells if its angle in the material is below this.
 inline constexpr double kAcuteCorner_deg = 75, kAcuteCorner_cos = 0.25881904510252074;
-/// Distances from a corner that differ by no more than this many steps are on one shell.
+/// Two points are on the same shell if their distances from the corner differ by at most this many
+/// steps.
 inline constexpr double kSameShell_steps = 2;
 
 /// Among the four lattice points around the point at this fraction from a to b, the nearest one
-/// that may_split() the edge ab of the triangle abc; nothing if none of the four may.
+/// that may_split() the edge ab of the triangle abc; std::nullopt if none of the four may.
 inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, LatticePoint c,
                                               double fraction) noexcept {
   const double x = fraction * (static_cast<double>(b.x) - a.x),
@@ -28,7 +29,7 @@ inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, La
   const double off_x = x - (static_cast<double>(near.x) - a.x),
                off_y = y - (static_cast<double>(near.y) - a.y);
   // One step towards the exact point along each axis. Which of the four points lie on the inner
-  // side of ab cannot be predicted, so nothing here branches on that. The first one that does is
+  // side of ab cannot be predicted, so the code does not branch on it. The nearest one that does is
   // nearly always allowed.
   const std::int32_t step_x = 1 - 2 * static_cast<std::int32_t>(off_x < 0),
                      step_y = 1 - 2 * static_cast<std::int32_t>(off_y < 0);
@@ -62,13 +63,14 @@ struct SplitAim {
       on_shell_of_b;  ///< the split shall lie on a shell around this end; at most one of the two
 };
 
-/// The lattice point exactly on ab, neither a nor b, that is nearest to the aim; nothing if there
-/// is no such point.
+/// The lattice point exactly on ab, other than a and b, that is nearest to the aim; std::nullopt if
+/// there is no such point.
 std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
 
 /// A lattice point near the aim that may_split() the edge ab of the triangle abc and lies less than
-/// a step from it: the one nearest to the shell or, without a shell, to the edge (at most half a
-/// step from the midpoint of the edge). Nothing if there is no such point.
+/// a step from this edge. Among several, the result is the point nearest to the shell or, if there
+/// is no shell, the point nearest to the edge (at most half a step from the edge if the aim is the
+/// midpoint). std::nullopt if there is no such point.
 std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, LatticePoint c,
                                               SplitAim aim) noexcept;
 

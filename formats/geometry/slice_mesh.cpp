@@ -32,12 +32,12 @@ bool has_a_point_twice(const Ring& ring) {
   return false;
 }
 
-// The next vertex n along the boundary for each boundary vertex, in one pass without a search. Each
-// triangle at a vertex has two further corners, its second and its third. In a valid mesh each
-// neighbour is the second corner of one triangle and the third of another, except that n is only a
-// second corner and the previous boundary vertex p only a third. So the sums over the triangles of
-// second - third and of second^2 - third^2 are n - p and n^2 - p^2, which give n. In an invalid
-// mesh, which check_mesh() detects, the result may be any vertex.
+// Finds the next vertex n along the boundary for each boundary vertex, in one pass without a
+// search. Each triangle at a vertex has two further corners, its second and its third. In a valid
+// mesh each neighbour is the second corner of one triangle and the third of another, except that n
+// is only a second corner and the previous boundary vertex p only a third. So the sums over the
+// triangles of second - third and of second^2 - third^2 are n - p and n^2 - p^2, which give n. In
+// an invalid mesh, which check_mesh() detects, the result may be any vertex.
 std::vector<std::uint32_t> boundary_steps(const SliceMesh& mesh) {
   struct Sums {
     std::uint64_t difference = 0, squares = 0;  // modulo 2^64; indices are below 2^31

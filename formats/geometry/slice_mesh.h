@@ -12,9 +12,9 @@
 
 namespace trocar {
 
-/// A simple closed polygon, without its first point repeated at the end.
-/// Outer boundaries run counter-clockwise, holes clockwise (material on the
-/// left). Rings may touch in vertices, and neither cross nor share an edge.
+/// A simple closed polygon, without its first point repeated at the end. Outer boundaries run
+/// counter-clockwise, holes clockwise (material on the left). Rings may touch in vertices, but they
+/// neither cross nor share an edge.
 using Ring = std::vector<LatticePoint>;
 
 struct Pslg {
@@ -39,8 +39,8 @@ std::int64_t doubled_area(const SliceMesh& mesh);
 void split_at_pinches(const Ring& path, std::vector<Ring>& out);
 
 /// The boundary of a valid mesh as simple rings with the material on the left. A boundary that
-/// touches itself becomes several rings. Each ring starts at its smallest vertex, and rings ascend,
-/// so the result does not depend on the order of the triangles. O(n log n).
+/// touches itself becomes several rings. Each ring starts at its smallest vertex, and the rings are
+/// in ascending order, so the result does not depend on the order of the triangles. O(n log n).
 Pslg boundary_rings(const SliceMesh& mesh);
 
 inline constexpr std::uint32_t kNotOnBoundary = 0xffffffff;

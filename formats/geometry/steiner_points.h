@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Steiner points: lattice points inside the material at which refinement may insert a vertex. They
-// are near the circumcentre of a bad triangle, or closer to its shortest edge, as the off-centres of
-// Uengoer (2004) are.
+// lie near the circumcentre of a bad triangle, or closer to its shortest edge, like the off-centres
+// of Uengoer (2004).
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -47,8 +47,8 @@ inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset
           round_half_up(p.y, 0.5 * dy + (offset.along * dy + offset.away * dx))};
 }
 
-/// The triangle's circumcentre, but at most `max_away` (in units of pq) from pq along its bisector;
-/// rounded half up.
+/// The circumcentre of the triangle pqr, but at most `max_away` (in units of the length of pq) from
+/// pq on the bisector of pq; rounded half up.
 inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
                                 double max_away) noexcept {
   const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
@@ -63,7 +63,7 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
 /// of its points on the left of the edge the edge subtends the given angle.
 struct AngleCircle {
   double radius = 0;
-  double centre = 0;  ///< its distance from the edge
+  double centre = 0;  ///< distance of the circle's centre from the edge
 
   AngleCircle() = default;
   explicit AngleCircle(double angle_rad)

@@ -35,8 +35,8 @@ struct TriangleSurface {
 /// Does not detect self-intersections. O(n log n). Errors: (refused).
 Result<void> check_triangle_surface(const TriangleSurface& surface);
 
-/// The normal at each vertex: the mean of its triangles' unit normals, weighted by their angles
-/// there.
+/// The normal at each vertex: the mean of the unit normals of its triangles, weighted by the
+/// triangles' angles at the vertex.
 std::vector<Eigen::Vector3f> vertex_normals(const TriangleSurface& surface);
 
 /// The enclosed volume in steps^3, exact up to 2^53.
