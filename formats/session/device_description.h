@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The description of a haptic device: geometry, motors, joint limits, and the parameters of its
 // simulation. The mechanism is the paper's four-legged, eight-motor device (section III);
-// runtime/mechanism/README.md says how the paper's lengths are interpreted.
-// File: JSON, schema formats/session/device.schema.json.
+// runtime/mechanism/README.md explains how the paper's lengths are interpreted. ("The paper" is
+// cited in the README.md of the root folder.) File: JSON, schema
+// formats/session/device.schema.json.
 #pragma once
 
 #include <array>
@@ -17,14 +18,14 @@ namespace trocar {
 /// Lengths in m, angles in rad, frame {B}: origin at the base's centre, z up.
 /// Leg m is at azimuth (m-1) * 90 deg. Symbols are the paper's.
 struct DeviceGeometry {
-  double l1_m = 0;    ///< motor axis of theta1 to the elbow E
-  double l2_m = 0;    ///< elbow E to the plate's ball joint C
-  double l3_m = 0;    ///< motor axis of theta4 to F
-  double l4_m = 0;    ///< F to the upper link's ball joint D
-  double l5_m = 0;    ///< elbow E to D, along EC; less than l2
-  double R_T_m = 0;   ///< circle of the ball joints C on the plate
-  double R_B1_m = 0;  ///< circle of the axes of theta1
-  double R_B2_m = 0;  ///< circle of the axes of theta4
+  double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E
+  double l2_m = 0;    ///< distance from the elbow E to the plate's ball joint C
+  double l3_m = 0;    ///< distance from the motor axis of theta4 to F
+  double l4_m = 0;    ///< distance from F to the upper link's ball joint D
+  double l5_m = 0;    ///< distance from the elbow E to D, along EC; less than l2
+  double R_T_m = 0;   ///< radius of the circle of the ball joints C on the plate
+  double R_B1_m = 0;  ///< radius of the circle of the axes of theta1
+  double R_B2_m = 0;  ///< radius of the circle of the axes of theta4
   double H_B_m = 0;   ///< depth of the lower motors' links below the axes of theta1
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
@@ -49,21 +50,23 @@ struct DeviceDescription {
   double motor_continuous_torque_Nm = 0;      ///< torque at the joint; not above the peak
   double motor_torque_constant_Nm_per_A = 0;  ///< torque at the rotor per current
   double motor_gear_ratio = 0;                ///< revolutions of the rotor for one of the joint
-  double upper_bevel_ratio = 0;     ///< ratio of theta1's bevel gears, in series with the gear
-  double motor_peak_current_A = 0;  ///< limit of the drive
-  double motor_continuous_current_A = 0;  ///< lower limit of motor and drive; not above the peak
+  double upper_bevel_ratio = 0;               ///< ratio of theta1's bevel gears, in series with the
+                                              ///< motor gear
+  double motor_peak_current_A = 0;            ///< limit of the drive
+  double motor_continuous_current_A = 0;  ///< the lower of the limits of motor and drive; not above
+                                          ///< the peak
   double motor_peak_time_s = 0;           ///< longest time at the peak current, from cold
   double joint_coulomb_friction_Nm = 0;   ///< at each of the eight motor joints
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
   double plate_mass_kg = 0;                           ///< plate, sensor and grip
   std::array<double, 3> plate_inertia_kg_m2{};  ///< principal moments about {T}'s origin and axes
 
-  // The simulated device only.
+  // The rest concerns the simulated device only.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// 0: exact encoders. The loop also derives the filter of its velocities from this resolution.
   int encoder_counts_per_revolution = 0;
-  double gravity_m_per_s2 = 0;  ///< acceleration along -z; 0: the mechanism is balanced
-  int minimum_substeps = 0;     ///< least number of integration steps in each simulation step
+  double gravity_m_per_s2 = 0;  ///< gravity along -z; 0: the mechanism is balanced
+  int minimum_substeps = 0;     ///< smallest number of integration steps in each simulation step
   double maximum_substep_s = 0;
 
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
@@ -73,8 +76,8 @@ struct DeviceDescription {
 DeviceDescription default_device_description();
 
 /// Reads a description from JSON text; messages name it `source`. Errors: (refused) text that is
-/// not JSON; unknown, repeated or missing keys; wrong types; numbers outside the schema's range;
-/// entries of "assumed" that name no value.
+/// not JSON; unknown, repeated or missing keys; wrong types; numbers outside the schema's range; an
+/// entry of "assumed" that does not name a value of the document.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

@@ -4,7 +4,8 @@
 // course of a session.
 //
 // Contract (tests/formats/session/device_protocol_test.cpp):
-//  1. A packet that decode accepts was made with the key, and encode reproduces its bytes.
+//  1. A packet that decode accepts was made with the key (except a denial, which is not
+//     authenticated), and encode reproduces its bytes.
 //  2. A command or state is accepted only once, in its own session and direction, and never after a
 //     newer packet was accepted.
 //  3. A refused packet changes nothing.
@@ -27,7 +28,7 @@ inline constexpr std::size_t kMaxPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
 inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
 inline constexpr std::uint8_t kLinkVersion = 1;
-/// Larger numbers are refused; no device of this kind needs them.
+/// Numbers of larger magnitude are refused; no device of this kind needs them.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMinPeriod_s = 1e-5, kLinkMaxPeriod_s = 0.1;
 
@@ -107,7 +108,7 @@ struct DenialPacket {
   friend bool operator==(const DenialPacket&, const DenialPacket&) = default;
 };
 
-/// The reason why a packet was refused: the first of these that applies.
+/// The reason why a packet was refused. If several reasons apply, the first of this list counts.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
   kSize,      ///< its size is wrong for this kind of packet, or differs from the stated size
@@ -149,16 +150,17 @@ std::size_t encode(const StatePacket& packet, const LinkKey& key,
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
 
-/// Reads the host's nonce from a datagram that has the size, magic, version and kind of a hello,
-/// authentic or not; false if it has not.
+/// If a datagram has the size, magic, version and kind of a hello, authentic or not, reads the
+/// host's nonce from it and returns true.
 bool hello_nonce(std::span<const std::uint8_t> bytes, LinkNonce& nonce) noexcept;
 
-/// The kind of a datagram by its header and size, without authentication. If it is no packet, the
-/// result is kHello, and decode then refuses it.
+/// The kind of a datagram according to its header and size, without authentication. If it is not a
+/// packet, the result is kHello, and decode then refuses it.
 PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
 
 /// `packet` and `last_sequence` change only if the packet is accepted. A repeated hello is
-/// accepted: the sender of an old one gets a welcome, but lacks the key to use its session.
+/// accepted. An attacker who repeats an old hello gets a welcome, but lacks the key to use its
+/// session.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
                    HelloPacket& packet) noexcept;
 /// `asked` is the host's nonce in its hello.
@@ -167,7 +169,8 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, cons
 /// `asked` is the host's nonce in its hello. The packet is not authenticated.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkNonce& asked,
                    DenialPacket& packet) noexcept;
-/// `last_sequence` is that of the session's last accepted packet of this kind; 0 at its start.
+/// `last_sequence` is the sequence number of the last accepted packet of this kind in the session;
+/// 0 at the start of the session.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept;
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,

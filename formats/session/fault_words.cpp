@@ -9,7 +9,7 @@
 namespace trocar {
 namespace {
 
-// The switch has no default, so that the compiler refuses a fault without a row.
+// The switch has no default, so a fault without a row is a compile error.
 constexpr FaultWords make_words(Fault fault) {
   switch (fault) {
     case Fault::kNone:
@@ -114,7 +114,7 @@ constexpr auto kWords = [] {
   return words;
 }();
 
-/// The meaning of an index; '#' in a row's texts stands for it.
+/// The things that an index counts. '#' in a row's texts stands for the index.
 enum class Counts : std::uint8_t { kNothing, kEncoders, kMotors, kLegs, kAxes, kWrench };
 
 struct QuantityWords {
@@ -195,7 +195,7 @@ constexpr bool all_quantities_have_words() {
 }
 static_assert(all_quantities_have_words(), "kFaultQuantities, or a quantity has no words");
 
-/// An index as in a column's name ("2_3": leg, joint) or in words ("3 of leg 2").
+/// Writes an index as in a column's name ("2_3": leg, joint) or in words ("3 of leg 2").
 std::string index_text(Counts counts, int index, bool in_words) {
   constexpr std::array<const char*, 3> kAxisNames = {"x", "y", "z"};
   constexpr std::array<const char*, 6> kWrenchNames = {"fx", "fy", "fz", "tx", "ty", "tz"};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The result of a safety check and the words for it: one table has the name, meaning and advice of
-// every fault, another one every quantity that a check can measure. A fault or quantity without
-// words does not compile.
+// The result of a safety check and the words for it. One table has the name, meaning and advice of
+// every fault, another one has every quantity that a check can measure. A fault or quantity that is
+// missing in its table is a compile error.
 #pragma once
 
 #include <cstdint>
@@ -12,32 +12,33 @@
 namespace trocar {
 
 /// The quantity that a check measured; make_quantity() in fault_words.cpp has its words and unit.
+/// The comments give the unit and the meaning of FaultDetail::index, if it has one.
 enum class FaultQuantity : std::uint8_t {
   kNone,                 ///< nothing was measured: the device reported it, or a solver gave up
-  kTimeWithoutData,      ///< s
-  kEncoderAngle,         ///< index: encoder; rad
-  kEncoderStep,          ///< index: encoder; rad, since the last data
-  kEncoderResidual,      ///< index: encoder; rad, against the fitted pose
-  kPoseResidual,         ///< m
+  kTimeWithoutData,      ///< time without data from the device, s
+  kEncoderAngle,         ///< angle, rad; index: encoder
+  kEncoderStep,          ///< change of angle since the last data, rad; index: encoder
+  kEncoderResidual,      ///< deviation from the fitted pose, rad; index: encoder
+  kPoseResidual,         ///< residual of the fitted pose, m
   kInverseCondition,     ///< inverse condition number of the Jacobian
-  kBranchDistance,       ///< index: leg; m, to the edge of its workspace
-  kTickGap,              ///< s, between the starts of two ticks
+  kBranchDistance,       ///< distance of a leg from the edge of its workspace, m; index: leg
+  kTickGap,              ///< time between the starts of two ticks, s
   kMissedDeadlines,      ///< consecutive missed deadlines
   kWaitingHoles,         ///< holes that were requested and have no mesh yet
-  kToolTilt,             ///< rad
-  kPlatePosition,        ///< index: axis; m
-  kPlateTilt,            ///< rad
-  kPlateSpeed,           ///< m/s
-  kPlateRotation,        ///< rad/s
-  kPrefetchedStiffness,  ///< stiffness of the spring network's response, N/m
-  kWantedWrench,         ///< index: 0..5; N or N m
-  kMotorTorque,          ///< index: motor; N m
-  kCompensationTorque,   ///< index: motor; N m
-  kTorqueRiseTime,       ///< s, time for which torques rose at their limit
-  kMotorHeat,            ///< index: motor; i2t state as a fraction of its limit
-  kWeakForceTime,        ///< s, time with too little of the wanted force
-  kMotor,                ///< index: motor; no value
-  kReleasedEnergy,       ///< J, energy released to the hand within 0.1 s beyond the stored energy
+  kToolTilt,             ///< angle, rad
+  kPlatePosition,        ///< position, m; index: axis
+  kPlateTilt,            ///< angle, rad
+  kPlateSpeed,           ///< speed, m/s
+  kPlateRotation,        ///< rotation rate, rad/s
+  kPrefetchedStiffness,  ///< prefetched stiffness of the spring network, N/m
+  kWantedWrench,         ///< component of the wrench, N or N m; index: 0..5
+  kMotorTorque,          ///< torque, N m; index: motor
+  kCompensationTorque,   ///< torque, N m; index: motor
+  kTorqueRiseTime,       ///< time for which torques rose at their limit, s
+  kMotorHeat,            ///< i2t state as a fraction of its limit; index: motor
+  kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
+  kMotor,                ///< no value; index: motor
+  kReleasedEnergy,       ///< energy released to the hand within 0.1 s beyond the stored energy, J
 };
 inline constexpr int kFaultQuantities = 25;
 
@@ -65,22 +66,24 @@ struct FaultDetail {
 
 struct FaultWords {
   const char* name = nullptr;     ///< in recordings and summaries
-  const char* meaning = nullptr;  ///< "the plate is outside its box, or tilted too far"
+  const char* meaning = nullptr;  ///< such as "the plate is outside its box, or tilted too far"
   const char* meaning_in_recovery =
       nullptr;                   ///< the meaning while the fault still prevents recovery
   const char* advice = nullptr;  ///< instruction for the operator
 };
-/// Every pointer is set.
+/// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);
 
 /// Do fault and quantity exist, and is the index valid for the quantity? The functions below
-/// require this; check it for details that come from outside the program.
+/// require this. Call it for details that come from outside the program.
 bool is_known(const FaultDetail& detail);
 
-/// The quantity with its index, ending with its unit, such as "th_2_3_step_rad"; empty: kNone.
+/// Name of the quantity with its index, ending with its unit, such as "th_2_3_step_rad"; empty for
+/// kNone.
 std::string quantity_name(const FaultDetail& detail);
 
-/// Quantity, value and limit in one phrase, such as "plate z 241.3 mm, limit 240 mm"; empty: kNone.
+/// Quantity, value and limit in one phrase, such as "plate z 241.3 mm, limit 240 mm"; empty for
+/// kNone.
 std::string measured(const FaultDetail& detail);
 
 /// "NAME at T s: MEANING (MEASURED); ADVICE"

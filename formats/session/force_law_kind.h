@@ -12,7 +12,8 @@
 
 namespace trocar {
 
-/// Index of a law's row. Values beyond the last enumerator belong to laws that add_force_law() added.
+/// Index of a law's row in the table of laws. Values beyond the last enumerator belong to laws that
+/// add_force_law() added.
 enum class ForceLawKind : std::uint8_t {
   kHooke,    ///< each sheet is a spring, F = K dx
   kNetwork,  ///< each sheet is a spring network (runtime/deformation)
@@ -35,12 +36,13 @@ const ForceLawTraits& traits_of(ForceLawKind law) noexcept;
 inline const char* to_string(ForceLawKind law) noexcept {
   return traits_of(law).name;
 }
-/// The law of that name, or none.
+/// The law of that name, or std::nullopt.
 std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcept;
-/// All names, each between two `quote`s, as a list with "or", for messages.
+/// All names as a list with "or", each between two `quote`s; for messages.
 std::string force_law_names(const std::string& quote = "");
 
-/// Adds a row; used by runtime::add_force_law() alone. Not safe while another thread reads the rows.
+/// Adds a row. Only runtime::add_force_law() calls it. Not safe while another thread reads the
+/// rows.
 ForceLawKind add_force_law(const ForceLawTraits& traits);
 
 }  // namespace trocar

@@ -23,7 +23,7 @@ enum class ContactPhase : std::uint8_t {
   kFree,       ///< "free": above every slice
   kContact,    ///< "contact": a slice bears the force
   kPunctured,  ///< "punctured": the tip is below the slice that was punctured last
-  kMissed,     ///< "beside": the tip passed a slice outside its material or through an older hole
+  kMissed,     ///< "beside": the tip passed a slice outside its material, or through an older hole
   kFault,      ///< "fault": latched; torques ramp to zero
 };
 
@@ -76,7 +76,7 @@ const char* to_string(DeviceStatus status);
 
 /// One tick. Everything is in frame {B}. A wrench acts at the plate's origin: force, then torque.
 struct RecordingRow {
-  double t_s = 0;                            ///< tick / rate
+  double t_s = 0;                            ///< number of the tick, divided by the loop rate
   std::array<double, 3> p_m{};               ///< plate's origin
   std::array<double, 4> q{1, 0, 0, 0};       ///< plate's orientation, w x y z
   std::array<double, 3> tool_m{};            ///< tool tip
@@ -85,7 +85,7 @@ struct RecordingRow {
   std::array<double, 8> tau_Nm{};            ///< leg-major: th1, th4 of leg 1, ...
   std::array<double, 16> encoder_rad{};      ///< leg-major: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
-  std::int32_t active_slice = -1;  ///< asset's slice index; -1: none
+  std::int32_t active_slice = -1;  ///< index of the slice in the asset; -1: none
   /// Penetration of the active slice. In the tick of a puncture: the penetration at the puncture.
   double penetration_m = 0;
   double wrench_scale = 1;          ///< delivered over wanted wrench; < 1 if a motor saturates
@@ -93,11 +93,12 @@ struct RecordingRow {
   std::int64_t cuts_published = 0;  ///< number of holes whose new mesh is in use, over all slices
   /// The latest prefetched stiffness (force law `network`). The prefetch worker computes it outside
   /// the haptic thread, so it is an input of this tick, like the encoders.
-  std::int32_t response_sheet = -1;  ///< index from the top, 0 for the topmost; -1: none
+  std::int32_t response_sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   double response_stiffness_N_per_m = 0;
   std::array<double, 2> response_offset_m{};  ///< point of the force relative to the tool's centre
   Fault fault = Fault::kNone;
-  // The other inputs of a tick's torques, so that a replay reproduces them to the last bit.
+  // The other inputs of the tick from which torques are computed, so that a replay reproduces the
+  // torques to the last bit.
   DeviceStatus device_read = DeviceStatus::kOk, device_write = DeviceStatus::kOk;
   double state_t_s = 0;  ///< time at which these encoders were read, on the device's clock
   Fault outside_fault =
@@ -138,7 +139,7 @@ struct RecordingRow {
 /// tissue_stored_J,steps.
 const std::string& recording_header(bool with_cutting = false);
 
-/// Added to a recording's name while it is being written.
+/// Suffix of a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
 
 /// Writes a CSV file under the target's name with kPartialSuffix; commit() renames it to the
@@ -147,17 +148,17 @@ inline constexpr const char* kPartialSuffix = ".partial";
 /// rows of the last 1 MiB may be missing and the last line may be incomplete.
 class RecordingWriter {
  public:
-  /// Errors: (unwritable) the target cannot be created, is not a regular file, or is being
-  /// recorded. A partial file that an interrupted recording left is renamed to NAME.partial.1, .2
-  /// and so on.
+  /// Errors: (unwritable) the target cannot be created, is not a regular file, or is being written
+  /// by another program. A partial file that an interrupted recording left is renamed to
+  /// NAME.partial.1, .2 and so on.
   static Result<RecordingWriter> open(const std::filesystem::path& file,
                                       const RecordingOrigin& origin = {});
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;
   ~RecordingWriter();
 
-  /// Errors: (unwritable) with the number of rows kept and their file. After an error of append()
-  /// or commit(), only the destructor may be called.
+  /// Errors: (unwritable); the message has the number of rows kept and their file. After an error
+  /// of append() or commit(), only the destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
   /// The file while it is being written.
@@ -179,10 +180,10 @@ class RecordingWriter {
 };
 
 /// Reads a whole recording. Columns that older versions did not write may be absent. Sets `origin`,
-/// if not null, to the recording's origin (no entries if it has none).
-/// Errors: (refused) with line and column: another header, a missing or surplus field, text that is
-/// not a number, a number that is not finite (allowed in encoders and prefetched stiffness, whose
-/// faults are recorded), t_s not ascending, an unknown name, no row.
+/// if not null, to the recording's origin (no entries if it has none). Errors: (refused), with line
+/// and column: another header, a missing or surplus field, text that is not a number, a number that
+/// is not finite (allowed in encoders and prefetched stiffness, whose faults are recorded), t_s not
+/// ascending, an unknown name, no row.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,

@@ -20,7 +20,7 @@ inline constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusN
     "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
 const std::array<const char*, kFaults>& fault_names();
 
-/// The columns of one file. Files of older versions lack some.
+/// The columns of one file. Files written by older versions lack some.
 struct RecordingColumns {
   std::vector<std::string> names = {};
   bool has_state_time = true, has_cutting = false, has_origin = true;
@@ -30,8 +30,8 @@ RecordingColumns recording_columns(bool with_cutting);
 RecordingColumns columns_in_header(std::string_view header);
 
 /// Calls the visitor for each field of a row except the origin, in the order of the columns.
-/// number() and finite() take a number, and finite() a number that must not be infinite or nan;
-/// flag() takes 0 or 1; name() takes an enumerator and the list of its names.
+/// number() takes any number; finite() takes a number that must not be infinite or nan; flag()
+/// takes 0 or 1; name() takes an enumerator and the list of names.
 template <typename Row, typename Visitor>
 void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
   visitor.finite(row.t_s);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The provenance of a recording: the program's version, digests of scene, asset and device
-// description, and the options that torques depend on. In the CSV it is the text of the column
+// description, and the options on which torques depend. In the CSV it is the text of the column
 // `origin` in the first row: "program=0.2.0;scene=DIGEST;...", without commas, quotes or blanks.
 // Tests: tests/formats/session/recording_test.cpp
 #pragma once
@@ -38,7 +38,7 @@ Result<RecordingOrigin> parse_origin(std::string_view text);
 
 /// The differences between the origins of a recording and of a run, apart from the program: "the
 /// scene (12345678..., here 9abcdef0...), passivity (on, here off)"; empty if there are none. Keys
-/// that the recording lacks, because an older version wrote it, are ignored.
+/// that the recording lacks are ignored, because an older version may have written it.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
 
 }  // namespace trocar

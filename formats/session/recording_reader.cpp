@@ -29,7 +29,7 @@ class RowReader {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
     if (error != std::errc() || end != text.data() + text.size()) why_ = "is not a number";
   }
-  /// The origin is in the first row; the field is empty in others.
+  /// The origin is in the first row. In other rows the field must be empty.
   void origin(bool first_row, RecordingOrigin& origin) {
     const std::string_view text = next();
     if (!ok()) return;
@@ -90,7 +90,8 @@ class RowReader {
   const char* why_ = nullptr;
 };
 
-/// Reads a row after `before` (null for the first). Errors say what is wrong without the line.
+/// Reads the row that follows `before` (null for the first row). The message of an error does not
+/// contain the line number.
 Result<RecordingRow> parse_row(std::string_view line, const RecordingColumns& columns,
                                const RecordingRow* before, RecordingOrigin& origin) {
   RecordingRow row;

@@ -47,7 +47,7 @@ class RowWriter {
   std::string& out_;
 };
 
-// Renames the file that an interrupted recording left: the first free name of partial.1, partial.2
+// Renames the file left by an interrupted recording to the first free name of partial.1, partial.2
 // and so on. Returns false and sets errno on failure (EWOULDBLOCK: another program is writing it).
 bool move_aside(const std::string& partial) {
   constexpr int kMaxKept = 10000;

@@ -16,7 +16,7 @@ constexpr double kMaxAnchor_mm = 4096.0;  // keeps lattice coordinates far below
 constexpr double kMaxAngle_deg = 360.0;
 constexpr double kMaxToolSize_m = 0.05;
 constexpr int kMaxSliceIndex = 1'000'000;
-// Tolerance for the rounding of two heights and their difference, which is 4e-16 m.
+// Tolerance for the rounding errors of two heights and of their difference, together 4e-16 m.
 constexpr double kRounding_m = 1e-12;
 
 int read_index(StrictObject& object, const char* key) {

@@ -34,7 +34,8 @@ inline constexpr double kMinSliceGap_m = 1e-4;
 struct ShaftTissue {
   double dry_friction_N = 0;
   double viscous_friction_N_s_per_m = 0;
-  /// Displacement over which dry friction builds up like a spring, so that it is defined at rest.
+  /// Displacement over which dry friction builds up like the force of a spring. This makes it
+  /// defined at rest.
   double presliding_m = 2e-4;
   double rim_stiffness_N_per_m = 0;  ///< spring towards the point where the shaft entered the hole
   friend bool operator==(const ShaftTissue&, const ShaftTissue&) = default;
@@ -44,7 +45,7 @@ struct ShaftTissue {
 /// strength (runtime/bone_cutting/material/bone_strength.h).
 struct BoneByHu {
   std::string law;                    ///< name of the law
-  std::string density = "qct";        ///< kind of density that results: "qct", "ash" or "apparent"
+  std::string density = "qct";        ///< kind of the resulting density: "qct", "ash" or "apparent"
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
   bool calibration_is_given = false;  ///< false: the default calibration is assumed
   friend bool operator==(const BoneByHu&, const BoneByHu&) = default;
@@ -52,16 +53,17 @@ struct BoneByHu {
 
 /// Resistance of a tissue to a tool that cuts through it (force law `cutting`).
 struct CutTissue {
-  std::optional<double> strength_MPa;  ///< pressure over the area of the tool's outline
+  std::optional<double> strength_MPa;  ///< cutting force per area of the tool's outline
   std::optional<BoneByHu> bone;        ///< strength from HU, if strength_MPa is absent
-  double tearing_N_per_m = 0;          ///< force for each metre of the outline's length
+  double tearing_N_per_m = 0;          ///< additional force per length of the outline
   /// Ratio of the pressure under a flat tip to the bone's strength.
   double pressure_over_yield = 1;
   double modulus_MPa = 0;  ///< 0: the tip is as stiff as Tissue::stiffness_N_per_m
-  /// Coefficient for the tip's faces, and for the wall, which presses on the shaft and on the tip.
+  /// Coulomb friction coefficient of the tip's faces, and of the shaft on the wall of its hole,
+  /// which presses on it with the tissue's strength.
   double friction_coefficient = 0;
-  double friction_kPa = 0;  ///< additional stress along the shaft, over the area of its wall
-  double foundation_N_per_mm3 = 0;  ///< Winkler foundation: lateral pressure for a displacement
+  double friction_kPa = 0;          ///< additional friction along the shaft, per area of its side
+  double foundation_N_per_mm3 = 0;  ///< Winkler foundation: lateral pressure per displacement
   double lateral_strength_MPa = 0;  ///< pressure at which a wall yields
   friend bool operator==(const CutTissue&, const CutTissue&) = default;
 };
@@ -69,9 +71,10 @@ struct CutTissue {
 /// One elastic sheet; the defaults are the paper's.
 struct Tissue {
   double stiffness_N_per_m = 5000;
-  /// The sheet is punctured in the tick in which F would exceed this times the tool's coverage.
+  /// The sheet is punctured in the tick in which the force would exceed threshold_N times the
+  /// tool's coverage.
   double threshold_N = 35;
-  double damping_N_s_per_m = 0;  ///< force for the rate of dx, added to K dx; the sum is at least 0
+  double damping_N_s_per_m = 0;  ///< adds this times dx' to the force K dx; the sum is at least 0
   ShaftTissue shaft;
   /// If absent, stiffness and threshold apply to the scene's tool, also for the law `cutting`.
   std::optional<CutTissue> cut;
@@ -89,26 +92,26 @@ struct NamedTissue {
 
 enum class NetworkSolver : std::uint8_t { kAuto, kLocal, kGlobal, kPropagation };
 
-/// Soft tissue over the bone (force law `cutting`): a spring that stiffens, F = a1 z + a2 z^2,
-/// until it is punctured, then cut at a constant force.
+/// Soft tissue over the bone (force law `cutting`). Until it is punctured, it is a stiffening
+/// spring, F = a1 z + a2 z^2. Afterwards it is cut at a constant force.
 struct SceneLayer {
   std::string name;
   double top_z_m = 0, thickness_m = 0;
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;
-  double friction_N_per_m = 0;  ///< friction on the shaft for each metre of cut depth
+  double friction_N_per_m = 0;  ///< friction on the shaft per length of cut depth
 };
 inline constexpr std::size_t kMaxLayers = 8;
 
 /// How the cutting tool is attached to the plate.
 enum class ToolAxis : std::uint8_t {
-  kAuto,     ///< rigid if the tissue is softer than the coupling, else coupled
+  kAuto,     ///< rigid if the tissue is softer than the coupling, otherwise coupled
   kRigid,    ///< the tool is fixed to the plate
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
 /// Whether the law `cutting` is evaluated at a predicted pose.
 enum class PosePrediction : std::uint8_t {
-  kAuto,  ///< one tick ahead if the device's damping is too small for the coupling
+  kAuto,  ///< evaluated one tick ahead if the device's damping is too small for the coupling
   kOn,
   kOff,
 };
@@ -125,8 +128,8 @@ struct SceneForceLaw {
   ToolAxis axis = ToolAxis::kAuto;
   double coupling_N_per_m = 10'000, coupling_Nm_per_rad = 25;
   PosePrediction prediction = PosePrediction::kAuto;
-  double tip_friction = 0;  ///< coefficient of the tip's friction across its axis
-  bool twist = false;       ///< turning the tool while it is pushed makes it cut more easily
+  double tip_friction = 0;  ///< coefficient of the tip's friction for motion across the tool's axis
+  bool twist = false;       ///< true: turning the tool while pushing it makes it cut more easily
   double force_scale = 1;   ///< factor on the tissue's wrench on the plate
 };
 
@@ -159,8 +162,8 @@ struct SceneSlice {
 /// A prism along the tool's axis. Its cross-section is a regular polygon, or the polygon
 /// `outline_m`, around the axis.
 struct SceneTool {
-  /// Kind of tip (force law `cutting`), a name of runtime/bone_cutting/material/tool_in_tissue.h;
-  /// empty: flat.
+  /// Kind of tip (force law `cutting`), one of the names in
+  /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
   std::string kind;
   double half_angle_deg = 30;  ///< angle between axis and faces of a tip that is not flat
   double inner_radius_m = 0;   ///< bore of a hollow tool
@@ -181,13 +184,13 @@ inline constexpr double kMaxTilt_deg = 45;
 struct TipKeyframe {
   double t_s = 0;
   std::array<double, 3> tip_m{};         ///< wanted tool tip in {B}
-  std::array<double, 3> rotation_deg{};  ///< wanted rotation of the plate: axis times angle, in {B}
+  std::array<double, 3> rotation_deg{};  ///< wanted rotation of the plate: a rotation vector in {B}
 };
 
 enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
 
-/// The simulated hand: an impedance that pulls the tool tip along a trajectory. The grip gives
-/// values that are absent (runtime/simulation/hand.h).
+/// The simulated hand: an impedance that pulls the tool tip along a trajectory. Values that are
+/// absent are those of the grip (runtime/simulation/hand.h).
 struct SceneHand {
   HandGrip grip = HandGrip::kFirm;
   std::optional<double> stiffness_N_per_m;
@@ -196,15 +199,15 @@ struct SceneHand {
   std::optional<double> rotation_damping_Nm_s_per_rad;
   std::optional<double> mass_kg;        ///< mass that moves with the tip
   std::optional<double> let_go_t_s;     ///< the hand exerts no force from this time on
-  std::vector<TipKeyframe> trajectory;  ///< at least 1, in ascending time, the first at 0
+  std::vector<TipKeyframe> trajectory;  ///< at least one; times ascend, the first is 0
 };
 
 /// The line that the tool's tip is to follow, from the entry point on.
 struct PlannedLine {
   std::array<double, 3> entry_m{};
-  std::array<double, 3> direction{};     ///< unit, into the tissue
-  std::optional<double> entry_radius_m;  ///< largest distance from the line at the entry point
-  std::optional<double> corridor_m;      ///< largest distance from the line below the entry point
+  std::array<double, 3> direction{};     ///< unit vector, into the tissue
+  std::optional<double> entry_radius_m;  ///< allowed distance from the line at the entry point
+  std::optional<double> corridor_m;      ///< allowed distance from the line below the entry point
 };
 
 /// A volume in which the tip must not be, such as the spinal canal.
@@ -230,9 +233,10 @@ struct GoalTarget {
 struct SceneGoals {
   std::optional<GoalTarget> target;
   std::optional<PlannedLine> line;
-  std::optional<double> force_max_N;   ///< largest force on the hand
-  std::optional<double> time_max_s;    ///< time from first contact to target or last puncture
-  std::optional<double> plunge_max_m;  ///< depth reached after a break-through
+  std::optional<double> force_max_N;   ///< largest allowed force on the hand
+  std::optional<double> time_max_s;    ///< allowed time from first contact to target or last
+                                       ///< puncture
+  std::optional<double> plunge_max_m;  ///< allowed plunge after a break-through
   std::vector<ForbiddenZone> zones;
 };
 
@@ -245,12 +249,12 @@ struct Scene {
   std::optional<double> rate_Hz;
   Placement placement;
   std::vector<SceneSlice>
-      slices;  ///< in the file's order; place_body() makes those of a bone volume
+      slices;  ///< in the file's order; for a bone volume, place_body() fills this list
   std::optional<SceneBody> body;
   std::vector<SceneLayer> layers;    ///< ordered from the topmost downwards
   Tissue tissue;                     ///< tissue of slices to which none of `tissues` applies
-  bool tissue_is_given = false;      ///< false: the file has no `tissue`, and the default holds
-  std::vector<NamedTissue> tissues;  ///< the first that applies to a slice is chosen
+  bool tissue_is_given = false;      ///< false: the file has no `tissue`; defaults apply
+  std::vector<NamedTissue> tissues;  ///< the first one that applies to a slice is chosen for it
   SceneForceLaw force_law;
   SceneTool tool;
   SceneHand hand;
@@ -261,8 +265,8 @@ inline constexpr double kMinRate_Hz = 100, kMaxRate_Hz = 8000;
 inline constexpr double kMaxDuration_s = 86400;
 
 /// Reads a scene from JSON text, and resolves its paths against `folder`. Errors: (refused) unknown
-/// or repeated keys, wrong types, values that are not finite or out of range; one line with `name`
-/// and the JSON path.
+/// or repeated keys, wrong types, values that are not finite or out of range. The message is one
+/// line with `name` and the JSON path.
 Result<Scene> parse_scene(std::string_view text, const std::string& name,
                           const std::filesystem::path& folder);
 Result<Scene> read_scene(const std::filesystem::path& file);

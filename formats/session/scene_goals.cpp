@@ -9,7 +9,8 @@
 namespace trocar {
 namespace {
 
-// Lattice points with a step of a nanometre, so that the exact predicates can be used.
+// The corners as lattice points with a step of one nanometre, so that the exact predicates can be
+// used.
 Ring in_nm(std::span<const std::array<double, 2>> polygon_m) {
   Ring ring;
   for (const auto& [x_m, y_m] : polygon_m)

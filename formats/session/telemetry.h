@@ -46,7 +46,7 @@ inline constexpr std::size_t kTelemetryCommands = 6;
 /// "stop", "pause", "resume", "zero", "recover", "emergency_stop".
 const char* to_string(TelemetryCommand command);
 
-/// In parentheses: the members of TelemetryEvent that the event uses beside its time.
+/// In parentheses: the members of TelemetryEvent that the event uses in addition to its time.
 enum class TelemetryEventKind : std::uint8_t {
   kPuncture = 1,  ///< a sheet was punctured (sheet, slice, cut, positions and forces)
   kFault,         ///< a fault was detected (found)
@@ -99,7 +99,7 @@ struct TelemetryShape {
   std::vector<std::uint32_t> triangles;
 };
 
-/// Determines the size of the memory.
+/// The sizes and counts that determine the size of the memory.
 struct TelemetrySizes {
   struct Mesh {
     std::size_t vertices = 0, triangles = 0;
@@ -112,20 +112,20 @@ struct TelemetrySizes {
   bool has_shape = false;
 };
 
-/// The session's end. Three threads may write at the same time: one the snapshots and events, one
-/// the sheets, one the shape.
+/// The session's side of the memory. Three threads may write at the same time: one writes the
+/// snapshots and events, one the sheets, one the shape.
 class TelemetryWriter {
  public:
   /// Allocates all pages, and locks them in memory if the system allows it. Errors: (unwritable)
   /// the memory cannot be allocated.
   static Result<std::unique_ptr<TelemetryWriter>> make(const TelemetrySizes& sizes);
-  /// Removes the link.
+  /// Also removes the link.
   ~TelemetryWriter();
   TelemetryWriter(const TelemetryWriter&) = delete;
   TelemetryWriter& operator=(const TelemetryWriter&) = delete;
 
-  /// Atomically makes `file` a symbolic link to the memory. A link that an ended process left is
-  /// replaced. Errors: (unwritable) `file` exists and is something else, or belongs to a running
+  /// Atomically makes `file` a symbolic link to the memory. A link left by a process that has ended
+  /// is replaced. Errors: (unwritable) `file` exists and is something else, or belongs to a running
   /// session.
   Result<void> link(const std::filesystem::path& file);
 
@@ -140,8 +140,8 @@ class TelemetryWriter {
   void sheet(std::size_t index, const TelemetrySheet& sheet) noexcept;
   void shape(const TelemetryShape& shape) noexcept;
 
-  /// Counter of a command, modulo 2^64. Only its changes mean something. Wait-free, for the haptic
-  /// thread.
+  /// Counter of a command, modulo 2^64. A change means that the command was given; the value itself
+  /// has no meaning. Wait-free, for the haptic thread.
   std::uint64_t commands(TelemetryCommand command) const noexcept {
     return commands_[static_cast<std::size_t>(command)].load(std::memory_order_acquire);
   }
@@ -178,7 +178,7 @@ class TelemetryWriter {
   std::uint64_t events_ = 0;
 };
 
-/// Another process's end, for one thread.
+/// The side of another process. Only one thread may use it.
 class TelemetryReader {
  public:
   /// `file` is the link. Errors: (refused) there is no link, its process has ended, the memory is
@@ -202,8 +202,8 @@ class TelemetryReader {
     kEvent,
     kLost,  ///< events before event.number were lost; next_event() continues with event.number
   };
-  /// Begins with the oldest event that is kept. With kLost, sets `lost` to the number of lost
-  /// events.
+  /// The first call begins with the oldest event that is kept. If the result is kLost, sets `lost`
+  /// to the number of lost events.
   Next next_event(TelemetryEvent& event, std::uint64_t& lost);
   /// Makes next_event() continue after this event.
   void go_to_event(std::uint64_t last) noexcept { next_event_ = last + 1; }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layout of shared-memory telemetry (telemetry.md), as its writer and reader use it. Internal
-// to formats/session.
+// The layout of shared-memory telemetry (telemetry.md), shared by writer and reader. Internal to
+// formats/session.
 // Tests: tests/formats/session/telemetry_test.cpp
 #pragma once
 #include <fcntl.h>
@@ -83,7 +83,7 @@ inline struct flock whole_file() {
   return lock;
 }
 
-/// The text of a symbolic link; empty if `file` is none.
+/// The text of a symbolic link; empty if `file` is not a symbolic link.
 std::string read_link(const std::filesystem::path& file);
 /// Has the link's text the form that TelemetryWriter::link() writes, "/proc/PID/fd/N"?
 bool is_session_link(const std::string& target);

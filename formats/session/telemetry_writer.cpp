@@ -122,7 +122,7 @@ Result<std::unique_ptr<TelemetryWriter>> TelemetryWriter::make(const TelemetrySi
   if (memory == MAP_FAILED) return failed("mmap", errno);
   writer->memory_ = memory;
   writer->bytes_ = bytes;
-  // If locking is not allowed, the pages are resident all the same but may be swapped out.
+  // If locking is not allowed, the pages are resident anyway, but may be swapped out.
   (void)::mlock(memory, bytes);
 
   const auto words_at = [&](std::size_t offset) {
@@ -165,7 +165,8 @@ Result<void> TelemetryWriter::link(const std::filesystem::path& file) {
     if (other && (*other)->writer_is_alive())
       return unwritable(name + ": it belongs to a running session (" + target +
                         "); end it or name another file");
-    // The link may lead nowhere, or to another file: the process number may have been reused.
+    // The link may lead nowhere or to another file, because the process number may have been
+    // reused.
     if (!other && ::access(file.c_str(), F_OK) != 0 && errno != ENOENT)
       return unwritable(name + ": what it links to cannot be checked: " + system_message(errno) +
                         "; remove it if no session runs");
