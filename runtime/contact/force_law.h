@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface of a force law: how tissue acts on the tool during a session. The shipped laws are `hooke`
-// and `network` (runtime/force_law/sheet_law.h) and `cutting` (runtime/force_law/cutting_force_law.h). A session
-// creates one law before its loop starts (force_law_table.h); the loop, the recording and the reports
+// Interface of a force law, which computes how tissue acts on the tool during a session. The shipped laws are
+// `hooke` and `network` (runtime/force_law/sheet_law.h) and `cutting` (runtime/force_law/cutting_force_law.h). A
+// session creates one law before its loop starts (force_law_table.h). The loop, the recording and the reports
 // use only this interface.
 //
 // To add a law, write one file with a class that implements ForceLaw, and give it a table entry
@@ -29,14 +29,14 @@
 
 namespace trocar::runtime {
 
-/// Arguments of a law's factory. The sheets are the first versions, topmost first; they outlive the call
-/// of the factory, not necessarily the law.
+/// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. They are valid during the
+/// call of the factory, not necessarily as long as the law exists.
 struct ForceLawSetup {
   const Scene& scene;
   const DeviceDescription& device;
   std::span<const Sheet* const> sheets;
   double rate_Hz = 1000;
-  CouplingOptions coupling;  ///< virtual coupling between plate and tool, if the law supports it
+  CouplingOptions coupling;  ///< virtual coupling between plate and proxy, if the law supports it
 };
 
 /// Inputs of one tick.
@@ -45,7 +45,7 @@ struct ForceLawInput {
   PrefetchedStiffness prefetched;        ///< latest result of prefetch_worker()
   Pose T_device_plate;
   double pose_interval_s = 0;  ///< time since the previous new pose; 0: the pose is not new
-  PreviousPose previous;       ///< pose to compute velocities from, if any
+  PreviousPose previous;       ///< earlier pose from which velocities are computed, if any
 };
 
 /// Stiffness and threshold of a sheet at the tip, for `--check`. The device renders `scale` times
@@ -63,30 +63,31 @@ class ForceLaw {
  public:
   virtual ~ForceLaw() = default;
 
-  // Haptic thread.
+  // The haptic thread calls these functions.
 
-  /// Computes the wrench, the stored energy and the hole requests of one tick in `running`. Returns a
-  /// fault if an input cannot be used.
+  /// Computes the wrench, the stored energy and the hole requests of one tick in the state `running`
+  /// (runtime/control/safety.h). Returns a fault if an input cannot be used.
   virtual FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept = 0;
-  /// Called in each tick outside of `running`: the next update() starts without load, velocity and
-  /// friction. Holes are kept.
+  /// The loop calls this in each tick in which the state is not `running`. The next update() then starts
+  /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
-  /// Called at the end of every tick. Writes the law's columns of the recording, if it has any.
+  /// The loop calls this at the end of every tick. Writes the law's columns of the recording, if any.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
-  /// Distance by which the tool must be retracted until no force would act if `running` began now;
-  /// 0: the tool is in free space. `running` begins only at 0.
+  /// Distance by which the tool must be retracted so that no force acts when `running` begins. 0: the tool is
+  /// in free space. `running` begins only if the distance is 0.
   virtual double retract_distance_m(std::span<const Sheet* const> sheets,
                                     const Pose& T_device_plate) const noexcept = 0;
-  /// Whether the law itself guarantees passivity, so that the loop only observes its energy and the
-  /// passivity controller stays off.
+  /// True if the law itself guarantees passivity. The loop then only observes the energy, and the passivity
+  /// controller stays off.
   virtual bool is_passive() const noexcept { return false; }
 
-  // Before the loop starts.
+  // These functions are called before the loop starts.
 
-  /// The law's prefetch worker, or null if it needs none. The session runs it.
+  /// The law's prefetch worker, which the session runs; null: the law needs none.
   virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
-  /// The law's lines in the output of `--check`, each with its line feed.
+  /// The law's lines in the output of `--check`. Each ends with a line feed.
   virtual std::string describe() const = 0;
+  /// Stiffness and threshold of the sheet with this index.
   virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, 1};
   }
@@ -96,9 +97,9 @@ class ForceLaw {
     return {};
   }
 
-  // After the loop.
+  // This function is called after the loop.
 
-  /// The law's section of a session's summary and reports; without a key it has none.
+  /// The law's section of a session's summary and reports. An empty key means no section.
   virtual SummarySection summary() const { return {}; }
 };
 

@@ -12,12 +12,12 @@
 namespace trocar::runtime {
 namespace {
 
-// The sum over triangles is exact to about 1e-13. A fraction this near to 0 or 1 is 0 or 1.
+// A coverage within kSnap of 0 or 1 is set to 0 or 1. The sum over triangles has an error of about 1e-13.
 constexpr double kSnap = 1e-9;
 
-/// A polygon, counter-clockwise, relative to a corner of the tool. Clipping to a half plane adds at
-/// most one vertex to a convex polygon, and to any polygon at most half as many as it has. So a
-/// tool clipped to a triangle fits, and a convex piece of it clipped to all pieces of all holes.
+/// A counter-clockwise polygon relative to a corner of the tool. Clipping to a half plane adds at most one vertex
+/// to a convex polygon, and at most half its number of vertices to any polygon. So the capacity suffices for
+/// the tool clipped to a triangle, and for a convex piece of the tool clipped to all pieces of all holes.
 struct Polygon {
   static constexpr int kCapacity =
       kMaxToolSides + 3 + kMaxPendingHoles * (kMaxToolSides + 2 * kMaxToolPieces);
@@ -26,8 +26,8 @@ struct Polygon {
 };
 static_assert(Polygon::kCapacity >= kMaxToolSides * 27 / 8);
 
-/// Doubled area, and six times the first moment. Pieces are summed as integers, in units of about
-/// 2^-56 of the tool's box: the sum has the same bits in any order.
+/// Sums of the doubled area and of six times the first moment. The terms are summed as integers, in units of
+/// about 2^-56 of the tool's box, so the sum has the same bits in any order.
 class Moments {
  public:
   /// `doubled_area` and `reach` (the largest |coordinate|) of a box around all pieces.
@@ -53,8 +53,8 @@ class Moments {
   }
 
  private:
-  // A power of two, so that dividing by it is exact. Seven bits are spare for polygons that fold
-  // over themselves, whose parts are larger than their sum.
+  // Returns a power of two, so that dividing by it is exact. Seven bits are spare for polygons that overlap
+  // themselves, whose terms are larger than their sum.
   static double unit(double most) noexcept {
     int exponent = 0;
     std::frexp(most, &exponent);
@@ -64,9 +64,8 @@ class Moments {
   std::int64_t area_ = 0, first_x_ = 0, first_y_ = 0;
 };
 
-/// The part of the polygon left of a -> b (Sutherland and Hodgman, one plane). Where a polygon that
-/// is not convex falls apart, its parts stay joined by edges along the line that cancel in the
-/// moments.
+/// Clips a polygon to the left side of a -> b (Sutherland and Hodgman, one plane). If a polygon that is not
+/// convex falls into parts, the parts stay joined by edges along the line, which cancel in the moments.
 void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
           Polygon& result) noexcept {
   result.size = 0;
@@ -101,8 +100,8 @@ struct Holes {
   }
 };
 
-/// Adds the convex polygon less the union of the holes from the k-th on: cuts off, edge by edge,
-/// the parts outside the k-th hole (disjoint and convex), and treats each with the remaining holes.
+/// Adds the part of a convex polygon outside the union of the holes from the k-th on. It cuts off, edge by edge,
+/// the disjoint convex parts outside the k-th hole, and treats each of them with the remaining holes.
 void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& moments) noexcept {
   if (k == holes.size()) return moments.add(polygon);
   const int sides = holes.piece(k).size;
@@ -135,12 +134,12 @@ Polygon convex_part(const Tool& tool, int k, const Polygon& whole) noexcept {
   return part;
 }
 
-/// The same for convex chunks of that outline.
+/// Returns empty sums whose units suit convex parts of that outline.
 Moments moments_of_parts(const Polygon& whole) noexcept {
   double reach = 0;
   for (int i = 0; i < whole.size; ++i)
     reach = std::max(reach, whole.points[i].cwiseAbs().maxCoeff());
-  return {4 * reach * reach, reach};  // a box of that size around the origin
+  return {4 * reach * reach, reach};  // values of the square around the origin with this half side
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coverage of the tool: the part of its outline that lies over material, and the centroid of that area.
+// The coverage of the tool, which is the fraction of its outline over material, and the centroid of that area.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,20 +11,20 @@
 namespace trocar::runtime {
 
 struct Overlap {
-  double coverage = 0;  ///< part of the outline's area over material, in [0, 1]
-  /// Centroid of the covered area, in lattice steps; that of the whole outline if the coverage is 0 or 1.
+  double coverage = 0;  ///< fraction of the outline's area over material, in [0, 1]
+  /// Centroid of the covered area, in lattice steps. If the coverage is 0 or 1, centroid of the whole outline.
   Eigen::Vector2d centroid_steps = Eigen::Vector2d::Zero();
 };
 
-/// The tool's outline intersected with the sheet's material, less the holes. A coverage within 1e-9
-/// of 0 or 1 is set to exactly that; for an empty outline it is 0. `holes`: outlines of the same tool, at
-/// most kMaxPendingHoles. Clips in buffers of fixed capacity; no allocation. Time proportional to
-/// the triangles near the tool.
+/// Intersects the tool's outline with the sheet's material outside of the holes. A coverage within 1e-9 of 0
+/// or 1 is set to exactly 0 or 1. An empty outline has coverage 0. `holes`: outlines of the same tool, at most
+/// kMaxPendingHoles. Clips in buffers of fixed capacity, without allocation. Time proportional to the number of
+/// triangles near the tool.
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
                 std::span<const LatticeOutline> holes) noexcept;
 
-/// The part of the tool's outline outside of all holes, regardless of material; 1 for an empty outline.
-/// `holes` and values near 0 or 1 as above. No allocation.
+/// Returns the fraction of the tool's outline outside of all holes, regardless of material; 1 for an empty
+/// outline. `holes` and values near 0 or 1: as for overlap(). No allocation.
 double outline_outside(const Tool& tool, const LatticeOutline& outline,
                        std::span<const LatticeOutline> holes) noexcept;
 

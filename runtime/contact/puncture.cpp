@@ -30,7 +30,7 @@ ShaftSection shaft_section(const ContactModel& model, const Sheet& sheet,
   return {axis_at(model.tool, T_device_plate, sheet.z_m), axis, penetration_m / axis.z()};
 }
 
-/// The tissue that a hole of this coverage presents to the shaft.
+/// Returns the tissue's shaft properties, multiplied by the coverage of a hole.
 ShaftTissue scaled_tissue(const ShaftTissue& tissue, double coverage) noexcept {
   ShaftTissue scaled = tissue;
   scaled.dry_friction_N *= coverage;
@@ -39,9 +39,9 @@ ShaftTissue scaled_tissue(const ShaftTissue& tissue, double coverage) noexcept {
   return scaled;
 }
 
-/// The remembered holes of a sheet around the tool.
+/// The nearest remembered holes of a sheet.
 struct HolesAround {
-  double outside = 1;   ///< part of the tool's outline outside of them; below min_coverage a bound
+  double outside = 1;  ///< part of the tool's outline outside the holes; if < min_coverage, a bound
   double coverage = 0;  ///< RememberedHole::coverage of the nearest hole
 };
 
@@ -61,7 +61,7 @@ HolesAround holes_around(const ContactModel& model, const Sheet& sheet, const Sh
                       return (a->at_m - at_m).squaredNorm() < (b->at_m - at_m).squaredNorm();
                     });
   around.coverage = hole[0]->coverage;
-  // The nearest hole is usually enough; each further one makes the clipping take longer.
+  // The nearest hole usually suffices. Each further hole makes the clipping take longer.
   for (std::size_t k = 0; k < count && !(around.outside < model.min_coverage); ++k) {
     outlines[k] =
         outline_on_lattice(model.tool, hole[k]->T_device_plate, sheet.transform, sheet.z_m);
@@ -71,7 +71,7 @@ HolesAround holes_around(const ContactModel& model, const Sheet& sheet, const Sh
   return around;
 }
 
-/// Call this when the tool misses the sheet: it is in one of the holes, or no force acts.
+/// Call this when the tool misses the sheet: puts the shaft into an old hole if it is in one (contract 7).
 void enter_old_hole(const ContactModel& model, const Sheet& sheet, const ToolSection& section,
                     SheetTrack& track) noexcept {
   const HolesAround around = holes_around(model, sheet, track, section);
@@ -113,7 +113,7 @@ SheetState next_state(const ContactModel& model, const SheetTrack& track, bool s
   return track.state;
 }
 
-/// Force law `hooke`: K times the coverage, acting at the centroid of the covered area.
+/// Force law `hooke`: the stiffness is K times the coverage and acts at the centroid of the covered area.
 PrefetchedStiffness hooke_stiffness(const Sheet& sheet, std::int32_t index,
                                     const ToolSection& section) noexcept {
   PrefetchedStiffness response;
@@ -125,8 +125,8 @@ PrefetchedStiffness hooke_stiffness(const Sheet& sheet, std::int32_t index,
   return response;
 }
 
-/// Force law `network`: the track's stiffness, moved towards `target` by one tick's part of kBlend_s. In
-/// the first tick of a contact it is `target` at once.
+/// Force law `network`: moves the track's stiffness towards `target` by the fraction dt_s / kBlend_s. In the
+/// first tick of a contact the result is `target`.
 PrefetchedStiffness blended_stiffness(const ContactModel& model, const PrefetchedStiffness& target,
                                       bool begins, SheetTrack& track) noexcept {
   if (begins) return track.blended = target;
@@ -139,7 +139,7 @@ PrefetchedStiffness blended_stiffness(const ContactModel& model, const Prefetche
   return track.blended;
 }
 
-/// The force of a sheet on the tool at one penetration (contract 2).
+/// Force of a sheet on the tool at one penetration (contract 2).
 struct SheetForce {
   double force_N = 0;
   double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
@@ -168,8 +168,8 @@ void add_sheet(const SheetForce& force, double penetration_m, LocalEnvironment& 
   local.stored_J += 0.5 * force.stiffness_N_per_m * penetration_m * penetration_m;
 }
 
-/// Requests the stiffness that will be needed next: of the topmost sheet that is neither punctured nor
-/// missed, if it is near.
+/// Requests the stiffness that will be needed next: that of the topmost sheet that is neither punctured nor
+/// missed, if the tip is at most prefetch_height_m above it.
 void request_prefetch(const ContactModel& model, std::span<const Sheet* const> sheets,
                       const Pose& T_device_plate, const ContactState& state,
                       ContactOutput& output) noexcept {
@@ -186,8 +186,8 @@ void request_prefetch(const ContactModel& model, std::span<const Sheet* const> s
   }
 }
 
-/// Contract item 2: the rate dx' in contact. Without a new pose it is held. `change_m`: the change of
-/// the penetration over the last `ago_s`, if that is above 0.
+/// Updates the rate dx' of a sheet in contact (contract 2). If `ago_s` is positive, the rate is `change_m`, the
+/// change of the penetration in the last `ago_s`, divided by `ago_s`.
 void update_rate(double penetration_m, double change_m, double pose_interval_s, double ago_s,
                  SheetTrack& track) noexcept {
   if (!track.has_last) {
@@ -269,7 +269,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       continue;
     }
 
-    // The force, and whether it exceeds the threshold.
+    // Compute the force and compare it with the threshold.
     update_rate(penetration_m, penetration_m - previous_m, pose_interval_s, previous.ago_s, track);
     const SheetForce force = sheet_force(model, sheet, static_cast<std::int32_t>(i), section,
                                          prefetched, begins, penetration_m, track);

@@ -14,8 +14,8 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kRounding_m = 1e-12;  // of two heights and their difference
-constexpr double kMaxHeight_m = 1;     // of a slice above or below {B}'s origin
+constexpr double kRounding_m = 1e-12;  // rounding error of a difference of heights
+constexpr double kMaxHeight_m = 1;     // largest distance of a slice from {B}'s origin
 
 /// `mesh` must be valid.
 void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
@@ -117,7 +117,7 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   transform.cosine = std::cos(rotation_rad);
   transform.sine = std::sin(rotation_rad);
 
-  // Rounded to the lattice, the outlines must still be simple polygons.
+  // The tool's outlines must be simple polygons even after rounding to the lattice.
   const Tool tool = make_tool(scene.tool);
   if (smallest_clearance_m(tool) < kMinClearance * asset.lattice.step_m()) {
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The material of a slice before any cut, and its HU: a raster that the haptic thread reads in constant time.
-// Cuts do not change it.
+// A raster of the material of an uncut slice and of its HU, which the haptic thread reads in constant time. Cuts
+// do not change it.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,8 +15,8 @@ namespace trocar::runtime {
 
 /// Contract (tests/runtime/contact/slice_field_test.cpp):
 ///  1. A pixel has material if its centre lies in a triangle. Its HU is interpolated linearly between the
-///     corners; without HU it is 0.
-///  2. Pixels have the size kPixel_mm, larger only where the slice would have more than kMaxPixels.
+///     corners of the triangle. If the asset has no HU, it is 0.
+///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than kMaxPixels.
 class SliceField {
  public:
   static constexpr double kPixel_mm = 0.25;
@@ -27,17 +27,17 @@ class SliceField {
   SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice);
 
   bool has_hu() const noexcept { return has_hu_; }
-  double mean_hu() const noexcept { return mean_hu_; }  ///< mean over all material
+  double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
   double dense_hu() const noexcept {
     return dense_hu_;
-  }  ///< 90th percentile, which represents the cortex
+  }  ///< 90th percentile of HU, which stands for the cortex
   std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {
-    double share = 0;  ///< coverage: part of the disc's points over material
+    double share = 0;  ///< coverage: fraction of the disc's points over material
     double hu = 0;     ///< mean HU of these points; 0 if there are none
   };
-  /// Mean over a disc in {B}, from 19 points of equal weight. No allocation.
+  /// Mean over a disc in {B}, taken from 19 points of equal weight. No allocation.
   Mean mean(const PlanarTransform& transform, const Eigen::Vector2d& at_m,
             double radius_m) const noexcept;
 
@@ -48,7 +48,7 @@ class SliceField {
   int columns_ = 0, rows_ = 0;
   bool has_hu_ = false;
   double mean_hu_ = 0, dense_hu_ = 0;
-  std::vector<float> hu_;  // nan: empty
+  std::vector<float> hu_;  // nan: the pixel is empty
 };
 
 }  // namespace trocar::runtime

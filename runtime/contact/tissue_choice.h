@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tissue of a slice, chosen among the scene's.
+// Chooses the tissue of a slice among the tissues of the scene.
 // Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
@@ -14,9 +14,9 @@
 namespace trocar::runtime {
 
 enum class TissueReason : std::uint8_t {
-  kNamed,    ///< the scene's slice names it
-  kLabel,    ///< the asset was made from one of its labels
-  kMeanHu,   ///< the mean HU of the slice's material is in its range
+  kNamed,    ///< the scene's slice names the tissue
+  kLabel,    ///< the asset was made from one of the tissue's labels
+  kMeanHu,   ///< the mean HU of the slice's material is in the tissue's range
   kDefault,  ///< none of the above: Scene::tissue
 };
 
@@ -28,13 +28,13 @@ struct TissueChoice {
   std::optional<double> mean_hu;  ///< mean HU of the slice's material, if the asset has it
 };
 
-/// The tissue that the scene's slice names; else the first one for a label that the asset was made
-/// from (parameters.labels) or for the mean HU of the slice's material (measures.mean_hu); else
-/// Scene::tissue.
+/// Returns the tissue that the scene's slice names. If it names none, returns the first tissue that has a label
+/// from which the asset was made (parameters.labels) or whose range contains the mean HU of the slice's
+/// material (measures.mean_hu). If there is no such tissue, returns Scene::tissue.
 TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                            const AssetSlice& slice);
 
-/// TissueChoice::tissue.
+/// Returns only TissueChoice::tissue of choose_tissue().
 Tissue tissue_of(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                  const AssetSlice& slice);
 

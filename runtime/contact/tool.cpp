@@ -52,7 +52,7 @@ std::vector<Piece> ears(const Corners& p) {
   return out;
 }
 
-// The union of two pieces that share an edge; empty if they share none.
+// Returns the union of two pieces that share an edge; empty if they share none.
 Piece joined(const Piece& a, const Piece& b) {
   for (std::size_t i = 0; i < a.size(); ++i) {
     for (std::size_t j = 0; j < b.size(); ++j) {

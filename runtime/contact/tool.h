@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool: a prism on the plate, and its outline on a slice's lattice. The same outline is
-// compared with the material and cut out of it.
+// The tool: a prism on the plate, and its outline on a slice's lattice. The same outline serves to compute the
+// coverage and to cut the hole.
 // Tests: tests/runtime/contact/tool_outline_test.cpp
 #pragma once
 
@@ -17,12 +17,12 @@
 
 namespace trocar::runtime {
 
-/// A convex part of the tool's cross-section: the indices of its corners, counter-clockwise.
+/// A convex part of the tool's cross-section, given by the indices of its corners, counter-clockwise.
 struct ConvexPiece {
   int size = 0;
   std::array<std::uint8_t, kMaxToolSides> corner{};
 };
-/// A simple polygon of kMaxToolSides corners can have more; place_slices() refuses those.
+/// Largest number of convex parts. place_slices() refuses a tool that has more.
 inline constexpr int kMaxToolPieces = 8;
 
 struct Tool {
@@ -30,28 +30,28 @@ struct Tool {
   /// Corners of the lower end in the plate's frame, counter-clockwise seen along -axis.
   std::array<Eigen::Vector3d, kMaxToolSides> corner_plate_m;
   Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< lower end of the axis
-  Eigen::Vector3d axis_plate = Eigen::Vector3d::UnitZ();  ///< unit, from the tip up the shaft
-  int pieces = 0;  ///< convex parts that tile the cross-section; 0: too many
+  Eigen::Vector3d axis_plate = Eigen::Vector3d::UnitZ();  ///< unit vector up the shaft
+  int pieces = 0;  ///< number of convex parts that tile the cross-section; 0: too many
   std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
-/// The tool of a scene. Its convex parts are computed by ear clipping and merging pieces whose union is
-/// convex (Hertel and Mehlhorn). O(sides^3).
+/// Makes the tool of a scene. The convex parts are computed by ear clipping, followed by merging parts whose
+/// union is convex (Hertel and Mehlhorn). O(sides^3).
 Tool make_tool(const SceneTool& scene_tool);
 
-/// The placement of a slice in {B} (formats/session/scene.h, Placement).
+/// Placement of a slice in {B} (formats/session/scene.h, Placement).
 struct PlanarTransform {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();
   double cosine = 1, sine = 0;  ///< rotation about z
   Lattice lattice;
 
-  /// x, y in {B} -> lattice steps, not rounded; and back.
+  /// Convert x, y in {B} to lattice steps (not rounded), and back.
   Eigen::Vector2d to_lattice(const Eigen::Vector2d& p_m) const noexcept;
   Eigen::Vector2d to_scene(const Eigen::Vector2d& steps) const noexcept;
 };
 
-/// A simple polygon on the lattice, counter-clockwise; size 0: none.
+/// A simple counter-clockwise polygon on the lattice. Size 0: no outline.
 struct LatticeOutline {
   int size = 0;
   std::array<LatticePoint, kMaxToolSides> points;
@@ -61,7 +61,7 @@ struct LatticeOutline {
   }
 };
 Ring to_ring(const LatticeOutline& outline);
-/// The bounding box of an outline that is not empty.
+/// Returns the bounding box of an outline that is not empty.
 LatticeBox box_around(const LatticeOutline& outline) noexcept;
 
 /// True if the axis is within kMaxTilt_deg of {B}'s z. Only an upright tool has outlines.
@@ -71,16 +71,16 @@ bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;
 /// The tool must be upright.
 Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept;
 
-/// The prism's section with the plane z = z_m (a tilted tool's is sheared along the tilt, by up to
-/// sqrt(2)), each corner rounded to the lattice. Simple if smallest_clearance_m() is at least
-/// kMinClearance steps: the section is nowhere narrower than the cross-section, and rounding
-/// moves a corner by at most sqrt(1/2) steps. Size 0 if the tool is not upright or a corner lies
-/// beyond kMaxCoordinate / 2. No allocation.
+/// Returns the section of the prism with the plane z = z_m, each corner rounded to the lattice. The section of a
+/// tilted tool is stretched along the tilt, by a factor of at most sqrt(2). The outline is a simple polygon if
+/// smallest_clearance_m() is at least kMinClearance steps, because the section is nowhere narrower than the
+/// cross-section, and rounding moves a corner by at most sqrt(1/2) steps. The size is 0 if the tool is not
+/// upright or a corner lies beyond kMaxCoordinate / 2. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
 inline constexpr double kMinClearance = 1.5;
 
-/// The smallest distance of a corner of the cross-section from an edge that does not end in it.
+/// Returns the smallest distance between a corner of the cross-section and an edge that does not end there.
 double smallest_clearance_m(const Tool& tool) noexcept;
 
 }  // namespace trocar::runtime

@@ -8,22 +8,22 @@
 namespace trocar::runtime {
 namespace {
 
-/// The environment's force after a further move m of the proxy: force_N - resistance * m.
+/// Linear model: after a further displacement m of the proxy the environment's force is force_N - resistance * m.
 struct LinearForce {
   Eigen::Vector3d force_N = Eigen::Vector3d::Zero();
   Eigen::Matrix3d resistance_N_per_m = Eigen::Matrix3d::Zero();
-  Eigen::Matrix3d damping_N_per_m = Eigen::Matrix3d::Zero();  ///< the dampers' part of it
+  Eigen::Matrix3d damping_N_per_m = Eigen::Matrix3d::Zero();  ///< dampers' part of the resistance
 };
 
-/// Assumed states of the elements during the coming move; corrected by the move that follows from them.
+/// Assumed states of the elements during the coming move. They are corrected by the move that results from them.
 struct Guess {
   bool in_sheet = false;
-  bool inwards = false;  ///< the shaft
-  bool slides = false;   ///< its dry friction is at its end
+  bool inwards = false;  ///< the shaft moves inwards
+  bool slides = false;   ///< dry friction slides
   friend bool operator==(const Guess&, const Guess&) = default;
 };
 
-/// Dampers act on the coming move only: the force of the last one does not persist.
+/// Dampers resist the coming move only: their force of the last move does not persist.
 LinearForce linear_force(const LocalEnvironment& e, double pose_interval_s,
                          const Guess& guess) noexcept {
   LinearForce out;
@@ -46,8 +46,8 @@ LinearForce linear_force(const LocalEnvironment& e, double pose_interval_s,
   return out;
 }
 
-/// The guess after a move; the same one if it was right. A spring that has let go does not take
-/// hold again, so that corrections end.
+/// Returns the guess corrected by a move; it is unchanged if it was right. An element that has let go does not
+/// take hold again, so that the corrections end.
 Guess corrected(const LocalEnvironment& e, double pose_interval_s, const Eigen::Vector3d& move_m,
                 const Eigen::Vector3d& noise_m, const Guess& guess) noexcept {
   Guess out = guess;
@@ -63,7 +63,7 @@ Guess corrected(const LocalEnvironment& e, double pose_interval_s, const Eigen::
   return out;
 }
 
-constexpr int kMaxGuesses = 6;  // sheet, direction and sliding, each corrected twice
+constexpr int kMaxGuesses = 6;  // in_sheet, inwards and slides, each corrected twice
 
 }  // namespace
 
@@ -82,7 +82,7 @@ Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Po
   state.device_m = T_device_plate.p_m;
   state.last_offset_m = state.offset_m;
   const LocalEnvironment& environment = state.environment;
-  // The environment's dampers take their velocity from `previous`, its springs the way moved.
+  // Dampers of the environment use the velocity since `previous`; its springs use the displacement.
   const Eigen::Vector3d noise_m =
       previous.ago_s > 0
           ? Eigen::Vector3d(moved_m - (T_device_plate.p_m - previous.T_device_plate.p_m) *
@@ -111,8 +111,8 @@ PreviousPose previous_proxy(double pose_interval_s, const PreviousPose& previous
                             const CouplingState& state) noexcept {
   PreviousPose proxy = previous;
   if (!(pose_interval_s > 0) || !(previous.ago_s > 0)) return proxy;
-  // The offset is in equilibrium with the sheet's force: it has no more noise than that, and its
-  // own rate is added to the plate's.
+  // The offset is in equilibrium with the sheet's force, so it has no more noise than that force. Its rate is
+  // added to the plate's.
   proxy.T_device_plate.p_m +=
       state.offset_m - previous.ago_s / pose_interval_s * (state.offset_m - state.last_offset_m);
   return proxy;
