@@ -40,7 +40,7 @@ double find_root(const F& f, double a, double b, double fa, double fb) {
   return 0.5 * (a + b);
 }
 
-/// The zero of the field between a point outside (value < 0) and one inside.
+/// The zero of the field between a point outside the material (value < 0) and one inside.
 Vec2 crossing(const PlaneField& field, Vec2 outside, Vec2 inside, double f_out, double f_in) {
   const Vec2 step = inside - outside;
   const double length = norm(step);
@@ -99,8 +99,8 @@ class Tracer {
         visit(i + di, j + dj, s);
   }
 
-  /// Walks counter-clockwise around one square and joins each crossing at which the material ends
-  /// to one at which it begins, so that the material stays on the left.
+  /// Walks counter-clockwise around one square. Joins each crossing at which the material ends to
+  /// one at which it begins, so that the material stays on the left.
   void cell(int i, int j) {
     const std::array<std::array<int, 2>, 4> at{{{i, j}, {i + 1, j}, {i + 1, j + 1}, {i, j + 1}}};
     std::array<double, 4> f{};
@@ -141,10 +141,11 @@ class Tracer {
     return key;
   }
 
-  /// The point of the curve opposite the midpoint of the chord ab, or nothing if none is near.
+  /// The point of the curve on the perpendicular bisector of the chord ab; std::nullopt if none is
+  /// near.
   std::optional<Vec2> over_middle(Vec2 a, Vec2 b) const {
     const Vec2 chord = b - a, middle = 0.5 * (a + b);
-    const Vec2 right{chord.y, -chord.x};  // as long as the chord, pointing out of the material
+    const Vec2 right{chord.y, -chord.x};  // has the chord's length and points out of the material
     const double f = field_.value(middle);
     if (f == 0) return middle;
     for (const double reach : {0.05, 0.25, 1.0, 2.0}) {
@@ -258,9 +259,9 @@ Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeomet
     return usage("iso-value " + std::to_string(iso_hu) + " HU is not between soft tissue (" +
                  std::to_string(kSoftTissueTop_hu) + ") and cancellous bone (" +
                  std::to_string(core) + ")");
-  // If the bone's surface is this far from the pixel's aperture, the reading is certainly on one
-  // side of the iso-value: at most the fraction `tail` of it comes from the other side, because
-  // Phi(-t) <= exp(-t^2 / 2) / 2.
+  // If the bone's surface is at least this far from the pixel's aperture, the reading is certainly
+  // on one side of the iso-value: at most the fraction `tail` of it comes from the other side of
+  // the surface, because Phi(-t) <= exp(-t^2 / 2) / 2.
   const double tail =
       std::min((iso_hu - kSoftTissueTop_hu) / (phantom.tissue.cortical - kSoftTissueTop_hu),
                (core - iso_hu) / (core - kSoftTissueBottom_hu));
@@ -333,7 +334,7 @@ double SectionDistance::operator()(Vec2 p) const {
       best2 = std::min(best2, dot(w, w));
     }
   };
-  // Search squares of cells around p, from the inside out. Everything beyond square r is at least r
+  // Searches rings of cells around p, from the inside out. Everything beyond ring r is at least r
   // cells away (farther if p is outside the grid).
   for (int r = 0; r <= std::max(columns_, rows_); ++r) {
     for (int i = ci - r; i <= ci + r; ++i) {

@@ -5,14 +5,14 @@
 // There are two:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
 //  - iso_section: the curve on which a noiseless scanner of the given geometry (pixel and slice
-//    apertures, point spread) reads the iso-value, also between pixel centres. A perfect program
-//    would find this contour in the scan. At 226 HU it lies a few tenths of a mm outside the
-//    anatomy, because of the threshold.
+//    apertures, point spread) reads the iso-value, also between pixel centres. A perfect contouring
+//    program would find this curve in the scan. At 226 HU it lies a few tenths of a mm outside the
+//    anatomy, because 226 HU is below the mean of bone and soft tissue.
 //
-// Method: a quadtree discards squares that are too far from the bone's surface to
-// meet the level set; marching squares on the rest; every crossing is refined by
-// bracketing root finding (ITP: Oliveira and Takahashi 2020); every chord is split
-// until the curve's rise above it is below the tolerance.
+// Method: A quadtree discards squares that are too far from the bone's surface to meet the level
+// set. Marching squares traces the others. Every crossing is refined by bracketing root finding
+// (ITP: Oliveira and Takahashi 2020). Every chord is split until the curve rises above it by at
+// most the tolerance.
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -31,11 +31,11 @@ struct SectionOptions {
   double tolerance_mm = 1e-3;  ///< greatest rise of the true curve above a chord
 };
 
-/// An exact cross-section. Rings lie in the x-y plane of the scan frame (mm),
-/// simple and disjoint, without the first point repeated: outer ones have positive
-/// area (counter-clockwise from x to y), holes negative, so material is on the left.
-/// Every point lies on the level set to 1e-9 mm; chords are within tolerance_mm of
-/// it; rings start at their smallest (y, x) point and are ordered by it.
+/// An exact cross-section. Its rings lie in the x-y plane of the scan frame (mm); they are simple
+/// and disjoint, and do not repeat the first point. Outer rings have positive area
+/// (counter-clockwise from x to y) and holes have negative area, so the material is on the left.
+/// Every point lies on the level set within 1e-9 mm, and every chord within tolerance_mm. Each ring
+/// starts at its smallest (y, x) point, and rings are ordered by this point.
 struct CrossSection {
   double z_mm = 0;
   double tolerance_mm = 0;
@@ -44,16 +44,16 @@ struct CrossSection {
   double area_error_mm2 = 0;  ///< bound on area_mm2's error: perimeter * tolerance / 4
 };
 
-/// A function of the plane, positive in the material, and a bound: within
-/// clear_mm(x, y) of the point the function keeps its sign.
+/// A function of the plane that is positive in the material, and a bound: within the distance
+/// clear_mm(p) of a point p, the function does not change its sign.
 struct PlaneField {
   std::function<double(Vec2)> value;
   std::function<double(Vec2)> clear_mm;
 };
 
-/// Traces the level set 0 of the field inside [lower, upper] (mm). Takes O(n) field evaluations for
-/// n crossed cells. Errors: (refused) the curve leaves that rectangle; (usage) an option is not
-/// positive or the rectangle is wider than 1024 cells; (bug) the outline is too sharp for the
+/// Traces the level set 0 of the field inside [lower, upper] (mm). Evaluates the field O(n) times
+/// for n crossed cells. Errors: (refused) the curve leaves that rectangle; (usage) an option is not
+/// positive or the rectangle is wider than 1024 cells; (bug) the outline bends too sharply for the
 /// smallest cells.
 Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
                                    const SectionOptions& options);
@@ -63,15 +63,15 @@ Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
                                      const SectionOptions& options = {});
 
 /// The curve on which a noiseless scanner reads iso_hu at height z (the middle of the slice).
-/// Errors: (usage) iso_hu does not lie above all soft tissue (110 HU) and below the cancellous core
-/// (its mean less its texture), so that the level set would follow the texture.
+/// Errors: (usage) iso_hu is not above all soft tissue (110 HU) and below the cancellous core (its
+/// mean minus its texture); the level set would then follow the texture.
 Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
                                  double z_mm, double iso_hu = 226,
                                  const SectionOptions& options = {});
 
-/// Planar signed distance to a cross-section, negative in the material: exact for
-/// the polygon, hence within tolerance_mm of exact for the curve. Building
-/// takes O(n), a query O(1) near the outline.
+/// Signed distance in the plane to a cross-section, negative in the material. It is exact for the
+/// polygon, so its error for the curve is at most tolerance_mm. Building takes O(n), a query O(1)
+/// near the outline.
 class SectionDistance {
  public:
   explicit SectionDistance(const CrossSection& section);

@@ -20,8 +20,8 @@ double coverage(double d, double sigma) {
   return 0.5 * std::erfc(t * (1 / std::numbers::sqrt2));
 }
 
-/// Signed distance of an upright elliptic cylinder, 1-Lipschitz (smaller than the true
-/// distance along its longer axis).
+/// Signed distance from an upright elliptic cylinder. It is 1-Lipschitz, and smaller than the true
+/// distance along the longer axis.
 struct EllipseColumn {
   Vec2 centre;
   Vec2 semi_axes;
@@ -90,8 +90,8 @@ double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan) {
   double hu = tissue.fat + texture;
   const auto lay = [&](double tissue_hu, double d) { hu += (tissue_hu - hu) * coverage(d, sigma); };
 
-  // Muscle bellies, uneven at their rims; fat in thin sheets along the zero
-  // crossings of a smooth noise, thickest where another noise is high.
+  // Muscle bellies have uneven rims. Fat fills thin sheets along the zero crossings of a smooth
+  // noise; the sheets are thickest where another noise is high.
   const double uneven = 2.2 * value_noise(phantom.seed ^ 0xb311, p.x / 7.0, p.y / 7.0, p.z / 25.0);
   double muscle = std::numeric_limits<double>::infinity();
   for (const EllipseColumn& column : kMuscles)

@@ -3,13 +3,14 @@
 // analytic (vertebra.h); soft tissue is made of simple solids; both get a faint
 // seeded texture. Pixels, slices and noise are added in render.h.
 //
-// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is rotated about z
-// and shifted a little in it (options), so that nothing is aligned with the pixel grid by accident.
+// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is slightly
+// rotated about z and shifted in this frame (PhantomOptions), so that nothing is aligned with the
+// pixel grid by accident.
 //
-// The scanner's in-plane blur (point spread) is part of the field, analytically:
-// across a surface at signed distance d the HU follow the normal distribution's
-// cumulative function Phi(-d / sigma), which is exact for a flat layer and a
-// close approximation where the surface bends on a scale above sigma.
+// The scanner's in-plane blur (point spread) is part of the field, as a formula. At the signed
+// distance d from a surface, the HU follow Phi(-d / sigma), where Phi is the cumulative normal
+// distribution. This is exact for a flat surface, and a close approximation if the radius of
+// curvature is larger than sigma.
 #pragma once
 
 #include <cstdint>
@@ -43,18 +44,18 @@ struct PhantomOptions {
   Vec2 shift_mm{1.7, -1.2};     ///< shift of the anatomy in the scan frame
 };
 
-/// A point of the scan frame in the anatomical frame, and back.
+/// Transforms a point of the scan frame to the anatomical frame, and back.
 Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
 Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
 
-/// The bone at a point of the scan frame (vertebra.h): signed distance of its
-/// outer surface, negative inside and 1-Lipschitz, and the shell's thickness.
+/// The bone at a point of the scan frame (vertebra.h): the signed distance from its outer surface,
+/// which is negative inside and 1-Lipschitz, and the thickness of the cortical shell.
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
 
 /// sample_bone(phantom, p_scan).distance_mm.
 double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan);
 
-/// Volume fractions of bone and of cancellous core at a point after the in-plane blur, 0..1;
+/// Volume fractions, 0..1, of bone and of its cancellous core at a point, after the in-plane blur.
 /// core <= bone.
 struct BoneFractions {
   double bone = 0;

@@ -24,13 +24,13 @@ inline std::uint64_t hash_at(std::uint64_t seed, std::int64_t i, std::int64_t j,
   return mix64(h ^ static_cast<std::uint64_t>(k));
 }
 
-/// Uniform in [-1, 1): the top 53 bits.
+/// A number uniform in [-1, 1), made from the top 53 bits.
 inline double signed_unit(std::uint64_t bits) {
   return static_cast<double>(static_cast<std::int64_t>(bits) >> 11) * 0x1.0p-52;
 }
 
-/// Nearly normal, mean 0 and variance 1: the sum of eight uniform 16-bit numbers
-/// (Irwin-Hall), drawn from one hash and its successor. |value| < 4.9.
+/// A nearly normal number with mean 0 and variance 1: the scaled sum of eight uniform 16-bit
+/// numbers (Irwin-Hall), taken from a hash and its successor. |value| < 4.9.
 inline double nearly_normal(std::uint64_t bits) {
   const std::uint64_t more = mix64(bits);
   std::int64_t sum = 0;

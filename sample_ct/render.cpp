@@ -14,7 +14,7 @@ namespace {
 // The noise kernel along a row and along a column, before scaling: [1 4 1].
 constexpr double kKernelSide = 1, kKernelMiddle = 4;
 
-// Distances to the bone's inner surface change a little faster than the point moves,
+// The distance to the bone's inner surface can change by this factor times the point's motion,
 // because the shell's thickness varies.
 constexpr double kInnerLipschitz = 1.4;
 
@@ -88,7 +88,7 @@ std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeomet
       if (i >= known_until) {
         bone = sample_bone(phantom, centre);
         // Distances change by at most the distance moved. So if a pixel is far from every surface,
-        // the next few pixels of the row are far from it, too.
+        // so are the next few pixels of the row.
         const double spare =
             std::max(bone.distance_mm - reach,
                      (-bone.distance_mm - bone.cortical_mm - reach) / kInnerLipschitz);
@@ -104,7 +104,7 @@ std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, do
                                 int k) {
   const int columns = scan.columns, rows = scan.rows, wide = columns + 2;
   const std::uint64_t slice_seed = hash_at(seed, 0x6e6f697365, k, 0);
-  // White noise with a border of one, smoothed along the rows, then the columns.
+  // White noise with a border of one pixel, smoothed along the rows and then along the columns.
   std::vector<double> smooth(static_cast<std::size_t>(rows + 2) * columns);
   std::vector<double> white(static_cast<std::size_t>(wide));
   for (int j = 0; j < rows + 2; ++j) {

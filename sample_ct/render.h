@@ -3,9 +3,9 @@
 //
 // A pixel holds the mean of the bone's volume fraction over the pixel's area and the slice's
 // thickness (partial volume). Near the bone's outer or inner surface this is computed by
-// supersampling, elsewhere from one sample. Textures vary little over a pixel and are sampled at
-// its centre. Then noise is added, mildly correlated in the plane as by a reconstruction kernel.
-// The sum is rounded to an integer once.
+// supersampling, elsewhere from one sample. Textures vary little over a pixel, so they are sampled
+// at its centre. Then noise is added. It is mildly correlated in the plane, like the noise of a
+// reconstruction kernel. Only the sum is rounded to an integer.
 //
 // Results are a pure function of the arguments: they do not depend on the number of
 // threads or the order of the slices.
@@ -32,8 +32,8 @@ struct ScanGeometry {
   double slice_step_mm = 1.0;
   Vec3 first_pixel_mm{-79.84375, -54.84375, -17.0};
   double slice_thickness_mm = 1.0;  ///< 0: infinitely thin slices
-  int subsamples_xy = 3;            ///< along each edge of a pixel
-  int subsamples_z = 3;             ///< across the slice's thickness
+  int subsamples_xy = 3;            ///< samples along each edge of a pixel
+  int subsamples_z = 3;             ///< samples across the slice's thickness
 };
 
 inline constexpr int kMinSize = 32, kMaxSize = 1024;
@@ -41,19 +41,20 @@ inline constexpr int kMinSlices = 1, kMaxSlices = 61;
 inline constexpr double kFieldOfView_mm = 160.0;
 inline constexpr double kMaxNoise_hu = 200.0;
 
-/// The sample scan's geometry: `size` x `size` pixels over a field of view of
-/// 160 mm, `slices` slices 1 mm apart, centred on the middle of the vertebral body.
-/// Usage error if a number is outside the limits above.
+/// The sample scan's geometry: `size` x `size` pixels over a field of view of 160 mm, `slices`
+/// slices 1 mm apart, centred on the middle of the vertebral body. Errors: (usage) a number is
+/// outside the limits above.
 Result<ScanGeometry> sample_geometry(int size, int slices);
 
 /// Centre of a pixel in the scan frame; i, j, k may be fractional.
 Vec3 pixel_centre_mm(const ScanGeometry& scan, double i, double j, double k);
 
-/// Reading of a noiseless scanner of this geometry for a pixel centred at any point of
-/// the scan frame: a smooth function of the point near the bone's surface.
+/// The reading of a noiseless scanner with this geometry for a pixel centred at any point of the
+/// scan frame. Near the bone's surface it is a smooth function of this point.
 double scanner_hu(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre);
 
-/// Radius of a pixel's aperture (its area by the slice's thickness) around its centre.
+/// Radius of the ball around a pixel's centre that contains its aperture: the pixel's area times
+/// the slice's thickness.
 double aperture_radius_mm(const ScanGeometry& scan);
 
 /// One slice of noiseless, unrounded HU, rows * columns values, row by row.
@@ -82,8 +83,8 @@ inline constexpr int kMinHu = -1024, kMaxHu = 3071;
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
                  int threads = 0, const std::atomic<bool>* stop = nullptr);
 
-/// The mean of field(Vec3) over a pixel and the slice's thickness around the centre,
-/// by the midpoint rule, summed in a fixed order. T needs += T and * double.
+/// The mean of field(Vec3) over the aperture (pixel area and slice thickness) around `centre`, by
+/// the midpoint rule, summed in a fixed order. T must have the operators += T and * double.
 template <typename T, typename Field>
 T aperture_mean(const ScanGeometry& scan, Vec3 centre, const Field& field) {
   const int n = scan.subsamples_xy, m = scan.slice_thickness_mm > 0 ? scan.subsamples_z : 1;

@@ -35,7 +35,7 @@ Error interrupted() {
   return unwritable("interrupted; nothing was written");
 }
 
-/// Removes the folder when it goes out of scope.
+/// Removes the folder when this object goes out of scope.
 struct Scratch {
   fs::path path;
   explicit Scratch(fs::path folder) : path(std::move(folder)) {}
@@ -47,8 +47,8 @@ struct Scratch {
   }
 };
 
-/// Removes the folder when it goes out of scope, if it is empty then. An empty path means no
-/// folder.
+/// Removes the folder when this object goes out of scope, if the folder is then empty. An empty
+/// path means no folder.
 struct EmptyFolder {
   fs::path path;
   explicit EmptyFolder(fs::path folder) : path(std::move(folder)) {}
@@ -60,7 +60,8 @@ struct EmptyFolder {
   }
 };
 
-/// The error of a file in the scratch folder, with the final name of the file.
+/// Replaces the name of a file in the scratch folder by the file's final name in the error's
+/// message.
 Error named_after(Error error, const fs::path& scratch, const fs::path& folder) {
   const std::size_t at = error.message.find(scratch.string());
   if (at != std::string::npos) error.message.replace(at, scratch.string().size(), folder.string());

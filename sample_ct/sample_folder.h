@@ -21,9 +21,10 @@ Result<void> check_sample_folder(const std::filesystem::path& folder);
 
 /// Writes everything to a hidden folder inside `folder` (created if needed), then moves the four
 /// outputs to their final names, replacing those of an earlier run. Calls `progress`, if given,
-/// with the name of the next step. Errors: (unwritable) with the file; also if an existing png/ or
-/// dicom/ has other files than slices of an earlier run, or once `stop`, if given, is set. On
-/// failure existing outputs are unchanged and the hidden folder is removed.
+/// with the name of the next step. Errors: (unwritable) names the file that cannot be written; it
+/// is also the error if an existing png/ or dicom/ has other files than slices of an earlier run,
+/// or if `stop` is given and set during the work. On failure existing outputs are unchanged and the
+/// hidden folder is removed.
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::filesystem::path& folder,
                                  const std::function<void(const std::string&)>& progress = {},

@@ -75,7 +75,7 @@ inline double sphere_distance(Vec3 p, Vec3 centre, double radius) {
   return norm(p - centre) - radius;
 }
 
-/// The convex hull of two spheres (radius_a at a, radius_b at b), exact.
+/// The exact signed distance from the convex hull of two spheres (radius_a at a, radius_b at b).
 /// The radii must differ by less than the distance of the centres.
 inline double round_cone_distance(Vec3 p, Vec3 a, Vec3 b, double radius_a, double radius_b) {
   const Vec3 ba = b - a, pa = p - a;
@@ -89,7 +89,8 @@ inline double round_cone_distance(Vec3 p, Vec3 a, Vec3 b, double radius_a, doubl
   return (std::sqrt(x2 * a2 * il2) + y * rr) * il2 - radius_a;
 }
 
-/// A simple polygon in the plane, exact; vertices in either order. O(vertices).
+/// The exact signed distance from a simple polygon in the plane. Its vertices may be in either
+/// order. O(vertices).
 inline double polygon_distance(Vec2 p, std::span<const Vec2> polygon) {
   Vec2 previous = polygon.back();
   double d2 = dot(p - polygon[0], p - polygon[0]);
@@ -105,8 +106,9 @@ inline double polygon_distance(Vec2 p, std::span<const Vec2> polygon) {
   return (inside ? -1.0 : 1.0) * std::sqrt(d2);
 }
 
-/// A plane shape (its distance there: in_plane) extruded to +-half_thickness
-/// along the normal (coordinate: off_plane) and then grown by a rounding.
+/// A plane shape, extruded by half_thickness to both sides along its normal and then grown by
+/// `rounding`. `in_plane` is the signed distance from the shape in the plane, `off_plane` the
+/// coordinate along the normal.
 inline double plate_distance(double in_plane, double off_plane, double half_thickness,
                              double rounding) {
   const double w = std::abs(off_plane) - half_thickness;
@@ -114,7 +116,7 @@ inline double plate_distance(double in_plane, double off_plane, double half_thic
          norm(Vec2{std::max(in_plane, 0.0), std::max(w, 0.0)}) - rounding;
 }
 
-/// A box of the half sizes (before rounding) about the origin, grown by a rounding.
+/// A box with half sizes `half` about the origin, grown by `rounding`.
 inline double rounded_box_distance(Vec3 p, Vec3 half, double rounding) {
   const Vec3 q{std::abs(p.x) - half.x, std::abs(p.y) - half.y, std::abs(p.z) - half.z};
   return norm(Vec3{std::max(q.x, 0.0), std::max(q.y, 0.0), std::max(q.z, 0.0)}) +

@@ -50,23 +50,25 @@ BodySample sample_body(Vec3 p) {
 }
 
 /// A ball that contains a solid, so that the solid can be skipped if it is too far away to matter.
-/// The solid's distance is max(its own, the ball's): the same solid, still 1-Lipschitz, and never
-/// below the ball's distance, so that skipping it does not change the result.
+/// The larger of the solid's and the ball's distance is used. This describes the same solid, is
+/// still 1-Lipschitz, and is never below the ball's distance. So skipping the solid does not change
+/// the result.
 struct Ball {
   Vec3 centre;
   double radius;
   double distance(Vec3 p) const { return sphere_distance(p, centre, radius); }
 };
 
-/// Adds a solid to the union d, blended over k. `solid` gives its distance; it is called only if
-/// near.
+/// Adds a solid to the union with the distance d, blended over k. `solid` gives the solid's
+/// distance; it is called only if the solid is near.
 template <typename Solid>
 double add(double d, Vec3 p, Ball ball, double k, const Solid& solid) {
   const double bound = ball.distance(p);
   return bound >= d + k ? d : smooth_min(d, std::max(solid(), bound), k);
 }
 
-/// p in a frame rotated about the z axis through the centre, with x along (c, s).
+/// The coordinates of p in a frame with its origin at the centre, rotated about z so that x is
+/// along (c, s).
 Vec3 rotated(Vec3 p, Vec3 centre, double c, double s) {
   const Vec3 w = p - centre;
   return {c * w.x + s * w.y, -s * w.x + c * w.y, w.z};
@@ -143,7 +145,8 @@ double arch(Vec3 p) {
   d = add(d, p, {{0, 53.5, -10.5}, 24}, 3.5, [&] { return spinous_process(p); });
   d = add(d, p, {{29, 35, 3.5}, 24}, 4.0, [&] { return transverse_process(p); });
   d = add(d, p, {{19, 32, 11}, 15}, 2.5, [&] { return superior_process(p); });
-  // The facet: the process less the upper vertebra's inferior process and the joint space.
+  // The facet is the process without the upper vertebra's inferior process and without the joint
+  // space.
   constexpr double kRound = 1.0;
   const Vec3 q = p - Vec3{0, 0, kVertebraPitch_mm};
   if (kJointSpace_mm - kInferiorBall.distance(q) <= d - kRound) return d;
@@ -166,7 +169,7 @@ BoneSample sample_vertebra(Vec3 p) {
   return {d, shell + (kCorticalArch_mm - shell) * to_arch};
 }
 
-/// Bound of a whole vertebra: a ball between two planes. It serves like the ball of a solid.
+/// Bound of a whole vertebra: a ball between two planes. It is used like the ball of a solid.
 double vertebra_bound(Vec3 p) {
   constexpr Ball kBall{{0, 27, -4}, 56};
   return std::max({kBall.distance(p), -32.0 - p.z, p.z - 24.0});

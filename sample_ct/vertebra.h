@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids,
-// with the same vertebra above and below it, so that the facet joints have both
-// their sides, as in a real scan.
+// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids, with the same
+// vertebra above and below it, so that the facet joints are complete, as in a real scan.
 //
 // Anatomical frame (mm): x to the patient's left, y to the back, z up; origin
 // at the middle of the vertebral body of the middle vertebra. Left and right are
@@ -13,7 +12,7 @@
 
 namespace trocar::sample {
 
-/// Distance between neighbouring vertebrae along z: body 28 plus disc 10.
+/// Distance between neighbouring vertebrae along z: 28 mm for the body and 10 mm for the disc.
 inline constexpr double kVertebraPitch_mm = 38.0;
 /// Half the height of the vertebral body at its rim.
 inline constexpr double kBodyHalfHeight_mm = 14.0;
@@ -24,19 +23,20 @@ struct BoneSample {
   double cortical_mm = 1;  ///< thickness of the cortical shell near the point
 };
 
-/// The bone (all vertebrae) at a point of the anatomical frame. The distance is
-/// 1-Lipschitz, has the sign of the exact one and never exceeds it in magnitude;
-/// on the walls of the body it is at most 4 % smaller.
+/// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz, has
+/// the sign of the exact distance and never exceeds it in magnitude; on the walls of the body it is
+/// at most 4 % smaller.
 BoneSample sample_bone(Vec3 p);
 
 /// sample_bone(p).distance_mm.
 double bone_distance_mm(Vec3 p);
 
-/// The vertebral canal (the same at every height), 23 mm wide and 16 mm deep.
+/// Signed distance from the vertebral canal, which is the same at every height: 23 mm wide and 16
+/// mm deep.
 double canal_distance_mm(Vec3 p);
 
-/// Signed distance of the column of vertebral bodies and discs, positive outside. The
-/// body's outline continues through the discs, which bulge by 1 mm.
+/// Signed distance from the column of vertebral bodies and discs, positive outside. The body's
+/// outline continues through the discs, which bulge by 1 mm.
 double disc_column_distance_mm(Vec3 p);
 
 }  // namespace trocar::sample

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scan as a DICOM series: CT Image Storage, explicit VR little endian, one file for
-// each slice, stored values = HU + 1024 in 12 of 16 bits.
+// Writes the scan as a DICOM series: CT Image Storage, explicit VR little endian, one file for each
+// slice. The stored values are HU + 1024, in 12 of 16 bits.
 // Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace trocar::sample {
 
-/// The file of slice k (counted from 0): "CT_001.dcm" for k = 0, InstanceNumber 1.
+/// The file of slice k (counted from 0): "CT_001.dcm" for k = 0, which has the InstanceNumber 1.
 std::string dicom_name(int k);
 
 /// A UID under the 2.25 root (a UUID as a decimal number): a pure function of the

@@ -26,7 +26,7 @@ struct FreeImage {
   void operator()(nifti_image* image) const { nifti_image_free(image); }
 };
 
-/// The header with the geometry: LPS to RAS negates x and y.
+/// The header with the geometry. The conversion from LPS to RAS negates x and y.
 Result<nifti_1_header> make_header(const Scan& scan) {
   const ScanGeometry& g = scan.geometry;
   const std::array<std::int64_t, 8> dims{3, g.columns, g.rows, g.slices, 1, 1, 1, 1};
@@ -85,7 +85,7 @@ Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file) {
   const Result<nifti_1_header> header = make_header(scan);
   if (!header) return header.error();
   constexpr std::size_t kDataOffset =
-      352;  // the header, and four bytes that state that there is no extension
+      352;  // the header, then four bytes that state that there is no extension
   static_assert(sizeof(nifti_1_header) == 348);
   std::vector<std::uint8_t> bytes(kDataOffset + scan.hu.size() * sizeof(std::int16_t));
   std::memcpy(bytes.data(), &*header, sizeof(nifti_1_header));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scan as images like the paper's: for each slice one 24-bit PNG, grey in all three channels.
+// Writes the scan as images like the paper's: one 24-bit PNG for each slice, with the same grey
+// level in all three channels.
 // Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
@@ -11,8 +12,8 @@
 
 namespace trocar::sample {
 
-/// grey = round(clamp((HU - low) / (high - low) * 255, 0, 255)): 5 HU per grey level
-/// by default; bone is well inside the range, air is clamped.
+/// grey = round(clamp((HU - low) / (high - low) * 255, 0, 255)): 5 HU per grey level by default.
+/// Bone is well inside the range; air is clamped.
 struct GreyWindow {
   double low_hu = -250;
   double high_hu = 1025;
