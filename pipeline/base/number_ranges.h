@@ -8,15 +8,16 @@
 
 namespace trocar::pipeline {
 
-/// A value in messages, with at most so many significant digits: "226" or "0.3125".
+/// A value for messages, with at most `digits` significant digits, such as "226" or "0.3125".
 std::string text_of(double value, int digits = 7);
 
-/// The numbers in ascending order, with runs of consecutive numbers as A-B and `separator` between
-/// the runs. After `max_runs` runs the rest is only counted (" and 7 more").
+/// Lists the numbers in ascending order. Consecutive numbers become a run A-B, and `separator`
+/// stands between runs. After `max_runs` runs the remaining numbers are only counted (" and 7
+/// more").
 std::string number_ranges(const std::set<int>& numbers, const std::string& separator = ", ",
                           int max_runs = 20);
 
-/// "slice 3" or "slices 0-46, 50".
+/// The ranges with a name before them: "slice 3" or "slices 0-46, 50".
 std::string named_ranges(const std::string& name, const std::set<int>& numbers, int max_runs = 20);
 
 }  // namespace trocar::pipeline

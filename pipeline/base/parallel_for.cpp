@@ -11,7 +11,7 @@ namespace {
 
 // The function object that TBB copies and calls. TBB synchronises the tasks with the code before
 // and after the loop inside its library, where ThreadSanitizer cannot observe it. `begun` and
-// `ended` repeat this synchronisation, so that ThreadSanitizer checks what the tasks have in common
+// `ended` repeat this synchronisation, so that ThreadSanitizer can check the data that tasks share
 // (scripts/lib/tsan.supp excludes this file only).
 struct TaskRange {
   const std::function<void(int)>* task;

@@ -7,9 +7,9 @@
 
 namespace trocar::pipeline {
 
-/// Calls task(0), ..., task(count - 1) once each, several at the same time, started in about this
-/// order. What precedes the call happens before each task, and each task happens before the call
-/// returns.
+/// Calls each of task(0), ..., task(count - 1) once, several at the same time. They start
+/// approximately in this order. Everything before the call happens before each task, and each task
+/// happens before the call returns.
 void parallel_for(int count, const std::function<void(int)>& task);
 
 }  // namespace trocar::pipeline

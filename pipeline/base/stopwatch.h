@@ -12,7 +12,7 @@ class Stopwatch {
 
   explicit Stopwatch(TimePoint start = std::chrono::steady_clock::now()) : start_(start) {}
 
-  /// The time since the last lap, or since the start.
+  /// The time in ms since the last call, or since the start. Begins the next lap.
   double lap_ms() {
     const TimePoint now = std::chrono::steady_clock::now();
     const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
