@@ -12,8 +12,9 @@
 
 namespace trocar::farm {
 
-/// {"schema", "program", "parameters"}, and for each role of the `wanted` files (NamedFile::of)
-/// their digests in order. Every wanted file must have its digest in `files`.
+/// The action as a JSON object: "schema", "program", "parameters", and for each role of the
+/// `wanted` files (NamedFile::of) the digests of these files in order. Every wanted file must have
+/// its digest in `files`.
 nlohmann::json action_of(const std::string& program, const nlohmann::json& parameters,
                          const std::vector<NamedFile>& wanted, const std::vector<ScanFile>& files);
 

@@ -83,7 +83,7 @@ Error cannot_write(const fs::path& file, int error) {
 Result<void> sync_folder(const fs::path& folder) {
   const FileDescriptor fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (fd.get() < 0) return cannot_write(folder, errno);
-  // Some file systems sync no folders.
+  // Some file systems cannot sync folders.
   if (::fsync(fd.get()) != 0 && errno != EINVAL && errno != ENOTSUP)
     return cannot_write(folder, errno);
   return {};

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Atomic files: a file of a store appears complete or not at all. It is written to a temporary file
-// in the store's tmp/, synced, read back, checked and renamed, and then its folder is synced. The
-// rename commits, also over NFS. Each step is a failpoint (failpoint.h).
+// Atomic files: a file of a store appears complete or not at all. Its bytes are written to a
+// temporary file in the store's tmp/, synced, read back and checked. Then the file is renamed, and
+// its folder is synced. The rename commits the file, also over NFS. Each step has a failpoint (see
+// failpoint.h).
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -26,12 +27,13 @@ struct AtomicFile {
   std::filesystem::path tmp;  ///< the folder of temporary files, in the same file system
   mode_t mode = 0666;         ///< reduced by the process's umask
   bool is_synced = true;      ///< false if the file can be made again after a loss of power
-  /// A check of the bytes that were read back. They are already known to equal those written.
+  /// A check of the bytes that were read back. It is called after they have been compared with
+  /// those written.
   std::function<Result<void>(std::span<const std::uint8_t>)> prove = {};
 };
 
-/// Replaces the target, and creates its folder if only that is missing. Errors (unwritable) name
-/// the target; it is then unchanged and the temporary file is removed.
+/// Replaces the target, and creates its folder if only that is missing. Errors: (unwritable) names
+/// the target. After an error the target is unchanged and the temporary file is removed.
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 

@@ -86,7 +86,8 @@ class Run {
   void find_work() {
     for (std::size_t k = 0; k < wanted_.size(); ++k) {
       const bool is_stale = !causes(wanted_[k], store_, {}).empty();
-      // The scans' processes compute the digests of a rehash concurrently.
+      // Because of --rehash, unchanged scans get a process too: digests are then computed
+      // concurrently.
       if (is_stale || settings_.rehash || settings_.verify) {
         todo_.push_back({k, is_stale});
       } else {
@@ -163,8 +164,8 @@ class Run {
     if (settings_.progress) settings_.progress(done_, failed_.size(), total_);
   }
 
-  // A key without a valid lease is finished, or its process is dead. In both cases its scan starts
-  // again.
+  // If a key no longer has a valid lease, its outputs are finished or its process is dead. In both
+  // cases the scan is started again.
   void check_waiting() {
     if (waiting_.empty() || Clock::now() < next_check_) return;
     next_check_ = Clock::now() + kLeaseCheckInterval;
@@ -225,7 +226,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
   std::unordered_map<std::string, const Parameters*> known;
   for (std::size_t k = 0; k < collection.scans.size(); ++k) {
     const CollectionScan& scan = collection.scans[k];
-    // Every scan is checked, so that every shard refuses a wrong collection.
+    // The parameters of all scans are checked, so that every shard refuses a wrong collection.
     const auto [at, is_new] = known.emplace(json_text(scan.parameters), nullptr);
     if (is_new) {
       auto read = program.parameters(scan.parameters);
@@ -277,7 +278,7 @@ Result<std::vector<json>> Batch::explain(const std::string& scan) const {
 Result<BatchSummary> Batch::run() const {
   const auto store = Store::open_for_writing(settings_.store);
   if (!store) {
-    // A read-only store suffices if no scan is stale.
+    // A store that cannot be written suffices if no scan is stale.
     const auto stale = dry_run();
     if (store.error().code != ExitCode::kUnwritable || settings_.rehash || settings_.verify ||
         !stale || !stale->empty())

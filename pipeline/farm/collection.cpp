@@ -24,7 +24,7 @@ bool is_letter_or_digit(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
 }
 
-// A path or a name of a series: 1 to 4096 bytes without control characters.
+// Is the value a text for a path or a series: 1 to 4096 bytes without control characters?
 bool is_text(const json& value) {
   if (!value.is_string()) return false;
   const auto& text = value.get_ref<const std::string&>();
@@ -41,7 +41,7 @@ bool is_value(const json& value) {
   return value.is_number() || value.is_boolean() || value.is_null() || is_text(value);
 }
 
-// Adds to `into`; null and false take back what is there.
+// Adds the given parameters to `into`. null and false remove a parameter from it.
 void read_parameters(const json& given, const std::string& path, json& into, JsonErrors& errors) {
   if (!given.is_object()) return errors.add(path, "must be an object");
   for (const auto& [name, value] : given.items()) {
@@ -106,7 +106,7 @@ CollectionScan read_scan(const json& value, const std::string& path, const json&
   return out;
 }
 
-// A scan's name from where it lies and its series: what may not be in a name becomes _.
+// Makes a scan's name from its path and its series. Characters that a name cannot have become _.
 std::string name_of(const json& scan) {
   std::string out = scan["path"].get<std::string>();
   for (const char* ending : {".gz", ".nii"})

@@ -15,8 +15,9 @@ namespace trocar::farm {
 struct CollectionScan {
   std::string name;
   std::vector<std::string> paths;  ///< a file or folder, or several files
-  std::string glob;                ///< pattern that is given instead of paths
-  std::string series;              ///< series in a folder; empty: chosen as without --series
+  std::string glob;                ///< pattern, if one is given instead of paths
+  std::string series;              ///< series in a folder; empty: chosen as by trocar-mesh without
+                                   ///< --series
   /// The collection's defaults overridden by the scan's own, without those set to false or null.
   nlohmann::json parameters = nlohmann::json::object();
 };
@@ -26,16 +27,16 @@ struct Collection {
   std::vector<CollectionScan> scans;
 };
 
-/// Whether a text may name a scan, and thus its files: a letter, digit or underscore, followed by
-/// letters, digits and . _ + -, in ASCII, at most 120 characters.
+/// Is the text a valid name of a scan, and thus of its files? A name begins with a letter, digit or
+/// underscore, followed by letters, digits and . _ + -. It is ASCII and has at most 120 characters.
 bool is_scan_name(std::string_view name);
 
-/// Errors (usage) name the file and the member in it.
+/// Errors: (usage) names the file and the JSON member.
 Result<Collection> parse_collection(std::string_view text, const std::filesystem::path& file);
 Result<Collection> read_collection(const std::filesystem::path& file);
 
-/// A first collection of the scans that `trocar-mesh list` found in `folder`: every usable scan
-/// except localisers, with paths relative to `relative_to`.
+/// An initial collection, made from the scans that `trocar-mesh list` found in `folder`: every
+/// usable scan except localisers, with paths relative to `relative_to`.
 nlohmann::json first_collection(const nlohmann::json& list, const std::filesystem::path& folder,
                                 const std::filesystem::path& relative_to);
 

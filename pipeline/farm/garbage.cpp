@@ -55,8 +55,8 @@ void keep_outputs(const fs::path& action, std::set<std::string>& digests) {
   }
 }
 
-// Removes a file unless it is young or leased. The file is moved away first, so that no batch finds
-// it any more; if a batch renewed its time before that, the file is moved back.
+// Removes a file unless it is young or leased. The file is first moved away, so that no batch finds
+// it any more. If a batch had renewed its time before it was moved, the file is moved back.
 bool remove_old(const Store& store, const fs::path& file, nanoseconds before,
                 const std::function<bool()>& is_held, Collected& out) {
   const auto seen = time_of(file);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A store's journal: one JSON line per scan and one file per process, with times and outcomes. It
-// serves people and the sizing of tasks; the store's correctness does not depend on it.
+// A store's journal, with times and outcomes: each process has a file, with one line of JSON for
+// each scan. It is for people, and for choosing the size of tasks. The store's correctness does not
+// depend on it.
 // Tests: tests/e2e/batch_test.py
 #pragma once
 
@@ -11,12 +12,13 @@ namespace trocar::farm {
 
 class Journal {
  public:
-  /// The first line creates the file.
+  /// The journal's file is created when the first line is added.
   explicit Journal(std::filesystem::path folder) : folder_(std::move(folder)) {}
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
   ~Journal();
-  /// Writes the line with `time`, `host` and `pid` added. Returns false if it could not be written.
+  /// Adds `time`, `host` and `pid` to the line and writes it. Returns false if it could not be
+  /// written.
   bool add(nlohmann::json line);
 
  private:

@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 constexpr std::chrono::seconds kRenewal{5};
 
 // The content of a lease file: the process identity in the form of a temporary file's name, and the
-// scan for people.
+// name of the scan for people.
 std::string lease_text(const std::string& scan) {
   return this_process().text() + ".0\n" + scan + "\n";
 }
@@ -53,7 +53,7 @@ std::optional<Held> read_lease(const Store& store, const fs::path& file) {
 }
 
 // Moves an expired lease away. If another process has put its own lease there in the meantime, that
-// lease is put back; at worst both compute the key.
+// lease is put back. At worst both processes compute the same outputs.
 void remove_expired(const Store& store, const fs::path& file, ino_t inode) {
   const fs::path away = temporary_name(store.tmp());
   if (::rename(file.c_str(), away.c_str()) != 0) return;
@@ -87,7 +87,8 @@ Result<std::unique_ptr<Lease>> Lease::take(const Store& store, const std::string
     const int linked = ::link(mine.c_str(), file.c_str());
     const int error = errno;
     struct stat status {};
-    // Over NFS the reply to a successful link() can be lost; the number of links then shows it.
+    // Over NFS the reply to a successful link() can be lost. The number of links then shows that it
+    // succeeded.
     if (linked == 0 || (::stat(mine.c_str(), &status) == 0 && status.st_nlink == 2)) {
       failpoint("lease-linked");
       out = std::unique_ptr<Lease>(new Lease(file));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Leases: a process that computes a key holds the key's lease, so that two batches do not do the
-// same work. Correctness does not depend on leases, because two processes that compute a key write
-// the same bytes.
+// Leases: a process that computes the outputs of a key holds the key's lease, so that two batches
+// do not do the same work. Correctness does not depend on leases, because two processes that
+// compute the outputs of a key write the same bytes.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -20,8 +20,9 @@ namespace trocar::farm {
 /// A lease that this process holds until the object is destroyed. A thread renews it.
 class Lease {
  public:
-  /// Null if another living process holds the lease. A lease that was not renewed for
-  /// kLeaseDuration, or whose process is dead, is taken over. Errors: unwritable.
+  /// Takes the lease of the key. The result is null if another process holds it. A lease whose
+  /// process is dead is taken over, and so is a lease that was not renewed for kLeaseDuration.
+  /// Errors: (unwritable).
   static Result<std::unique_ptr<Lease>> take(const Store& store, const std::string& key,
                                              const std::string& scan);
   Lease(const Lease&) = delete;
@@ -39,7 +40,7 @@ class Lease {
   std::thread renewer_;
 };
 
-/// Whether a living process holds the key's lease.
+/// Is there a valid lease of the key?
 bool is_leased(const Store& store, const std::string& key);
 
 }  // namespace trocar::farm

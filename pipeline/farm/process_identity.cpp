@@ -37,7 +37,7 @@ std::string boot_name() {
   return sha256_of(text).substr(0, 12);
 }
 
-// Field 22 of /proc/PID/stat; the second one, the program's name, may hold spaces.
+// Reads field 22 of /proc/PID/stat. The second field, the program's name, may contain spaces.
 std::optional<std::uint64_t> start_of(int pid) {
   std::ifstream in("/proc/" + std::to_string(pid) + "/stat");
   std::string line;

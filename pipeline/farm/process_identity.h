@@ -12,8 +12,8 @@ namespace trocar::farm {
 
 struct ProcessIdentity {
   std::string host;
-  /// First 12 digits of a digest of the boot and the process namespace, within which process
-  /// numbers are unique.
+  /// The first 12 digits of a digest of the boot and the process namespace. Within these two, a
+  /// process number is unique at any time.
   std::string boot;
   int pid = 0;
   std::uint64_t start = 0;  ///< start of the process, in kernel ticks since the boot
@@ -23,14 +23,14 @@ struct ProcessIdentity {
   std::string text() const;
 };
 
-/// The identity of this process, also directly after fork().
+/// The identity of this process. It is also correct directly after fork().
 ProcessIdentity this_process();
 
-/// The identity at the beginning of a text, if a dot follows it. Host names may contain dots.
+/// The identity at the beginning of a text; a dot must follow it. Host names may contain dots.
 std::optional<ProcessIdentity> identity_in(std::string_view text);
 
 enum class Life { kAlive, kDead, kUnknown };
-/// Whether the process is alive; kUnknown for another host, boot or namespace.
+/// Is the process alive? kUnknown if it belongs to another host, boot or namespace.
 Life life_of(const ProcessIdentity& process);
 
 }  // namespace trocar::farm

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Tasks that run in processes of their own, so that a crash ends only its task and all memory is
-// returned to the system.
+// Tasks that run in separate processes, so that a crash ends only its task, and all memory of a
+// task is returned to the system.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -34,8 +34,8 @@ class Processes {
   /// Kills the running processes and waits for them.
   ~Processes();
 
-  /// Starts a process for a task. It sends the text that `work` returns, and is killed if this
-  /// process dies. Errors (bug): no process can be created.
+  /// Starts a process for a task. The process sends the text that `work` returns. It is killed if
+  /// this process dies. Errors (bug): no process can be created.
   Result<void> start(std::size_t task, const std::function<std::string()>& work);
   std::size_t running() const { return running_.size(); }
   /// Waits until a process ends, at most for the given time.

@@ -50,7 +50,7 @@ Result<std::vector<fs::path>> inputs_of(const CollectionScan& scan) {
   std::vector<fs::path> out(scan.paths.begin(), scan.paths.end());
   if (scan.glob.empty()) return out;
   glob_t found{};
-  // The batch has no threads, and a scan's process calls this before it has any.
+  // The batch has no threads, and a scan's process calls this before it starts any.
   const int failed =
       ::glob(scan.glob.c_str(), 0, nullptr, &found);  // NOLINT(concurrency-mt-unsafe)
   if (failed == 0) out.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
@@ -89,8 +89,8 @@ Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths) {
 void let_times_settle(const std::vector<ScanFile>& files) {
   using namespace std::chrono;
   constexpr std::int64_t kSecond = 1'000'000'000;
-  // A kernel's clock for times of files moves in steps of up to 10 ms; some file systems keep
-  // whole seconds, or two.
+  // The kernel's clock for the times of files advances in steps of up to 10 ms. Some file systems
+  // store whole seconds, or multiples of two seconds.
   constexpr std::int64_t kStep = 20'000'000;
   const std::int64_t now =
       duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
@@ -98,7 +98,7 @@ void let_times_settle(const std::vector<ScanFile>& files) {
   for (const ScanFile& file : files) {
     const std::int64_t step = file.mtime_ns % kSecond == 0 ? 2 * kSecond : kStep;
     const std::int64_t left = file.mtime_ns + step - now;
-    // One that lies far in the future was set by hand.
+    // A time far in the future was set by hand.
     if (left <= 2 * kSecond) wait = std::max(wait, left);
   }
   if (wait > 0) std::this_thread::sleep_for(nanoseconds(wait));

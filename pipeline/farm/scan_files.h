@@ -24,7 +24,7 @@ struct ScanFile {
   std::string sha256 = {};  ///< digest of the bytes; empty if they were not read
 };
 
-/// Whether a file is unchanged, as far as can be known without reading it.
+/// Is the file unchanged, as far as this can be known without reading it?
 bool same_state(const ScanFile& a, const ScanFile& b);
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 
@@ -33,15 +33,16 @@ bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
 /// The files of all paths, in their order. A folder stands for all its files in natural order. No
-/// file is read. Errors (refused): a path that does not exist or is no file.
+/// file is read. Errors (refused): a path does not exist, or is neither a file nor a folder.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
-/// Waits until a further change of the most recently changed file would get another modification
-/// time, as finely as file systems record it. Then its bytes and its time belong together.
+/// Waits until a further change of the most recently changed file would get a different
+/// modification time. (File systems record times in steps.) After that, an unchanged time means
+/// unchanged bytes.
 void let_times_settle(const std::vector<ScanFile>& files);
 
-/// Computes the digests of the `wanted` files that have none yet, and adds those missing in
-/// `files`. Errors (refused): a file cannot be read.
+/// Computes the digests of those `wanted` files that have none yet. Wanted files that are missing
+/// in `files` are added to it. Errors (refused): a file cannot be read.
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files);
 
 nlohmann::json files_json(const std::vector<ScanFile>& files);

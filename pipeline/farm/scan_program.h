@@ -15,7 +15,8 @@
 
 namespace trocar::farm {
 
-/// A file or folder with its role `of`: "input", or the name of the option that names it, as "hu".
+/// A file or folder with its role `of`: "input", or the name of the option that names it, such as
+/// "hu".
 struct NamedFile {
   std::string of;
   std::filesystem::path path;
@@ -29,8 +30,8 @@ struct Parameters {
   std::vector<NamedFile> files;
 };
 
-/// A scan's asset and report. The files' bytes and the canonical parameters determine the report,
-/// so that it has no times and no paths.
+/// A scan's asset and report. The report has no times and no paths, so the bytes of the files and
+/// the canonical parameters determine it.
 struct Product {
   std::vector<std::uint8_t> asset;
   std::string report;
@@ -54,11 +55,11 @@ class ScanProgram {
   ScanProgram(const ScanProgram&) = delete;
   ScanProgram& operator=(const ScanProgram&) = delete;
   virtual ~ScanProgram() = default;
-  /// Checks parameters as a collection gives them, names of options with their values. Errors:
-  /// (usage) wrong parameters; (refused) a file that they name.
+  /// Checks parameters as a collection gives them: names of options with their values. Errors:
+  /// (usage) wrong parameters; (refused) a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Whether the scan must be opened before its key is known, because only then it is known which
-  /// of a folder's files it consists of, or whether its parameters apply to it.
+  /// Must the scan be opened before its key is known? It must if only then it is known of which
+  /// files of a folder the scan consists, or whether the parameters apply to it.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;
   /// Opens a scan. `inputs` are files, or one folder. Messages name the paths as given here.

@@ -43,7 +43,7 @@ std::vector<NamedFile> all_paths(const std::vector<fs::path>& inputs,
   return out;
 }
 
-// Takes the digests from the index if no file has changed.
+// Takes over the digests from the index if no file has changed.
 void reuse_digests(const std::vector<ScanFile>& known, std::vector<ScanFile>& files) {
   if (!same_state(known, files)) return;
   for (std::size_t k = 0; k < files.size(); ++k)
@@ -57,7 +57,8 @@ std::uint64_t bytes_read(const std::vector<ScanFile>& files) {
   return out;
 }
 
-// Removes a content file whose bytes do not have the digest in its name, or that is no valid asset.
+// Removes a content file if its bytes do not have the digest in its name, or if it should be an
+// asset and is not a valid one.
 void remove_damaged(const Store& store, const Object& object, bool is_asset) {
   const fs::path file = store.content_file(object.sha256);
   const auto bytes = read_file(file);
@@ -77,7 +78,7 @@ class Worker {
     entry_.parameters = json::object();
   }
 
-  // Errors are recorded as the scan's failure.
+  // An error is recorded as the scan's failure.
   Result<Outcome::Kind> run() {
     known_ = store_.entry(scan_.name);
     if (work_.wanted.parameters == nullptr) {
@@ -176,7 +177,8 @@ class Worker {
   Result<Outputs> make(const std::vector<fs::path>& inputs, const std::vector<NamedFile>& paths) {
     if (!opened_) {
       if (auto ok = open(inputs); !ok) {
-        // A file that is still being written is often refused; then the change is the reason.
+        // A file that is still being written is often refused. Then the reported reason is that the
+        // file changed.
         if (auto same = check_unchanged(paths); !same) return same.error();
         return ok.error();
       }

@@ -20,7 +20,7 @@ struct Work {
   bool verify = false;  ///< verify the stored outputs, and make damaged ones again
   int threads = 1;
   const std::atomic<bool>* stop =
-      nullptr;  ///< set by a signal handler; an error is then no failure
+      nullptr;  ///< set by a signal handler; an error is then not counted as a failure
 };
 
 /// The outcome of the work on a scan.
@@ -29,7 +29,7 @@ struct Outcome {
     kMade,   ///< this run computed the outputs
     kFound,  ///< the store already had the outputs under the scan's key
     kFailed,
-    kLeased,       ///< another process computes the key
+    kLeased,       ///< another process is computing the outputs
     kInterrupted,  ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
@@ -37,20 +37,20 @@ struct Outcome {
   int exit_code = 0, signal = 0;
   std::uint64_t bytes = 0, input_bytes = 0;
   double seconds = 0;
-  bool is_recorded = true;  ///< whether the index has the outcome
+  bool is_recorded = true;  ///< true: the index has the outcome
   nlohmann::json warnings = nlohmann::json::array();
 };
 const char* outcome_name(Outcome::Kind kind);
 nlohmann::json outcome_json(const Outcome& outcome);
 Outcome outcome_from(const nlohmann::json& value);
 
-/// Works on one scan. Errors and exceptions become the outcome.
+/// Works on one scan. Errors and exceptions are returned as an outcome.
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program);
 
 /// Records a scan whose process was killed by a signal or ended without an outcome.
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
 
-/// Checks that the bytes are a valid asset. Errors (refused) begin with `name`.
+/// Checks that the bytes are a valid asset. Errors: (refused); the message begins with `name`.
 Result<void> prove_asset(std::span<const std::uint8_t> glb, const std::string& name);
 
 }  // namespace trocar::farm

@@ -16,11 +16,11 @@ namespace trocar::farm {
 std::string sha256_of(std::span<const std::uint8_t> bytes);
 std::string sha256_of(std::string_view text);
 
-/// Errors (refused) name the file.
+/// Errors: (refused) names the file.
 Result<std::string> sha256_of_file(const std::filesystem::path& file);
 
-/// Whether a text is 64 lower-case hexadecimal digits. Digests read from a store become paths, so
-/// that they are checked first.
+/// Does the text consist of 64 lower-case hexadecimal digits? Digests that are read from a store
+/// must be checked before they become part of a path.
 bool is_sha256(std::string_view text);
 
 }  // namespace trocar::farm

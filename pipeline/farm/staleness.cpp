@@ -29,7 +29,7 @@ json input_cause(const std::string& path, const char* what) {
   return {{"cause", "input"}, {"path", path}, {"what", what}};
 }
 
-// A file with different bytes has changed; otherwise only its time has.
+// A file has changed if its bytes differ. Otherwise only its time has changed.
 void compare_file(const ScanFile& old, const ScanFile& now, const Comparison& how,
                   std::vector<json>& out) {
   if (same_state(old, now) && !how.rehash) return;

@@ -21,12 +21,13 @@ struct WantedScan {
 };
 
 struct Comparison {
-  bool rehash = false;  ///< reads all inputs
-  /// Reads inputs whose state changed; only different bytes are then a cause.
+  bool rehash = false;  ///< true: reads all inputs
+  /// Reads inputs whose state changed; such an input is then a cause only if its bytes differ.
   bool compare_bytes = false;
 };
 
-/// The causes as --json shows them (store.md). The list is empty if the scan is done and unchanged.
+/// The causes of staleness as --json shows them (store.md). The list is empty if the scan is done
+/// and unchanged.
 std::vector<nlohmann::json> causes(const WantedScan& wanted, const Store& store,
                                    const Comparison& how);
 

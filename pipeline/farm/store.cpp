@@ -44,8 +44,8 @@ Object object_from(const json& value) {
   return out;
 }
 
-// The text of a JSON file of the store; nothing if it cannot be read. Its users check it, because a
-// store is not trusted more than other files.
+// The text of a JSON file of the store; std::nullopt if it cannot be read. The callers check it,
+// because a store is not trusted more than other files.
 std::optional<std::string> text_of(const fs::path& file) {
   const auto bytes = read_file(file, kMaxJsonBytes);
   if (!bytes) return std::nullopt;
@@ -227,7 +227,8 @@ Result<Object> Store::put_content(
   Object out{sha256_of(bytes), bytes.size()};
   const fs::path file = content_file(out.sha256);
   if (is_there(file, out.bytes) && renew_time(file)) return out;
-  // write_atomically() compares the bytes read back, so that they have the digest in the name.
+  // write_atomically() compares the bytes that it reads back, so the file has the digest that its
+  // name states.
   if (auto ok = write_atomically({file, tmp(), 0666, true, prove}, bytes); !ok) return ok.error();
   return out;
 }
@@ -279,8 +280,8 @@ bool Store::links_fit(const ScanEntry& entry) const {
 }
 
 Result<void> Store::put_entry(const ScanEntry& entry) const {
-  // On one line, because a second run reads all entries. A lost entry is made again from the
-  // actions.
+  // The JSON is one line, because every later run reads all entries. The entry is not synced: if it
+  // is lost, it is made again from the actions.
   if (auto ok = write_atomically({entry_file(entry.name), tmp(), kPrivate, false},
                                  json_text(entry_json(entry)) + "\n");
       !ok)
@@ -296,7 +297,7 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
 }
 
 void Store::drop_entry(const std::string& name) const {
-  // The entry goes last, because links without an entry would not be found again.
+  // The entry is removed last, because links without an entry would not be found again.
   ::unlink(asset_link(folder_, name).c_str());
   ::unlink(report_link(folder_, name).c_str());
   ::unlink(entry_file(name).c_str());

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The store of a batch; store.md describes its layout. All its files are atomic (atomic_file.h).
+// The store of a batch; store.md describes its layout. All its files are written atomically
+// (atomic_file.h).
 #pragma once
 
 #include <chrono>
@@ -18,7 +19,8 @@
 
 namespace trocar::farm {
 
-/// Ages after which temporary files and leases of another host's process are void.
+/// Age from which a temporary file, or a lease, counts as abandoned if it cannot be checked whether
+/// its process is alive, for example because the process runs on another host.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
 struct Object {
@@ -43,7 +45,7 @@ struct ScanEntry {
   // If the scan failed:
   std::string reason = {};
   int exit_code = 0;
-  int signal = 0;  ///< signal that killed its process; 0: none
+  int signal = 0;  ///< signal that killed the scan's process; 0: none
   bool is_done() const { return outputs.has_value(); }
 };
 nlohmann::json entry_json(const ScanEntry& entry);
@@ -52,8 +54,9 @@ std::optional<ScanEntry> entry_from(std::string_view text);
 
 class Store {
  public:
-  /// Creates or completes the store, and removes files that killed processes left in it. Errors:
-  /// (usage) a folder with other files, or a store of another version; (unwritable).
+  /// Creates the store, or folders that are missing in it, and removes files that killed processes
+  /// have left in it. Errors: (usage) the folder has other files, or is a store of another version;
+  /// (unwritable).
   static Result<Store> open_for_writing(const std::filesystem::path& folder);
   /// A store that does not exist is empty.
   static Result<Store> open_for_reading(const std::filesystem::path& folder);
@@ -72,8 +75,8 @@ class Store {
   /// longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes an output unless one with its digest and size exists. Errors: unwritable; those of
-  /// `prove`.
+  /// Writes an output unless one with its digest and size exists. `prove` checks the bytes after
+  /// they have been read back (AtomicFile::prove). Errors: (unwritable); those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
@@ -82,8 +85,8 @@ class Store {
 
   /// The index entry of a scan; nothing if it is missing or damaged.
   std::optional<ScanEntry> entry(const std::string& name) const;
-  /// Whether the links in assets/ and reports/ lead to the entry's outputs, or are absent if it has
-  /// none.
+  /// Do the links in assets/ and reports/ lead to the entry's outputs? If it has no outputs: are
+  /// the links absent?
   bool links_fit(const ScanEntry& entry) const;
   /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;
@@ -92,7 +95,7 @@ class Store {
   /// The names of all scans in the index, sorted.
   std::vector<std::string> names() const;
 
-  /// The current time by the clock of the store's file system. Errors: unwritable.
+  /// The current time by the clock of the store's file system. Errors: (unwritable).
   Result<std::chrono::nanoseconds> now() const;
   /// Removes temporary files and leases of dead processes, and returns their number.
   std::size_t remove_strays() const;
@@ -102,7 +105,7 @@ class Store {
   std::filesystem::path folder_;
 };
 
-/// Modification time of a file since 1970; nothing if it does not exist.
+/// Modification time of a file, counted from 1970; std::nullopt if the file does not exist.
 std::optional<std::chrono::nanoseconds> time_of(const std::filesystem::path& file);
 
 }  // namespace trocar::farm
