@@ -18,16 +18,16 @@ using Eigen::Vector2d;
 
 constexpr int kPlaces = 12;
 constexpr double kDecayLengthsAround =
-    7;  ///< the sheet's border changes a stiffness by exp(-2 * 7)
+    7;  ///< half side of the sheet; its border then changes a stiffness by exp(-2 * 7)
 
 /// A square sheet of two triangles around the origin.
 SliceMesh two_triangles(std::int32_t half) {
   return {{{-half, -half}, {half, -half}, {half, half}, {-half, half}}, {{0, 1, 2}, {0, 2, 3}}};
 }
 
-/// The tool at its `k`-th place and rotation. `centre`: of the given outline.
+/// Returns the tool at its `k`-th position and rotation. `centre`: centre of `tool`.
 Ring placed(const Ring& tool, const Vector2d& centre, int k, double scatter) {
-  // Multiples of the golden angle, so that no two places are alike.
+  // The angles are multiples of the golden angle, so that no two positions are alike.
   const double angle = k * std::numbers::pi * (3 - std::sqrt(5.0));
   const Vector2d at =
       scatter * std::sqrt((k + 0.5) / kPlaces) * Vector2d(std::cos(7 * angle), std::sin(7 * angle));

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// T and f for which an undamaged sheet far from any edge has the stiffness K.
+// Finds the membrane tension T and the foundation stiffness f for which an undamaged sheet far from any edge has
+// the stiffness K under the tool.
 //
-// Finite elements of a given size are stiffer than the continuum. Under a tool the excess arises
-// mostly along its outline and at its corners, and is nearly the same at every position: 4 to 5 % with
-// the default grading, with a spread of 0.3 %
-// (tests/runtime/deformation/deformation_accuracy_test.cpp). The error is in the springs, not in the Winkler foundation.
-// So f is taken from the exact solution (under a tool that covers the whole sheet the stiffness is
-// exactly f times the area), and T is lowered until meshes of the same grading, in an unbounded
-// sheet, have K on average. T falls by 5 to 8 %, which shortens the decay length by 2 to 4 % (if lambda is at
-// least 1.5 circumradii).
+// Finite elements of a given size are stiffer than the continuum. Under a tool the excess arises mostly along the
+// tool's outline and at its corners, and is nearly the same at every position: 4 to 5 % with the default grading,
+// with a spread of 0.3 % (tests/runtime/deformation/deformation_accuracy_test.cpp). The error is in the springs,
+// not in the Winkler foundation: under a tool that covers the whole sheet, the stiffness is exactly f times the
+// area. So f is taken from the exact solution. T is lowered until the mean stiffness of meshes of the same
+// grading, in an unbounded sheet, is K. T falls by 5 to 8 %, which shortens the decay length lambda by 2 to 4 %
+// (if lambda is at least 1.5 circumradii of the tool).
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
@@ -24,10 +24,10 @@ struct Calibration {
   double exact_foundation_N_per_m3 = 0;  ///< f of the exact solution (unbounded.h)
 };
 
-/// `tool`: its upright outline on the lattice, at any position. With grading.graded = false the mesh
-/// is the slice's own, of unknown grading: the result has the exact constants. Refused: a stiffness
-/// or decay length that is not positive, a decay length of more than 2^26 steps, an outline that is not a simple polygon.
-/// Some 30 ms: twelve regions are meshed, and each is solved seven times.
+/// `tool`: outline of the upright tool on the lattice, at any position. If grading.graded is false, the mesh is the
+/// slice's own and its grading is unknown, so the constants of the exact solution are returned. Errors: (refused)
+/// a stiffness or decay length that is not positive, a decay length of more than 2^26 steps, an outline that is
+/// not a simple polygon. Takes some 30 ms: twelve regions are meshed, and each is solved seven times.
 Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, const Ring& tool,
                               const Lattice& lattice, const Grading& grading = {});
 

@@ -13,7 +13,7 @@ void for_each_spring(const Network& network, std::size_t i, Visit&& visit) {
     visit(network.neighbour[k], network.stiffness_N_per_m[k]);
 }
 
-/// The equilibrium with the held nodes of one kind at 1 and those of the other at 0.
+/// Returns the equilibrium with the held nodes of the kind `at_one` at 1 and all other held nodes at 0.
 std::vector<double> unit_shape(const Network& network, std::span<const NodeKind> kind,
                                const SparseFactor& factor, NodeKind at_one) {
   std::vector<double> w(network.size(), 0), x(factor.size(), 0);
@@ -40,7 +40,7 @@ double tool_force(const Network& network, std::span<const NodeKind> kind,
   return sum;
 }
 
-/// Laws 2 and 3.
+/// Computes the bounds of laws 2 and 3.
 RingBounds bounds_by_maximum_principle(const Network& network, std::span<const NodeKind> kind,
                                        const LocalSolution& solution) {
   const std::vector<double> p = unit_shape(network, kind, solution.factor, NodeKind::kRing);
@@ -59,7 +59,7 @@ RingBounds bounds_by_maximum_principle(const Network& network, std::span<const N
   return {std::min(1.0, highest * sum / solution.stiffness_N_per_m), std::min(1.0, highest), true};
 }
 
-/// Law 1: the force on the tool with the ring nodes free; -1 if that has no solution.
+/// Returns F_n of law 1, the force on the tool with the ring nodes free; -1 if there is no solution.
 double force_without_ring(const Network& network, std::span<const NodeKind> kind) {
   std::vector<NodeKind> released(kind.begin(), kind.end());
   std::replace(released.begin(), released.end(), NodeKind::kRing, NodeKind::kFree);

@@ -14,7 +14,7 @@ struct WeightedEdge {
   std::int64_t doubled_area;  ///< their cross product, positive
 };
 
-/// All edges, ordered by their node of lower index, then by the higher.
+/// All edges, ordered by their node of lower index, then by the node of higher index.
 struct Edges {
   std::vector<std::uint32_t> first;
   std::vector<WeightedEdge> edges;

@@ -12,7 +12,7 @@ class SlotTable {
  public:
   SlotTable() : entries_(256) {}
 
-  /// The number of `slot`, or kNone.
+  /// Returns the number of `slot`; kNone if it is not in the table.
   std::uint32_t find(std::uint32_t slot) { return place(slot).number; }
   /// `slot` must not be in the table.
   void add(std::uint32_t slot, std::uint32_t number) {
@@ -72,7 +72,7 @@ Circle circle_around(const Ring& tool) noexcept {
 
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue) {
-  SlotTable taken;  // by triangle slot: its index in the queue
+  SlotTable taken;  // maps the slot of a triangle to its index in the queue
   queue.clear();
   for (std::uint32_t t : seeds) {
     if (taken.find(t) != kNone) continue;
@@ -92,8 +92,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
     }
   }
 
-  // Neighbours by their index in the queue. Each fan of triangles gets its own vertex: where the
-  // border passes through a vertex twice, the part has it twice.
+  // Neighbours are given by their index in the queue. Each fan of triangles gets its own vertex: if the border
+  // passes through a vertex twice, the part contains that vertex twice.
   const auto n = static_cast<std::uint32_t>(queue.size());
   SheetPart part;
   std::vector<std::array<std::uint32_t, 3>>& across = part.across;
@@ -117,8 +117,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
       const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
       part.mesh.vertices.push_back(sheet.vertices[slot]);
       part.parent.push_back(slot);
-      // Around the vertex, across the edge that ends in it, until the fan closes or the border is
-      // reached; then in the other direction.
+      // Walk around the vertex, across the edge that ends in it, until the fan closes or the border is reached.
+      // If it was the border, walk in the other direction, too.
       std::uint32_t t = k, corner = i;
       const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
       const auto step = [&](std::uint32_t edge) {

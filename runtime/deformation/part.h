@@ -19,8 +19,8 @@ struct Circle {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0;
 };
-/// Centred at the mean of the corners, through the farthest one; for a regular polygon its
-/// circumscribed circle. `tool` must not be empty.
+/// Returns the circle whose centre is the mean of the corners and which passes through the farthest corner. For a
+/// regular polygon it is the circumscribed circle. `tool` must not be empty.
 Circle circle_around(const Ring& tool) noexcept;
 
 /// A directed edge with the part on its left and the rest of the sheet on its right.
@@ -31,19 +31,19 @@ struct OuterEdge {
 };
 
 struct SheetPart {
-  SliceMesh mesh;                                    ///< valid
-  std::vector<std::array<std::uint32_t, 3>> across;  ///< SheetMesh::across
-  std::vector<std::uint32_t> parent;                 ///< slot in the sheet of each vertex
-  std::vector<OuterEdge> outer;                      ///< ascending
+  SliceMesh mesh;                                    ///< a valid mesh
+  std::vector<std::array<std::uint32_t, 3>> across;  ///< like SheetMesh::across
+  std::vector<std::uint32_t> parent;                 ///< slot of each vertex in the sheet
+  std::vector<OuterEdge> outer;                      ///< in ascending order
 };
 
-/// The triangles `seeds`, and all triangles with a point nearer than `radius` steps to the circle's
-/// disc that are connected with the seeds through such triangles. Breadth first from the seeds, in
-/// their order: the same arguments give the same part. `queue` is scratch. O(part log part).
+/// Returns the triangles `seeds`, and all triangles that have a point nearer than `radius` steps to the circle's
+/// disc and are connected with the seeds through such triangles. The search is breadth first from the seeds, in
+/// their order, so the same arguments give the same part. `queue` is scratch memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// The part as a sheet, in the same order, with spare slots. O(slots).
+/// Converts the part to a sheet mesh, in the same order, with spare slots. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

@@ -10,13 +10,13 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// Largest distance, in steps, of a node on the tool from the tool's outline: where the outline
-/// crosses the sheet's, both are rounded to the lattice (runtime/hole_cutting/cut.h).
+/// A node within this distance, in steps, of the tool's outline lies on the tool. The distance is not zero because
+/// crossings of the two outlines are rounded to the lattice (runtime/hole_cutting/cut.h).
 constexpr double kOnTool = 2;
 
-/// If the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
-/// is too thin for well-shaped triangles. It moves with the tool: nodes of the outline that are
-/// this near to the tool, in circumradii, are kTool.
+/// If the sheet's outline meets the tool's at a small angle, the tip of the wedge between them is too thin for
+/// well-shaped triangles. The tip then moves with the tool: nodes of the outline that are nearer to the tool than
+/// this fraction of its circumradius are kTool.
 constexpr double kWedgeDistance = 0.02;
 
 bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& circle) {
@@ -62,7 +62,7 @@ BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<Outer
     if (std::binary_search(outer.begin(), outer.end(), OuterEdge{from, to})) {
       edges.kind[v] = NodeKind::kRing;
     } else if (is_near(from, kOnTool, tool, circle) && is_near(to, kOnTool, tool, circle)) {
-      // Both ends and the middle are on the tool: not an edge across one of its corners.
+      // The middle must be on the tool, too, to exclude an edge across one of the tool's corners.
       const double x = (static_cast<double>(from.x) + to.x) / 2;
       const double y = (static_cast<double>(from.y) + to.y) / 2;
       if (distance_to_outline(tool, x, y) <= kOnTool) edges.kind[v] = NodeKind::kTool;

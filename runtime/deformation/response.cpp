@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// Network, equilibrium and response of region.mesh.
+/// Computes network, equilibrium and response of region.mesh.
 Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& region) {
   region.network = make_network(region.mesh.mesh, lattice, membrane);
   if (!solve_local(region.network, region.mesh.kind, region.solution))
@@ -57,7 +57,7 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
   const bool chosen = options.error_bound > 0;
   const double lambda_m = decay_length_m(membrane);
   RegionOptions region_options = options.region;
-  // If the decay length is smaller than the tool, the sheet is steep along the outline: finer triangles.
+  // If the decay length is smaller than the tool, the sheet is steep along the outline, so triangles are finer.
   const double circumradius_m = circle_around(tool).radius * lattice.step_m();
   region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
   // Along a strip the response decays as exp(-r / lambda), and the ring doubles the remaining error
@@ -77,7 +77,7 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
           whole ? std::numeric_limits<double>::infinity() : region_options.radius_m;
       return region;
     }
-    // The missing radius, with a margin so that one step mostly suffices.
+    // Add the missing radius and a margin, so that one further attempt usually suffices.
     region_options.radius_m += lambda_m * (std::log(worst / options.error_bound) + 0.1);
   }
 }

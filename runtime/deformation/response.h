@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sheet's response to the tool at one position: a stiffness, the point where the force acts, the sheet's
-// shape, and bounds on their difference from the whole sheet's. A worker prepares it. The problem
-// is linear in the depth, so a haptic tick needs only the product stiffness * depth.
+// The response of a sheet to the tool at one position: a stiffness, the point where the force acts, the shape of
+// the sheet, and bounds on the errors of stiffness and shape. A worker prepares it. The problem is linear in the
+// depth, so a haptic tick needs only the product stiffness * depth.
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
@@ -15,21 +15,21 @@
 namespace trocar::runtime {
 
 struct ResponseOptions {
-  /// > 0: the radius is chosen so that both bounds (force, displacement) are at most this, and
-  /// region.radius_m is ignored. 0: the radius is region.radius_m, with any bounds.
+  /// If positive, the radius is chosen so that both bounds (force, displacement) are at most this value, and
+  /// region.radius_m is ignored. If 0, the radius is region.radius_m, whatever the bounds are.
   double error_bound = 0.01;
   RegionOptions region;
 };
 
-/// The part of a response that the haptic thread needs: numbers only.
+/// The numbers of a response.
 struct RegionResponse {
   double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: the tool misses the sheet
   /// Point of action of the resultant reaction in the slice plane, in lattice steps (not rounded).
   Eigen::Vector2d centre_steps = Eigen::Vector2d::Zero();
   double radius_m = 0;  ///< radius of the region; infinite if it is the whole sheet
-  RingBounds bounds;    ///< relative; `force` refers to stiffness_N_per_m
+  RingBounds bounds;    ///< relative bounds; `force` is relative to stiffness_N_per_m
   std::uint32_t nodes = 0, free_nodes = 0;
-  std::uint32_t negative_springs = 0;  ///< number at free nodes
+  std::uint32_t negative_springs = 0;  ///< number of negative springs at free nodes
 };
 
 /// Mesh, network, solution and response for one position of the tool.
@@ -40,7 +40,8 @@ struct Region {
   RegionResponse response;
 };
 
-/// Arguments as for make_region. Allocates; about 300 us for 200 free nodes. Errors: as cut().
+/// Computes the response. Arguments: as for make_region(). Allocates; takes about 300 us for 200 free nodes. Errors:
+/// those of make_region().
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace);

@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::uint32_t kNoUnknown = 0xffffffff;
 
-/// The free nodes in an order that keeps the factor sparse.
+/// Returns the free nodes in an order that keeps the factor sparse.
 std::vector<std::uint32_t> elimination_order(const Network& network,
                                              std::span<const NodeKind> kind) {
   std::vector<std::uint32_t> free;
@@ -29,7 +29,7 @@ std::vector<std::uint32_t> elimination_order(const Network& network,
   pattern.reserve(per_column);
   for (int u = 0; u < n; ++u) {
     const std::uint32_t i = free[static_cast<std::size_t>(u)];
-    pattern.insert(u, u) = 1;  // without it the ordering takes the column for dense
+    pattern.insert(u, u) = 1;  // without this entry the ordering treats the column as dense
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
       const int v = number[network.neighbour[k]];
       if (v > u) pattern.insert(v, u) = 1;
@@ -54,8 +54,8 @@ bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) 
   for (std::uint32_t u = 0; u < n; ++u)
     unknown[nodes[u]] = u;
 
-  // The elimination tree and the length of each column: the entries of row u of L are on the tree's
-  // paths from the row's matrix entries up to u.
+  // Find the elimination tree and the length of each column. The entries of row u of L are on the tree's paths from
+  // the row's matrix entries up to u.
   std::vector<std::uint32_t> parent(n, kNoUnknown), seen(n), length(n, 0);
   const auto for_each_earlier = [&](std::uint32_t u, auto&& visit) {
     const std::uint32_t i = nodes[u];
@@ -78,7 +78,7 @@ bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) 
   for (std::uint32_t u = 0; u < n; ++u)
     first[u + 1] = first[u] + length[u];
 
-  // Row by row, by a solve with the rows above.
+  // Compute each row by a solve with the rows above it.
   std::vector<std::uint32_t> row(first[n]), path(n), filled(n, 0);
   std::vector<double> value(first[n]), inverse_pivot(n), y(n, 0);
   for (std::uint32_t u = 0; u < n; ++u) {
@@ -86,7 +86,7 @@ bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) 
     double diagonal = network.bed_N_per_m[i];
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
       diagonal += network.stiffness_N_per_m[k];
-    // The row's pattern in topological order: each entry before those that it changes.
+    // Find the row's pattern in topological order: each entry precedes those that it changes.
     std::uint32_t top = n;
     seen[u] = u + n;  // larger than any mark of the first pass
     for_each_earlier(u, [&](std::uint32_t v, double stiffness) {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// L D L^T of the free nodes' matrix of a network. Up-looking factorisation along the elimination
-// tree (Davis, "Algorithm 849", 2005) in the order of approximate minimum degree (Eigen's).
+// The factorisation L D L^T of the matrix of a network's free nodes. It is an up-looking factorisation along the
+// elimination tree (Davis, "Algorithm 849", 2005), in Eigen's order of approximate minimum degree.
 //
-// Eigen's SimplicialLDLT takes 1.1 to 1.2 times as long to factor 100 to 10,000 nodes, as long for
-// 40,000, and 1.2 to 1.4 times as long to solve. With it a response at a new position would take 1.03
-// times as long, a calibration 1.02 times (medians, one run: deformation_bench
-// --benchmark_filter=none). That alone would not justify a factorisation of our own. It is kept
-// because Eigen's answers differ in the last bits: recordings with the force law `network` contain them,
-// and a recording in virtual time is to have the same bytes in every version.
+// Eigen's SimplicialLDLT takes 1.1 to 1.2 times as long to factor 100 to 10,000 nodes, the same time for 40,000
+// nodes, and 1.2 to 1.4 times as long to solve. With it a response at a new position would take 1.03 times as
+// long, and a calibration 1.02 times (medians of one run of deformation_bench --benchmark_filter=none). These
+// times would not justify a separate factorisation. It is kept because Eigen's results differ in the last bits.
+// Recordings with the force law `network` contain these results, and a recording in virtual time must have the
+// same bytes in every version.
 // Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
@@ -20,16 +20,16 @@
 
 namespace trocar::runtime {
 
-/// Immutable once made: any thread may read it. The unknowns are the free nodes, in the order of
-/// elimination.
+/// A factorisation. It is immutable once made, so any thread may read it. The unknowns are the free nodes, in the
+/// order of elimination.
 class SparseFactor {
  public:
   SparseFactor() = default;
 
-  /// Factors the matrix of `network` between the free nodes of `kind` (network.size() elements). It
-  /// is positive definite for springs of any sign (network.h, law 2). False, with an empty factor,
-  /// if rounding or a foundation of zero leads to a pivot that is not positive. Allocates. O(fill), about
-  /// n^1.5 for a planar mesh.
+  /// Factors the matrix of `network` between the free nodes of `kind` (network.size() elements). The matrix is
+  /// positive definite for springs of any sign (network.h, law 2). If rounding or a foundation of stiffness 0 leads
+  /// to a pivot that is not positive, returns false and leaves the factor empty. Allocates. O(fill), about n^1.5
+  /// for a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }
@@ -40,8 +40,8 @@ class SparseFactor {
   /// The node of each unknown.
   std::span<const std::uint32_t> nodes() const noexcept { return node_; }
 
-  /// In: the forces on the unknowns in N; out: their displacements in m. size() elements.
-  /// No allocation; O(entries()).
+  /// On entry `x` has the forces on the unknowns in N; on return, their displacements in m. `x` has size() elements.
+  /// No allocation. O(entries()).
   void solve(std::span<double> x) const noexcept;
 
  private:

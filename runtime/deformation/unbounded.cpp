@@ -17,12 +17,12 @@ using Eigen::Vector2d;
 constexpr int kMaxPanels = 4096;
 
 struct Panel {
-  Vector2d from, to, normal;  ///< normal: into the sheet, length 1
+  Vector2d from, to, normal;  ///< `normal` points into the sheet and has length 1
   double length = 0;
   Vector2d middle() const { return (from + to) / 2; }
 };
 
-/// Gauss and Legendre's rule of six points on [0, 1].
+/// Gauss-Legendre quadrature with six points on [0, 1].
 struct QuadratureNode {
   double at, weight;
 };
@@ -33,7 +33,7 @@ constexpr std::array<QuadratureNode, 6> kGauss{{{0.0337652428984240, 0.085662246
                                                 {0.8306046932331323, 0.1803807865240693},
                                                 {0.9662347571015760, 0.0856622461895852}}};
 
-/// Panels of each edge, graded towards its ends with the third power of the distance.
+/// Returns the panels of all edges, graded towards the ends of each edge with the third power of the distance.
 std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per_side) {
   std::vector<Panel> panels;
   const auto place = [&](int i) {
@@ -60,11 +60,12 @@ double distance_to(const Vector2d& x, const Vector2d& a, const Vector2d& b) {
   return (a + t * (b - a) - x).norm();
 }
 
-/// Adds G and its normal derivative, integrated over a piece of a panel, at a point off the panel.
-/// The piece is halved until it is no longer than its distance from the point.
+/// Integrals of G and of its normal derivative.
 struct Potentials {
   double single = 0, twice = 0;
 };
+/// Adds the integrals over the segment from a to b, for a point x that is not on its panel. The segment is halved
+/// until it is no longer than its distance from x.
 void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d& normal,
          double lambda, int depth, Potentials& sum) {
   const double length = (b - a).norm();
@@ -74,7 +75,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
     add(x, middle, b, normal, lambda, depth - 1, sum);
     return;
   }
-  const double height = (a - x).dot(normal);  // distance of x from the piece's line
+  const double height = (a - x).dot(normal);  // distance of x from the segment's line
   const bool beside = std::abs(height) > 1e-14 * length;
   for (const QuadratureNode& node : kGauss) {
     const double r = (a + node.at * (b - a) - x).norm();
@@ -84,7 +85,8 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
   }
 }
 
-/// G integrated over a panel, at the panel's middle: s = (length / 2) t^3 removes the singularity.
+/// Returns the integral of G over a panel, at the panel's middle. The substitution s = (length / 2) t^3 removes the
+/// singularity.
 double own_potential(double length, double lambda) {
   double sum = 0;
   for (int half = 0; half < 2; ++half) {
