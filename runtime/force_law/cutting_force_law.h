@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `cutting`: one bone volume that the tool cuts through (runtime/bone_cutting), coupled to
-// the plate as stiffly as the device allows. The law is passive by itself (cutting_law.h).
+// The force law `cutting`: the tool cuts through one bone volume (runtime/bone_cutting) and is coupled to the plate
+// as stiffly as the device allows. The law is passive by itself (cutting_law.h).
 // Tests: tests/runtime/session/cutting_session_test.cpp
 #pragma once
 
@@ -15,21 +15,22 @@
 
 namespace trocar::runtime {
 
-/// Results of a session. Forces and energies are those of the tissue, not scaled for the hand.
+/// Results of a session. Forces and energies are those of the tissue, before SceneForceLaw::force_scale.
 struct CuttingReport {
   DeviceCoupling coupling;
   double force_scale = 1;
   double tip_max_N = 0, force_max_N = 0;
   BoneEnergyAccount energy;  ///< account at the end
   std::uint64_t unconverged_ticks = 0;
-  int steps_max = 0;            ///< most Newton steps of a tick
-  std::uint64_t side_cuts = 0;  ///< holes requested where walls yielded
+  int steps_max = 0;            ///< largest number of Newton steps in a tick
+  std::uint64_t side_cuts = 0;  ///< number of holes requested where walls yielded
 };
 
 class CuttingForceLaw final : public ForceLaw {
  public:
-  /// Refused, naming the asset: as make_bone_volume(). The device's coupling is chosen with the tip on
-  /// the topmost sheet, over the anchor.
+  /// Creates the law. The coupling is chosen for one pose of the plate: level, with the tip on the topmost sheet at
+  /// the scene's anchor (over_anchor() in runtime/contact/sheet.h). Errors: those of make_bone_volume(), with the
+  /// asset's name in front.
   static Result<std::unique_ptr<CuttingForceLaw>> make(const ForceLawSetup& setup);
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
@@ -57,7 +58,7 @@ class CuttingForceLaw final : public ForceLaw {
   ContactState contact_;  ///< requested and pending holes of the sheets
   SceneForceLaw law_;
   double rate_Hz_;
-  bool has_unused_damping_ = false;  ///< a tissue's damping_N_s_per_m, which this law ignores
+  bool has_unused_damping_ = false;  ///< a tissue has damping_N_s_per_m, which this law ignores
   double last_force_N_ = 0;          ///< rendered force on the tip in the previous tick
   std::uint64_t loaded_layers_ =
       0;  ///< soft layers under load after the previous tick, one bit each

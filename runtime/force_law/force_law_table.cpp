@@ -10,11 +10,11 @@
 namespace trocar::runtime {
 namespace {
 
-/// In the order of kForceLaws.
+/// The factories of the shipped laws, in the order of kForceLaws.
 constexpr std::array<ForceLawFactory, kForceLaws.size()> kFactories{
     make_hooke_law, make_network_law, make_cutting_law};
 
-/// The factories of all laws, by ForceLawKind.
+/// The factories of all laws, indexed by ForceLawKind.
 std::vector<ForceLawFactory>& factories() {
   static std::vector<ForceLawFactory> table(kFactories.begin(), kFactories.end());
   return table;

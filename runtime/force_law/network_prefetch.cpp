@@ -13,19 +13,19 @@ namespace trocar::runtime {
 namespace {
 
 constexpr int kMaxPropagationTicks = 500;
-constexpr double kSettled = 1e-6;  // largest relative change of the force in a tick
+constexpr double kSettled = 1e-6;  // relative change of the force per tick, at most
 
 ResponseOptions options_of(const SceneForceLaw& law) {
   ResponseOptions options;
   options.error_bound = law.solver == NetworkSolver::kAuto ? law.error_bound : 0;
   options.region.radius_m =
       law.solver == NetworkSolver::kLocal ? law.radius_m : std::numeric_limits<double>::infinity();
-  // The depth of a propagation is counted in nodes of the sheet's mesh, so it is not graded.
+  // The depth of a propagation is counted in nodes of the sheet's own mesh, so the mesh is not graded.
   options.region.grading.graded = law.solver != NetworkSolver::kPropagation;
   return options;
 }
 
-/// The force per depth at which the propagation settles.
+/// Returns the force per depth to which the propagation converges.
 double settled_stiffness_N_per_m(const Region& region, const SceneForceLaw& law) {
   PropagationOptions options;
   options.depth = law.depth;
@@ -80,7 +80,7 @@ Result<std::unique_ptr<NetworkPrefetch>> NetworkPrefetch::make(
   const Grading grading = options_of(scene.force_law).region.grading;
   for (std::size_t i = 0; i < tissue_of_sheet.size(); ++i) {
     const Tissue& tissue = tissue_of_sheet[i];
-    // A membrane depends on the stiffness and on values common to the scene.
+    // Sheets of equal stiffness share a membrane: all other values are common to the scene.
     const auto before = std::find_if(
         tissue_of_sheet.begin(), tissue_of_sheet.end(),
         [&](const Tissue& other) { return other.stiffness_N_per_m == tissue.stiffness_N_per_m; });

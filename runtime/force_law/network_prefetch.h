@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The prefetch worker of the force law `network`: computes the stiffness of a sheet's spring network
-// (runtime/deformation) at the tool, outside the haptic thread.
+// The prefetch worker of the force law `network`. It computes the stiffness of a sheet's spring network
+// (runtime/deformation) under the tool, outside the haptic thread.
 //
-// The network is linear in the depth, so its response to the tool is a stiffness and a point of action:
-// the haptic thread solves nothing. The solver `propagation` gives the stiffness at which it settles.
+// The network is linear in the depth. So its response to the tool is fully described by a stiffness and by the point
+// where the force acts, and the haptic thread solves no equations. With the scene's solver `propagation`
+// (runtime/deformation/propagation.h), the stiffness is the force per depth to which the propagation converges.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -28,18 +29,19 @@ namespace trocar::runtime {
 
 struct PrefetchReport {
   std::uint64_t answers = 0, failures = 0;
-  std::uint32_t calibrations = 0;  ///< done by make(): one per different stiffness of the sheets
+  std::uint32_t calibrations = 0;  ///< one for each distinct stiffness among the sheets
   Histogram prepare;               ///< wall times of the answers
   std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
-  double force_bound_max = 0, displacement_bound_max = 0;  ///< largest RingBounds
+  double force_bound_max = 0, displacement_bound_max = 0;  ///< largest RingBounds of all answers
   std::uint32_t negative_springs_max = 0;
 };
 
 class NetworkPrefetch final : public PrefetchWorker {
  public:
-  /// Creates the worker for the tissues of sheets as from place_slices, on the asset's lattice. Takes some ms for each
-  /// different stiffness, with a tool of many corners some hundred ms. Refused: a tool or tissue for
-  /// which calibration finds no membrane.
+  /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of place_slices(). `lattice` is the
+  /// asset's. For each distinct stiffness this takes some milliseconds, or some hundred if the tool has many
+  /// corners. Errors: (refused) for a tissue and this tool, no membrane tension and foundation stiffness give the
+  /// tissue's stiffness (runtime/deformation/calibration.h).
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);
@@ -54,7 +56,7 @@ class NetworkPrefetch final : public PrefetchWorker {
                                             const Sheet& sheet) override;
   std::shared_ptr<const SheetShape> shape() const override;
 
-  /// Valid on the thread that calls answer(), or after it has ended.
+  /// Call this on the thread that calls answer(), or after that thread has ended.
   const PrefetchReport& report() const noexcept { return report_; }
 
  private:

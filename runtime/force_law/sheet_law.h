@@ -37,7 +37,7 @@ class SheetLaw : public ForceLaw {
   ContactState contact_;
   CouplingState coupling_;
   double last_force_N_ = 0;              ///< tip force in the previous tick
-  std::int32_t last_active_sheet_ = -1;  ///< sheet that it acted on
+  std::int32_t last_active_sheet_ = -1;  ///< sheet that exerted this force
 };
 
 /// The force law `network`.
@@ -62,7 +62,7 @@ class NetworkLaw final : public SheetLaw {
 
 Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup);
 
-/// Refused: a tissue or tool for which calibration finds no membrane.
+/// Errors: those of NetworkPrefetch::make().
 Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup);
 
 }  // namespace trocar::runtime
