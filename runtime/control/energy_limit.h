@@ -1,27 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// The limit on the energy that the environment releases to the hand: the fault kEnergyLimit. It does not depend
-// on the passivity controller, which reduces that energy but cannot bound it.
+// Limits the energy that the environment (tissue and coupling) releases to the hand; more is the fault kEnergyLimit.
+// The limit does not depend on the passivity controller, which reduces that energy but cannot bound it.
 //
-// W(t): work of the delivered wrench on the plate since `running` began. A wrench held over a tick does the
-// work wrench * (next pose - this pose), and this work is known one tick later. Compensation torques do not count.
-// S(t): energy stored in the elastic elements of the environment: sheet, rims, the springs of dry friction, the
-// coupling. S is taken from the force law as it is, not scaled by Safety::authority or by what the motors can render.
+// W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was entered.
+// A wrench held over a tick does the work wrench * (next pose - this pose), which is known one tick later.
+// Compensation torques do not count. S(t) is the energy stored in the elastic elements of the environment: the
+// sheet, the rims, the springs of dry friction, and the coupling. S is the force law's full stored energy: it is
+// not multiplied by Safety::authority (the factor on the force after a recovery), and not reduced when the motors
+// cannot render the whole wrench.
 //
 // Invariant: for any two ticks s <= t at most kEnergyWindow_s apart
 //   W(t) - W(s) <= S(s) + SafetyLimits::energy_limit_J,
 // or kEnergyLimit is raised at t.
 //
 // Contract (tests/runtime/control/energy_limit_test.cpp):
-//  1. An environment that does not generate energy (dW <= -dS) never raises the fault. Neither does one
-//     whose wrench is rendered at a constant factor below 1, since S is the whole energy.
-//  2. A puncture or another release does no work on the hand by itself. The tick of a puncture is never taken as the
-//     start s of the window, because the sheet below may take over stored energy.
-//  3. Without a new pose nothing changes: the work is counted with the next pose, with the mean of the
-//     wrenches held since the last one.
-//  4. Safety::authority is the factor on the force after a recovery. If it rises by A within the window,
-//     pushing in and returning in that time releases at most A times S at the deepest contact: 0.4 S
-//     with the default SafetyTiming.
-//  5. A limit that is nan or negative always trips. Outside of `running` the account starts again.
+//  1. An environment that does not generate energy (dW <= -dS) never raises the fault. Because S is the unscaled
+//     energy, the same holds if the wrench is rendered with a constant factor below 1.
+//  2. A puncture or another release does no work on the hand by itself. The tick of a puncture is never the start
+//     s of the window: the energy of the punctured sheet is already removed from S there, and the energy of the
+//     sheet below, which is loaded at once, is not yet in S.
+//  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the wrenches
+//     held since the last new pose.
+//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time receives
+//     at most A * S more than it gave, where S is the stored energy at the deepest contact. With the default
+//     SafetyTiming, A is 0.4.
+//  5. A limit that is nan or negative always trips. While the state is not `running`, the account is kept at zero
+//     (reset()).
 #pragma once
 
 #include <array>
@@ -34,7 +38,7 @@
 namespace trocar::runtime {
 
 inline constexpr double kEnergyWindow_s = 0.1;
-/// Ticks of the window at the highest rate; at a higher one the window is shorter.
+/// Number of ticks of the window at kMaxRate_Hz. At a rate above that, the window is shorter than kEnergyWindow_s.
 inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_Hz) + 1;
 
 /// Inputs of a tick.
@@ -42,23 +46,23 @@ struct EnergyInput {
   Pose T_device_plate;
   bool new_pose = true;
   double stored_J = 0;     ///< S
-  bool punctured = false;  ///< a planned release happens in this tick
+  bool punctured = false;  ///< the force law dropped stored energy on purpose in this tick
 };
 
-/// Memory between ticks. A queue holds the smallest W(s) + S(s) of the window. This is a monotonic queue: an
-/// entry followed by a lower one can never be the minimum again.
+/// The energy account, kept between ticks. It finds the smallest W(s) + S(s) of the window with a monotonic queue:
+/// an entry followed by a lower one can never be the minimum again, so it is removed.
 class EnergyAccount {
  public:
   /// Returns kEnergyLimit or none.
   FaultDetail check(const SafetyLimits& limits, double rate_Hz, const EnergyInput& input) noexcept;
-  /// Reports the wrench that the motors hold until the next tick.
+  /// Adds the wrench that the motors hold until the next tick.
   void note_delivered(const Wrench& wrench_device) noexcept {
     delivered_ += wrench_device;
     ++delivered_ticks_;
   }
-  /// Starts again; called outside of `running`.
+  /// Sets the account to zero. The loop calls this in each tick in which the state is not `running`.
   void reset() noexcept;
-  /// Largest W(t) - W(s) - S(s) of the last check(), at least 0; reset() keeps it.
+  /// Largest W(t) - W(s) - S(s) found by the last check(), at least 0. reset() keeps it.
   double excess_J() const noexcept { return excess_J_; }
 
  private:

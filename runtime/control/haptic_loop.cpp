@@ -11,10 +11,10 @@
 namespace trocar::runtime {
 namespace {
 
-/// After kMotorOverload, recovery waits until the i2t state of every motor is below this part of its limit.
+/// After kMotorOverload, recovery waits until the i2t state of every motor is at most this fraction of its limit.
 constexpr double kMaxHeatToRecover = 0.5;
 
-/// The fault of a status other than kOk and kNoData.
+/// Returns the fault for a status other than kOk and kNoData.
 FaultDetail fault_of(DeviceStatus status, const Device& device) noexcept {
   if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
   if (status != DeviceStatus::kMotorFault) return Fault::kLinkLost;
@@ -23,16 +23,16 @@ FaultDetail fault_of(DeviceStatus status, const Device& device) noexcept {
   return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
 }
 
-/// The angle of one encoder count; 0: the encoders are exact.
+/// Returns the angle of one encoder count; 0: the encoders are exact.
 double encoder_count_rad(const DeviceDescription& device) noexcept {
   const int counts = device.encoder_counts_per_revolution;
   return counts > 0 ? 2 * std::numbers::pi / counts : 0;
 }
 
-/// Item 4: sets pose_interval_s. False: the state is not new.
+/// Sets pose_interval_s (contract 4). Returns false if the device state is not new.
 bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail& fault) noexcept {
   if (!std::isfinite(t_s)) return false;
-  // Both are whole nanoseconds (device_link.md).
+  // Both time stamps are whole nanoseconds (device_link.md).
   const double since_s = state.has_state ? std::round((t_s - state.device.t_s) * 1e9) / 1e9 : 0;
   const bool too_long = model.limits.gap_max_s != 0 && !(since_s <= model.limits.gap_max_s);
   if (since_s > 0 && !too_long) {
@@ -54,7 +54,7 @@ bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail
   return true;
 }
 
-/// Fills `read` with the device's state, or with the last one if there is no new one (not `fresh`).
+/// Fills `read` with the new device state; if there is none, with the last one, and sets `fresh` to false.
 FaultDetail read_device(const LoopModel& model, Device& device, LoopState& state,
                         TickResult& result, DeviceState& read, bool& fresh) noexcept {
   FaultDetail fault;
@@ -71,14 +71,14 @@ FaultDetail read_device(const LoopModel& model, Device& device, LoopState& state
   read = state.device;
   ++state.no_data_ticks;
   if (status != DeviceStatus::kNoData) return fault_of(status, device);
-  // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
+  // Half a tick allows for rounding, so that 10 ms are ten ticks at 1 kHz.
   const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
   if (no_data_s < model.limits.no_data_max_s - 0.5 / model.rate_Hz) return {};
   return {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, no_data_s,
           model.limits.no_data_max_s};
 }
 
-/// A fault of the clock or of the caller.
+/// Returns a fault of the clock, or one that the caller found.
 FaultDetail outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
   if (inputs.outside != Fault::kNone) return inputs.outside;
   if (limits.gap_max_s == 0) return Fault::kNone;
@@ -101,8 +101,8 @@ FaultDetail check_encoders(const LoopModel& model, const LoopState& state,
     }
   }
   if (state.has_state) {
-    // The device's clock may give an encoder less time than the ticks, or as much more as it may be
-    // without data. Two readings may differ by a count at rest.
+    // The allowed step depends on the time on the device's clock, but on at most the time of the counted ticks or
+    // no_data_max_s, whichever is longer. At rest two readings may still differ by a count.
     const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
     const double interval_s =
         state.pose_interval_s > 0
@@ -125,8 +125,8 @@ FaultDetail check_encoders(const LoopModel& model, const LoopState& state,
           read.encoder_rad[i] > limit.max_rad ? limit.max_rad : limit.min_rad};
 }
 
-/// Computes the pose and the Jacobian. The pose is fitted to the upper chains; the lower chains'
-/// joints and theta4 follow from it, so comparing them with the measured theta4 is a further check.
+/// Computes the pose and the Jacobian. The pose is fitted to the upper chains. The joints of the lower chains, with
+/// theta4, follow from it, so comparing theta4 with the measured theta4 is a further check.
 FaultDetail find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
                       double& residual_m) noexcept {
   const ForwardResult forward = forward_kinematics(model.device, read.encoder_rad);
@@ -165,7 +165,7 @@ FaultDetail tool_tilt(const Tool& tool, const Pose& T_device_plate) noexcept {
           kMaxTilt_deg * std::numbers::pi / 180};
 }
 
-/// All checks that need no torque; the same in every state.
+/// Runs all checks that need no torque. They are the same in every safety state.
 FaultDetail check_health(const LoopModel& model, const DeviceState& read, bool fresh,
                          LoopState& state, TickResult& result) noexcept {
   if (const FaultDetail f = check_encoders(model, state, read); f != Fault::kNone) return f;
@@ -200,7 +200,7 @@ FaultDetail not_finite(const Wrench& wanted) noexcept {
           std::numeric_limits<double>::quiet_NaN()};
 }
 
-/// The wrench to render: the force law's, scaled by the safety state's authority and made passive.
+/// Computes the wrench to render: the force law's wrench, multiplied by Safety::authority and made passive.
 FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, ForceLaw& law,
                           LoopState& state, ContactOutput& contact, Wrench& wanted) noexcept {
   const ForceLawInput input{inputs.sheets, inputs.prefetched, state.T_device_plate,
@@ -218,7 +218,7 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Forc
   if (energy != Fault::kNone) return energy;
 
   PassivityOptions passivity = model.passivity;
-  if (law.is_passive()) {  // its energy is only observed
+  if (law.is_passive()) {  // the energy is only observed
     passivity.on = false;
     passivity.credit_max_J = std::numeric_limits<double>::infinity();
   }
@@ -233,8 +233,7 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Forc
   return Fault::kNone;
 }
 
-/// Torques that cancel the device's friction and weight; they rise from zero after `running`
-/// begins.
+/// Returns the torques that cancel the device's friction and weight. They rise from zero after `running` begins.
 MotorVector compensation(const LoopModel& model, const MotorModel& motor,
                          LoopState& state) noexcept {
   state.compensation_authority = std::min(
@@ -244,7 +243,7 @@ MotorVector compensation(const LoopModel& model, const MotorModel& motor,
          compensation_torques(model.device, motor, state.G, rate_rad_per_s, model.compensation);
 }
 
-/// Contact wrench, torque allocation, limits.
+/// Computes the wrench of the contact, allocates torques, and limits them.
 FaultDetail compute_torques(const LoopModel& model, const MotorModel& motor,
                             const TickInputs& inputs, ForceLaw& law, LoopState& state,
                             TickResult& result, MotorVector& tau_motor_Nm) noexcept {
@@ -288,7 +287,7 @@ FaultDetail compute_torques(const LoopModel& model, const MotorModel& motor,
   return Fault::kNone;
 }
 
-/// The wrench rendered to the hand; compensation torques only cancel the device's own forces.
+/// Returns the wrench rendered to the hand, without compensation torques, which only cancel the device's own forces.
 Wrench rendered_wrench(const LoopState& state) noexcept {
   return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }
@@ -315,7 +314,7 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.motor_heat_max = i2t_fraction_used(motor, state.limits.load);
 }
 
-/// Outside of `running` there is no contact, and the energy balance starts again.
+/// Resets contact and energy accounts. Called in each tick in which the state is not `running`.
 void reset_contact(ForceLaw& law, LoopState& state) noexcept {
   const double released_max_J = state.passivity.released_max_J;
   state.passivity = {};
@@ -327,11 +326,11 @@ void reset_contact(ForceLaw& law, LoopState& state) noexcept {
   state.compensation_authority = 0;
 }
 
-/// Reading and findings of a tick.
+/// The device state read in a tick, and the fault found.
 struct TickReading {
   DeviceState read;
   bool is_fresh = false;  ///< `read` is a new state of the device
-  bool is_known = false;  ///< this state or an earlier one has been read
+  bool is_known = false;  ///< a device state has been read in this tick or earlier
   FaultDetail fault;
 };
 
@@ -374,7 +373,7 @@ void advance_safety(const LoopModel& model, const MotorModel& motor, const TickI
   Safety& safety = state.safety;
   FaultDetail& fault = reading.fault;
   const double dt_s = 1 / model.rate_Hz;
-  // The motors held their torques for as long as the device's clock says, at least a tick.
+  // The motors held their torques for the time on the device's clock, and at least for a tick.
   const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
   const FaultDetail heat = check_heat(motor, state.tau_motor_Nm, dt_s + late_s, state.limits);
   if (fault == Fault::kNone) fault = heat;
@@ -399,7 +398,7 @@ void write_torques(const MotorVector& tau_motor_Nm, Device& device, LoopState& s
   DeviceCommand command;
   std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
   DeviceStatus written = device.write(command);
-  // The end of data is an answer of read() only.
+  // Only read() may return kEndOfData.
   if (written == DeviceStatus::kEndOfData) written = DeviceStatus::kLinkLost;
   row.device_write = written;
   if (written != DeviceStatus::kOk) {
@@ -436,7 +435,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   const SafetyState before = safety.state;
   advance_safety(model, motor, inputs, law, device, state, reading, result);
 
-  // Stage 3: the torques.
+  // Stage 3: compute the torques.
   MotorVector tau_motor_Nm = MotorVector::Zero();
   if (safety.state == SafetyState::kRunning) {
     reading.fault = compute_torques(model, motor, inputs, law, state, result, tau_motor_Nm);

@@ -9,15 +9,14 @@ namespace trocar::runtime {
 
 namespace {
 
-/// Tilt of an axis whose upright component is the cosine; nan if that is nan.
+/// Returns the tilt of an axis whose upright component is `cosine`; nan if that is nan.
 double tilt_rad(double cosine) noexcept {
   return std::acos(std::clamp(cosine, -1.0, 1.0));
 }
 
 }  // namespace
 
-// Comparisons are negated so that a value of nan is beyond the limit, and a limit of nan always
-// trips.
+// Comparisons are negated so that a value of nan is beyond the limit, and a limit of nan always trips.
 
 FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept {
   for (int i = 0; i < 3; ++i) {
@@ -33,7 +32,7 @@ FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_pla
   const bool good =
       limits.plate_tilt_max_rad >= std::numbers::pi  // no tilt is larger
           ? std::isfinite(upright)
-          // A negative limit always trips: the cosine would lose its sign.
+          // A negative limit must be tested separately, because the cosine loses its sign.
           : limits.plate_tilt_max_rad >= 0 && upright >= std::cos(limits.plate_tilt_max_rad);
   if (good) return {};
   return {Fault::kWorkspace, FaultQuantity::kPlateTilt, -1, tilt_rad(upright),
@@ -144,7 +143,7 @@ FaultDetail limit_torques(const SafetyLimits& limits, const MotorVector& limit_N
   }
   const double beyond = tau_Nm.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff();
   if (beyond > 1) tau_Nm /= beyond;
-  wanted_Nm = tau_Nm.cwiseMax(-limit_Nm).cwiseMin(limit_Nm);  // rounding
+  wanted_Nm = tau_Nm.cwiseMax(-limit_Nm).cwiseMin(limit_Nm);  // corrects rounding
   if (state.rise_s <= limits.torque_rise_time_max_s + dt_s / 2) return {};
   return {Fault::kTorqueRate, FaultQuantity::kTorqueRiseTime, -1, state.rise_s,
           limits.torque_rise_time_max_s};

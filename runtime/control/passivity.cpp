@@ -7,7 +7,7 @@
 namespace trocar::runtime {
 namespace {
 
-/// The environment's wrench with a damper, which at most cancels its force (item 3).
+/// Returns the environment's wrench with a damper added, which can at most cancel its force (item 3).
 Wrench damped(const Wrench& environment, PassivityState& state, double damping_N_s_per_m) noexcept {
   const Eigen::Vector3d force_N = environment.head<3>();
   const double along = force_N.dot(Eigen::Vector3d(state.unit_damper.head<3>()));
@@ -41,7 +41,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
   state.released_max_J = std::max(state.released_max_J, -state.balance_J - input.stored_J);
   if (input.wrench_device.isZero(0)) {
-    state.balance_J = 0;  // no contact: the balance starts again
+    state.balance_J = 0;  // there is no contact, so the balance is reset
     return input.wrench_device;
   }
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
@@ -58,8 +58,9 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.unit_damper << moved.head<3>() / moved_s,
       options.length_m * options.length_m * moved.tail<3>() / moved_s;
   const double most = damping_max(options, plate_mass_kg, moved_s);
-  const double dissipated_J = state.unit_damper.dot(step);  // by 1 N s/m, in a tick like the last
-  if (is_steady && !(dissipated_J > 0)) return input.wrench_device;  // against the last step
+  // Energy that a damping of 1 N s/m dissipates in a tick like the last.
+  const double dissipated_J = state.unit_damper.dot(step);
+  if (is_steady && !(dissipated_J > 0)) return input.wrench_device;  // the last step went backwards
   return damped(input.wrench_device, state,
                 deficit_J < most * dissipated_J ? deficit_J / dissipated_J : most);
 }

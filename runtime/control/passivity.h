@@ -1,29 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
-// Time-domain passivity observer and controller (B. Hannaford, J. Ryu, Time-domain passivity
-// control of haptic interfaces, IEEE TRA 18(1), 2002) with the sheet's own energy as reference
-// (J. Ryu, C. Preusche, B. Hannaford, G. Hirzinger, Time domain passivity control with reference
-// energy following, IEEE TCST 13(5), 2005).
+// Time-domain passivity observer and controller (B. Hannaford, J. Ryu, Time-domain passivity control of haptic
+// interfaces, IEEE TRA 18(1), 2002). The reference is the energy that the environment (tissue and coupling) stores
+// (J. Ryu, C. Preusche, B. Hannaford, G. Hirzinger, Time domain passivity control with reference energy following,
+// IEEE TCST 13(5), 2005).
 //
-// A wrench held over a tick does the work wrench * (next pose - this pose), which is known exactly
-// one tick later. The energy balance is the work that the environment absorbed from the hand less
-// the energy that it stores. A sampled and held spring K loses K (step)^2 / 2 of it per tick in
-// either direction of motion. A negative balance means that the environment generates energy.
+// A wrench held over a tick does the work wrench * (next pose - this pose), which is known exactly one tick later.
+// The energy balance is the work that the environment absorbed from the hand minus the energy that it stores. If a
+// spring K is sampled and held, the balance falls by K (step)^2 / 2 per tick, in either direction of motion. A
+// negative balance means that the environment generates energy.
 //
 // Contract (tests/runtime/control/passivity_test.cpp):
-//  1. The balance equals the absorbed work less the stored energy, up to rounding, for any motion.
-//  2. The wrench is unchanged, to the last bit, while the balance is not negative and while the
-//     environment only absorbs energy: a push that ends in a puncture follows the force law.
-//  3. The damping is at most damping_max() and opposes the plate's motion. It at most cancels the
-//     environment's force along its direction, so that it never pulls the hand into a sheet; a
-//     deficit that remains is settled in later ticks of the contact.
-//  4. A planned release sets the balance to zero: neither the energy that the sheet lost nor an
+//  1. The balance equals the absorbed work minus the stored energy, up to rounding, for any motion.
+//  2. The wrench is unchanged, to the last bit, while the balance is not negative and while the environment only
+//     absorbs energy. So a push that ends in a puncture follows the force law exactly.
+//  3. The damping is at most damping_max() and opposes the plate's motion. It can at most cancel the environment's
+//     force along its direction, so that it never pulls the hand into a sheet. A deficit that remains is removed
+//     in later ticks of the contact.
+//  4. A planned release (a puncture) sets the balance to zero. So neither the energy that the sheet lost nor an
 //     earlier deficit causes damping afterwards.
-//  5. While the required damping is within its bound, a sheet returns to the hand at most the
-//     energy that it absorbed plus the work of one tick. `released_max_J` records any excess. Energy
-//     that is stored, in a sheet, a rim or the springs of friction, is not released.
-//  6. A positive balance is capped at credit_max_J, so that a dissipative environment (friction on
-//     the shaft) cannot build up energy to oscillate with. Stored energy that the caller does not
-//     report must stay below that.
+//  5. While the required damping is within its bound, a sheet returns to the hand at most the energy that it
+//     absorbed plus the work of one tick. `released_max_J` records any excess. Energy that is still stored, in a
+//     sheet, a rim or the springs of friction, does not count as released.
+//  6. A positive balance is capped at credit_max_J, so that a dissipative environment (friction on the shaft)
+//     cannot accumulate energy to oscillate with. Stored energy that the caller does not report must be less than
+//     that.
 #pragma once
 
 #include "runtime/mechanism/pose.h"
@@ -33,11 +33,11 @@ namespace trocar::runtime {
 struct PassivityOptions {
   bool on = true;
   double reserve_J = 0;        ///< deficit that is tolerated before damping acts
-  double credit_max_J = 2e-3;  ///< item 6
+  double credit_max_J = 2e-3;  ///< cap of item 6
   double damping_share =
-      0.25;  ///< bound as a factor of plate mass * rate; a sampled damper is stable below 2
+      0.25;  ///< bound on damping / (plate mass * rate); a sampled damper is stable below 2
   double damping_max_N_s_per_m = 100;
-  double length_m = 0.05;  ///< converts an angular velocity into a velocity
+  double length_m = 0.05;  ///< lever that converts an angular velocity to a velocity
 };
 
 /// Inputs of a tick.
@@ -49,7 +49,7 @@ struct PassivityInput {
   bool planned_release = false;           ///< the environment is released in this tick (puncture)
 };
 
-/// Memory between ticks.
+/// State kept between ticks.
 struct PassivityState {
   bool has_last = false;
   Pose T_device_plate;                  ///< pose of the last tick
@@ -59,16 +59,16 @@ struct PassivityState {
   double balance_J = 0;          ///< energy balance since the contact began
   double damping_N_s_per_m = 0;  ///< damping of this tick
   Wrench unit_damper =
-      Wrench::Zero();         ///< wrench that a damper of 1 N s/m opposes in the last motion
+      Wrench::Zero();         ///< minus the wrench of a damper of 1 N s/m in the last motion
   double released_max_J = 0;  ///< largest net energy that a contact released to the hand
 };
 
-/// The bound of item 3.
+/// Returns the bound of item 3.
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
 /// Returns the wrench to render instead of `input.wrench_device`. Call note_delivered() afterwards.
-/// `pose_interval_s`: time between the previous new pose and this one, on the device's clock; 0: no
-/// new pose in this tick, and an active damper keeps its force.
+/// `pose_interval_s`: time between the previous new pose and this one, on the device's clock. 0: the pose is not
+/// new, and an active damper keeps its force.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 

@@ -20,7 +20,7 @@ constexpr std::array<std::array<SafetyState, kSafetyEvents>, kSafetyStates> kNex
     {kRecovering, kRecovering, kRecovering, kRecovering, kReady},
 }};
 
-constexpr std::uint64_t kNoRamp = 1'000'000;  // ticks done: more than any ramp has
+constexpr std::uint64_t kNoRamp = 1'000'000;  // ramp_ticks_done that is larger than any ramp
 
 }  // namespace
 

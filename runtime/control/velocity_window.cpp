@@ -7,14 +7,13 @@
 namespace trocar::runtime {
 namespace {
 
-/// A state that is later than a period by less than this share is on time.
+/// A state is on time if it comes at most this many periods after the one before.
 constexpr double kOnTime = 1.01;
-/// The interval for inexact encoders: a shorter interval before the last one would multiply their
-/// noise.
+/// Smallest ratio of the interval before the last one to the last interval, for encoders that are not exact. A
+/// smaller ratio would amplify their noise.
 constexpr double kMinBefore = 0.5;
 
-/// The slopes of the lines through an encoder's newest reading that are within a count of all
-/// readings so far.
+/// Range of the slopes of lines through an encoder's newest reading that are within a count of all readings so far.
 struct Slopes {
   double min_rad_per_s = -std::numeric_limits<double>::infinity();
   double max_rad_per_s = std::numeric_limits<double>::infinity();
@@ -34,7 +33,7 @@ PreviousPose VelocityWindow::begin(double count_rad, double period_s) const noex
   return begin.ago_s > 0 ? begin : late_begin(period_s, kMinBefore);
 }
 
-/// Item 4, unless the interval before is shorter than `least_before` of the last one.
+/// Applies item 4, unless the interval before the last one is shorter than `least_before` times the last one.
 PreviousPose VelocityWindow::late_begin(double period_s, double least_before) const noexcept {
   PreviousPose begin;
   if (count_ < 3) return begin;
@@ -53,10 +52,10 @@ PreviousPose VelocityWindow::late_begin(double period_s, double least_before) co
   return begin;
 }
 
-/// Items 2 and 3.
+/// Applies items 2 and 3.
 PreviousPose VelocityWindow::steady_begin(double count_rad) const noexcept {
   PreviousPose begin;
-  const double within_rad = count_rad * (1 + 1e-9);  // rounding
+  const double within_rad = count_rad * (1 + 1e-9);  // allows for rounding
   const DeviceState& now = ago(0).state;
   std::array<Slopes, kEncoders> slopes;
   for (int n = 1; n < count_; ++n) {
