@@ -110,4 +110,4 @@ def results(data):
 def headline(data):
     rows = [row for row in data["rows"] if row["method"] == "auto" and row["parameter"] == 0.01]
     return (f"Deformation: with an error bound of 1 % the spring network's force error was at most {100 * max(row['force_error_max'] for row in rows):.2g} %; "
-            f"a solve took {max(row['solve_us'] for row in rows):.2g} us (largest of the scans' medians).")
+            f"the median time of a solve was at most {max(row['solve_us'] for row in rows):.2g} us on every scan.")
