@@ -2,7 +2,7 @@
 """clang_tidy.py ROOT BUILD [--since COMMIT] [REGEX]: clang-tidy over the compile database, in parallel.
 
 With --since only the translation units that differ from the commit, and for each header that differs at least one that
-includes it. If the commit is not in this clone, all.
+includes it. A file that differs only in its comments does not count. If the commit is not in this clone, all.
 
 A file that passes leaves a stamp in the user's cache folder and is skipped while its digest
 stays the same, in any clone on this machine. The digest is of the file, the project's headers
@@ -31,6 +31,21 @@ def headers_of_files(root):
             for unit, included in folders.units_of(root, folders.OURS).items()}
 
 
+def checked_text(text):
+    """What clang-tidy checks in a source: the code, and those comments that it reads (NOLINT and /* name= */)."""
+    code = subprocess.run(["g++", "-x", "c++", "-fpreprocessed", "-dD", "-E", "-P", "-"],
+                          input=text, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False).stdout
+    return code, [line for line in text.splitlines() if "NOLINT" in line or "/*" in line]
+
+
+def differs_in_code(file, commit, root):
+    before = subprocess.run(["git", "-C", root, "show", f"{commit}:{file.relative_to(root)}"],
+                            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
+    if before.returncode != 0 or not file.exists():
+        return True
+    return checked_text(before.stdout) != checked_text(file.read_text())
+
+
 def since(commit, entries, read, root):
     """Those of the entries that differ from the commit, or include a header that does and that no other one includes."""
     done = subprocess.run(["git", "-C", root, "diff", "--name-only", "-z", commit], stdout=subprocess.PIPE, text=True, check=False)
@@ -40,6 +55,7 @@ def since(commit, entries, read, root):
     changed = {root / name for name in done.stdout.split("\0") if name}
     if root / ".clang-tidy" in changed:
         return entries
+    changed = {file for file in changed if file.suffix in (".h", ".cpp") and differs_in_code(file, commit, root)}
     chosen = [e for e in entries if pathlib.Path(e["file"]) in changed]
     seen = {header for e in chosen for header in read[pathlib.Path(e["file"])]}
     smallest_first = sorted(entries, key=lambda e: len(read[pathlib.Path(e["file"])]))
