@@ -27,8 +27,8 @@ ToolIntersection segment_contact(const std::array<LatticePoint, 3>& triangle, La
   return overlaps && low < 0 && high > 0 ? ToolIntersection::kOverlaps : ToolIntersection::kTouches;
 }
 
-// Is the point (x, y) / scale inside the polygon? It must not lie on the polygon's boundary. The
-// test is the even-odd rule with a ray to the right.
+// Returns true if the point (x, y) / scale is inside the polygon. The point must not lie on the
+// polygon's boundary. The test is the even-odd rule with a ray to the right.
 bool inside(std::int64_t x, std::int64_t y, std::int64_t scale,
             std::span<const OutlineEdge> polygon) {
   bool in = false;
@@ -59,7 +59,8 @@ ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
     if (one == ToolIntersection::kOverlaps) return one;
     touches = touches || one == ToolIntersection::kTouches;
   }
-  // No tool edge enters the open triangle, so it lies entirely inside or outside the tool.
+  // No tool edge enters the open triangle, so the triangle lies entirely inside or
+  // outside the tool.
   if (!touches) {
     return inside(triangle[0].x, triangle[0].y, 1, tool) ? ToolIntersection::kOverlaps
                                                          : ToolIntersection::kApart;
@@ -104,7 +105,8 @@ StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outlin
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
     if (!push_within(cavity.tool, edge_of(tool, i))) return StageOutcome::kCapacity;
   }
-  // In a large sheet none of this data is in the cache: prefetch all of it before the first use.
+  // In a large sheet none of this data is in the cache, so all of it is prefetched before
+  // the first use.
   cavity.near_tool.clear();
   bool overlaps = false, fits = true;
   cavity.tool_box = box_around(tool);

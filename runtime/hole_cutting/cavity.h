@@ -47,16 +47,16 @@ enum class ToolIntersection : std::uint8_t {
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
                                 std::span<const OutlineEdge> tool) noexcept;
 
-/// The same for a single triangle. The tool has at most kMaxToolCorners corners.
+/// Like the function above, for a single triangle. The tool has at most kMaxToolCorners corners.
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
-/// Is p outside the polygon and not on its boundary? O(tool size).
+/// Returns true if p is outside the polygon and not on its boundary. O(tool size).
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 
-/// A directed edge of the cavity's boundary, the cavity on its left.
+/// A directed edge of the cavity's boundary, with the cavity on its left.
 struct RimEdge {
   std::uint32_t from, to;   ///< indices into Cavity::rim_vertices
-  std::uint32_t kept;       ///< the kept triangle beyond it; kNone on the sheet's boundary
+  std::uint32_t kept;       ///< the kept triangle beyond the edge; kNone on the sheet's boundary
   std::uint32_t kept_edge;  ///< the number of the same edge in `kept`
 };
 
@@ -64,7 +64,7 @@ struct Cavity {
   std::vector<OutlineEdge> tool;  ///< the outline for which the cavity was found
   LatticeBox tool_box;
   std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes overlap the tool's box
-  std::vector<std::uint32_t> triangles;     ///< the cavity's triangles, ascending
+  std::vector<std::uint32_t> triangles;     ///< the cavity's triangles, in ascending order
   std::vector<RimEdge> rim;                 ///< in the order of `triangles`
   std::vector<std::uint32_t> rim_vertices;  ///< vertices on the rim, each once
   std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles are in the cavity
@@ -77,15 +77,15 @@ struct Cavity {
 };
 
 /// Finds the triangles that the tool overlaps or touches, so that no tool edge ends or lies on the
-/// edge of a kept triangle. If it overlaps none, the cavity is empty. Time is proportional to the
-/// number of triangles near the tool.
+/// edge of a kept triangle. If the tool overlaps no triangle, the cavity is empty. Time is
+/// proportional to the number of triangles near the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;
 
-/// Adds triangles to the cavity; those that it contains already are skipped.
+/// Adds triangles to the cavity. Triangles that it already contains are skipped.
 StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
 
-/// Fills in the cavity's rim and vertices.
+/// Determines the cavity's rim and vertices.
 void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
 
 }  // namespace trocar::runtime

@@ -29,8 +29,8 @@ bool is_tool(Outline tool) {
   return area > 0;
 }
 
-// Computes cavity, overlay and patch. If rounding affects a kept triangle, it repeats with that
-// triangle in the cavity. Each round adds triangles, so the loop terminates.
+// Computes cavity, overlay and patch. If rounding affects a kept triangle, this is repeated with
+// that triangle in the cavity. Each round adds triangles, so the loop terminates.
 StageOutcome plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                         CutWorkspace& work) noexcept {
   StageOutcome stage = find_cavity(mesh, grid, tool, work.cavity);
@@ -49,7 +49,7 @@ StageOutcome plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline
   return stage;
 }
 
-// The report of a stage that failed; `bug` is the reason if the stage ended with kBug.
+// Returns the report of a stage that failed. `bug`: the reason if the stage ended with kBug.
 CutReport failure(StageOutcome stage, const char* bug) noexcept {
   CutReport report;
   report.outcome = stage == StageOutcome::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;

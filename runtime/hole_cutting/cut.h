@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The hole of a puncture: computes the mesh of exactly (sheet minus tool polygon) by local
-// re-triangulation (paper, Fig. 13).
+// Cuts the hole of a puncture: computes a mesh of exactly the
+// sheet minus the tool's polygon, by local re-triangulation (paper, Fig. 13).
 #pragma once
 
 #include <cstdint>
@@ -36,30 +36,33 @@ struct CutReport {
   std::uint32_t triangles_removed = 0;
   std::uint32_t triangles_created = 0;
   std::uint32_t flips = 0;  ///< edges flipped to make all edges Delaunay again
-  /// Boundary edges of the written triangles that are opposite an angle above 90 degrees: their
-  /// stiffness in the spring network is negative.
+  /// Number of boundary edges of the written triangles that are opposite an angle above 90 degrees.
+  /// Their stiffness in the spring network is negative.
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
-/// Cuts the polygon `tool` out of `mesh`, in place. `mesh` is valid (check_sheet_mesh), `grid`
-/// indexes it, `work` and `edit` have been made for a sheet with at least as many slots. Contract:
-///  1. Only triangles that the tool overlaps or touches are replaced, and their neighbours where
-///     rounding requires it; beyond them, only edges that are no longer Delaunay are flipped
-///     (2). All other slots stay as they are, except that a vertex at which the cut leaves several
-///     fans of triangles becomes one vertex for each fan.
+/// Cuts the polygon `tool` out of `mesh`, in place. `mesh` must be valid (check_sheet_mesh), `grid`
+/// must index it, and `work` and `edit` must have been made for a sheet with at least as many slots
+/// for vertices and triangles (sheet_mesh.h). Contract:
+///  1. A triangle is replaced only if the tool overlaps or touches it, or if it is a neighbour of
+///     such triangles and rounding requires it. Outside of these triangles, the cut only flips
+///     edges that are no longer Delaunay (item 2). All other slots stay as they are, except that a
+///     vertex at which the cut leaves several fans of triangles becomes one vertex for each fan.
 ///  2. If all inner edges were locally Delaunay before, all are afterwards. Vertices under the tool
-///     are removed; others within the cavity stay.
+///     are removed. Other vertices within the cavity stay.
 ///  3. Where a tool edge crosses the sheet's boundary, both are bent through a lattice point less
-///     than sqrt(2) steps away on the material's side, so that bends never extend the material. (If
-///     the remaining material would be too thin for the lattice, a bend may go outwards by the same
-///     small distance; the hole's rings can then cross themselves there. The areas stay exact.)
-///  4. A tool that has no area in common with the sheet changes nothing.
+///     than sqrt(2) steps away. The point lies on the material's side, so bends do not extend the
+///     material. Exception: if the remaining material is thinner than the lattice, a bend may go
+///     outwards by the same small distance, and the rings of the hole can cross themselves there.
+///     Areas are exact in any case.
+///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet has been
 ///     proved valid (patch_proof.h) before the first slot was written.
-///  6. It does not allocate. Time depends on the mesh near the tool, not on the size of the sheet.
-/// Afterwards `edit` lists the slots written, work.stitch.created the patch's triangles, and
-/// work.hole the rings around the removed material. If the tool lies completely over material, the
-/// only ring is the tool itself. The caller updates the grid.
+///  6. The function does not allocate. Time depends on the mesh near the tool, not on the size
+///     of the sheet.
+/// Afterwards `edit` lists the slots written, work.stitch.created lists the patch's triangles, and
+/// work.hole contains the rings around the removed material. If the tool lies completely over
+/// material, the only ring is the tool's outline. The caller updates the grid.
 CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
                        std::span<const LatticePoint> tool, CutWorkspace& work,
                        SheetEdit& edit) noexcept;
@@ -69,17 +72,18 @@ std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit
 
 struct CutResult : CutReport {
   SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
-  /// Rings with the removed material on their left (so they are clockwise around voids and
-  /// remaining material inside it), each starting at its smallest vertex, in ascending order. Their
-  /// doubled areas add up to doubled_area_removed exactly.
+  /// Rings with the removed material on their left. So a ring around a void or around
+  /// remaining material that is enclosed by removed material is clockwise. Each ring starts
+  /// at its smallest vertex, and the rings are in ascending order. Their doubled areas add up
+  /// to exactly doubled_area_removed.
   std::vector<Ring> hole;
 };
 
 std::vector<Ring> to_rings(const HoleOutline& hole);
 
-/// The same on a copy, for use where neither time nor memory matters. Errors: refused if `tool` is
-/// not as described or `sheet` is not a mesh; an internal error if the result cannot be proved
-/// valid.
+/// Cuts a copy of the sheet, for use where neither time nor memory matters. Errors: (refused)
+/// `tool` is not as described, or `sheet` is not a mesh; (internal error) the result cannot
+/// be proved valid.
 Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

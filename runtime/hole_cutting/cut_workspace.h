@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// All memory that a cut needs, allocated once.
+// The memory that a cut needs. It is allocated once.
 // Tests: tests/runtime/hole_cutting/cut_capacity_test.cpp
 #pragma once
 
@@ -16,12 +16,12 @@
 namespace trocar::runtime {
 
 struct CutCapacity {
-  std::size_t triangles = 0;  ///< triangles in a cavity, and triangles changed by flips
-  std::size_t points = 0;     ///< points of the local PSLG: cavity vertices, tool corners, bends
-  std::size_t edges = 0;      ///< edges of the local PSLG: rim and tool, and their divided edges
+  std::size_t triangles = 0;  ///< number of triangles in a cavity, or changed by flips
+  std::size_t points = 0;     ///< number of points of the local PSLG: vertices, tool corners, bends
+  std::size_t edges = 0;      ///< number of edges of the local PSLG, including divided edges
 };
 
-/// A capacity that suffices for a tool of any size over the sheet, with thousands of bends.
+/// Returns a capacity that suffices for a tool of any size over the sheet, with thousands of bends.
 inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
   return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
 }
@@ -29,7 +29,7 @@ inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
   return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
-/// The workspace of a thread that cuts sheets of any size within its capacities. The headers of the
+/// The workspace of one thread, for sheets of any size within its capacities. The headers of the
 /// stages describe its content after a cut.
 struct CutWorkspace {
   Cavity cavity;

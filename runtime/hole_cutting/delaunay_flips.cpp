@@ -7,7 +7,7 @@
 namespace trocar::runtime {
 namespace {
 
-// The number of edge i of t in the triangle beyond it.
+// Returns the number that edge i of t has in the triangle beyond it.
 std::uint32_t edge_beyond(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
   return corner_of(mesh.triangles[mesh.across[t][i]], mesh.triangles[t][next_corner(i)]);
 }

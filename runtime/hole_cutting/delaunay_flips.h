@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Last stage of a cut: Lawson's flips (Lawson 1977) of edges on the rim, and as far into the kept
-// triangles as necessary.
+// Last stage of a cut: Lawson's flips (Lawson 1977) of edges on
+// the rim and, as far as necessary, of edges of kept triangles.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
@@ -20,12 +20,12 @@ struct FlipSpace {
   void allocate(std::size_t max_triangles);
 };
 
-/// Flips until all of `edges`, and all edges of triangles that this changes, are locally Delaunay
-/// (an exact test). If all other inner edges of a valid sheet were so before, all inner edges are
-/// afterwards. Each flip exchanges the diagonals of a strictly convex quadrangle, so the sheet
-/// stays valid. The loop terminates because every flip lowers the surface lifted to the paraboloid.
-/// `flips` receives the number of flips. Returns kCapacity if there are more triangles than `space`
-/// can hold; `edit` can then undo the changes.
+/// Flips edges until all of `edges`, and all edges of triangles that the flips change, are locally
+/// Delaunay (an exact test). If all other inner edges of a valid sheet were locally Delaunay
+/// before, all inner edges are afterwards. Each flip exchanges the diagonals of a strictly convex
+/// quadrangle, so the sheet stays valid. The loop terminates because every flip lowers the surface
+/// lifted to the paraboloid. `flips` receives the number of flips. If there are more triangles than
+/// `space` can hold, returns kCapacity; `edit` can then undo the changes.
 StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges,
                               FlipSpace& space, SheetEdit& edit, std::uint32_t& flips) noexcept;
 

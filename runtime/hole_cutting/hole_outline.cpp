@@ -8,8 +8,8 @@
 namespace trocar::runtime {
 namespace {
 
-// Does p come before q when turning clockwise around v from the direction of u? Neither lies in the
-// direction of u.
+// Returns true if p comes before q when turning clockwise around v from the direction of u. Neither
+// may lie in the direction of u.
 bool sooner_clockwise(LatticePoint v, LatticePoint u, LatticePoint p, LatticePoint q) {
   const bool p_first = orient2d(v, u, p) <= 0, q_first = orient2d(v, u, q) <= 0;  // (0, 180] deg
   if (p_first != q_first) return p_first;
@@ -87,7 +87,7 @@ bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) n
 }
 
 // Removes the next edge of the walk from the list at v and returns its end. The walk comes from u;
-// kNone at its start.
+// u is kNone at the start of the walk.
 std::uint32_t take_next(const std::vector<LatticePoint>& points, std::uint32_t u, std::uint32_t v,
                         HoleOutline& hole) noexcept {
   std::uint32_t* chosen = &hole.first_out[v];

@@ -12,8 +12,9 @@
 
 namespace trocar::runtime {
 
-/// Rings with exactly the removed material, that is (cavity minus patch), on their left. They are
-/// simple, may touch in vertices, start at their smallest vertices and are in ascending order.
+/// Rings with exactly the removed material (the cavity minus the patch) on their left. The
+/// rings are simple and may touch in vertices. Each starts at its smallest vertex, and they are
+/// in ascending order.
 struct HoleOutline {
   std::vector<LatticePoint> points;     ///< the points of all rings, ring by ring
   std::vector<std::uint32_t> ring_end;  ///< index after the last point of each ring
@@ -37,14 +38,14 @@ struct HoleOutline {
   std::vector<CountedEdge> edges;
   FlatTable edge_at;
   std::vector<Out> out;
-  std::vector<std::uint32_t> first_out, path_index;  ///< list of each point; its index in the path
+  std::vector<std::uint32_t> first_out, path_index;  ///< each point's list, and index in the path
   std::vector<std::uint32_t> starts, path, stops, unsorted;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> unsorted_rings;  ///< ranges of `unsorted`
 
   void allocate(std::size_t max_points, std::size_t max_edges);
 };
 
-/// Fills in the rings of `hole`. Returns kBug if rim and patch do not bound an area.
+/// Determines the rings of `hole`. Returns kBug if rim and patch do not bound an area.
 StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
                           HoleOutline& hole) noexcept;
 

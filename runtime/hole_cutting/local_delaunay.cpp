@@ -49,7 +49,7 @@ void LocalTriangulation::enclose(int first_corner) noexcept {
   cell_at_[n + 3] = 1;
 }
 
-// Inserts a point; false if there is already one at the same position.
+// Inserts a point. Returns false if there is already a point at the same position.
 bool LocalTriangulation::insert(std::uint32_t v) noexcept {
   const LatticePoint p = points_[v];
   // A visibility walk, which terminates because the cells are Delaunay.
@@ -88,8 +88,8 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
   CellEdge s = find(a, b);
   if (s.cell == kNone) {
     if (!find_crossing(a, b)) return Status::kNotPlanar;
-    // Sloan: flip the edges that cross ab, first in, first out, until none does. Valid input does
-    // not exhaust the budget.
+    // Sloan's method: flip the edges that cross ab, first in, first out, until no edge crosses it.
+    // Valid input does not exhaust the budget.
     const std::size_t n = crossing_.size();
     std::size_t waiting = n, first = 0;
     for (std::size_t budget = 64 + 64 * n * n; waiting > 0; --budget) {
@@ -159,7 +159,7 @@ std::uint32_t LocalTriangulation::apex(CellEdge s) const noexcept {
   return cells_[s.cell].vertex[previous_corner(s.edge)];
 }
 
-// The same edge as an edge of the cell beyond it, which must exist.
+// Returns the same edge as an edge of the cell beyond it. That cell must exist.
 LocalTriangulation::CellEdge LocalTriangulation::opposite(CellEdge s) const noexcept {
   const std::uint32_t u = cells_[s.cell].across[s.edge];
   const std::uint32_t to = cells_[s.cell].vertex[next_corner(s.edge)];
@@ -207,7 +207,7 @@ void LocalTriangulation::split_cell(std::uint32_t c, std::uint32_t v) noexcept {
   }
 }
 
-// v lies inside edge i of cell c, which is never an edge of the box.
+// Splits edge i of cell c at v, which lies inside the edge. The edge is never an edge of the box.
 void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept {
   const CellEdge o = opposite({c, i});
   const std::uint32_t u = o.cell, j = o.edge;
@@ -266,14 +266,15 @@ void LocalTriangulation::legalise() noexcept {
     suspects_.pop_back();
     if (cells_[s.cell].across[s.edge] == kNone || is_delaunay(s)) continue;
     const std::uint32_t u = cells_[s.cell].across[s.edge];
-    // The point is the first corner of s.cell and the last of u after the flip.
+    // After the flip the point is the first corner of s.cell and the last corner of u.
     flip(s);
     suspects_.push_back({s.cell, 1});
     suspects_.push_back({u, 0});
   }
 }
 
-// The edge from v to w in the cell on its left; its cell is kNone if there is no such edge.
+// Returns the edge from v to w in the cell on its left. If there is no such edge, the
+// cell is kNone.
 LocalTriangulation::CellEdge LocalTriangulation::find(std::uint32_t v,
                                                       std::uint32_t w) const noexcept {
   CellEdge found{kNone, 0};
@@ -310,8 +311,8 @@ bool LocalTriangulation::crosses(std::uint32_t a, std::uint32_t b, std::uint32_t
   return (at_c < 0) != (at_d < 0);
 }
 
-// Walks from a to b and lists the edges that it crosses, each with its right end first. False if a
-// point on the segment, or the capacity, stops the walk.
+// Walks from a to b and lists the edges that it crosses, each with its right end first. Returns
+// false if a point on the segment, or the capacity, stops the walk.
 bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcept {
   CellEdge at{kNone, 0};
   around(a, [&](std::uint32_t c, std::uint32_t i) {
@@ -329,7 +330,7 @@ bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcep
     const std::uint32_t ahead = apex(o);
     if (ahead == b) return true;
     const std::int64_t side = orient2d(points_[a], points_[b], points_[ahead]);
-    if (side == 0) return false;  // a point on the constraint
+    if (side == 0) return false;  // the point lies on the constraint
     // o runs from the left end to the right end; continue through the edge between `ahead` and the
     // end on the other side of ab.
     at = CellEdge{o.cell, side > 0 ? next_corner(o.edge) : previous_corner(o.edge)};

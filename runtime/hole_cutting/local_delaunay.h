@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Constrained Delaunay triangulation of a small PSLG in exact integers, by incremental insertion
-// with Lawson's flips (Lawson 1977) and Sloan's flips for constraints (Sloan 1993). The same input
+// with Lawson's flips (Lawson 1977), and Sloan's flips for constraints (Sloan 1993). The same input
 // gives the same triangles.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
@@ -21,7 +21,7 @@ namespace trocar::runtime {
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
   std::array<std::uint32_t, 3> across;      ///< cell beyond edge i, or kNone
-  std::array<std::uint32_t, 3> constraint;  ///< name that constrain() gave edge i, or kNone
+  std::array<std::uint32_t, 3> constraint;  ///< name given to edge i by constrain(), or kNone
 };
 
 /// A triangulation of a box around all points. The box's four corners are the last four points.
@@ -39,19 +39,19 @@ class LocalTriangulation {
   /// the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
-  /// Makes the segment between two different points an edge. Afterwards the cells may not be
-  /// Delaunay; see restore_delaunay(). Returns kNotPlanar if another constraint or a point blocks
-  /// the segment; the triangulation must not be used any further then.
+  /// Makes the segment between two different points an edge. Afterwards some cells may not be
+  /// Delaunay; see restore_delaunay(). If another constraint or a point blocks the segment, returns
+  /// kNotPlanar; the triangulation must then not be used any further.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
-  /// Flips until every edge between two cells of the same region, other than region 0, is locally
-  /// Delaunay; `region` has one entry per cell. Constraints within a region are flipped too: only
-  /// the boundaries between regions are preserved.
+  /// Flips edges until every edge whose two cells are in the same region is locally Delaunay; edges
+  /// inside region 0 are left alone. `region` has one entry per cell. Constraints within a region
+  /// may be flipped, too: only the boundaries between regions are preserved.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }
   std::span<const Cell> cells() const noexcept { return cells_; }
-  /// A cell of which the point is a corner.
+  /// A cell that has the point as a corner.
   std::uint32_t cell_at(std::uint32_t point) const noexcept { return cell_at_[point]; }
 
  private:
@@ -83,7 +83,7 @@ class LocalTriangulation {
   std::vector<Cell> cells_;
   std::vector<std::uint32_t> cell_at_;                  ///< one cell at each point
   std::vector<CellEdge> suspects_;                      ///< scratch
-  std::vector<std::uint8_t> waits_;                     ///< scratch, by cell
+  std::vector<std::uint8_t> waits_;                     ///< scratch, one entry per cell
   std::vector<std::array<std::uint32_t, 2>> crossing_;  ///< scratch: edges that cross a constraint
   std::uint32_t last_ = 0;
 };

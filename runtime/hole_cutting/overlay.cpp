@@ -39,14 +39,15 @@ Meeting meet(const Strand& s, const Strand& t, LatticePoint& at) {
   return t1 != 0 && t2 != 0 && s1 != 0 && s2 != 0 ? Meeting::kCrosses : Meeting::kApart;
 }
 
-// Is p on the material's side of the strand, or on it? True for strands without a rim edge.
+// Returns true if p is on the material's side of the strand or on it, and for strands without
+// a rim edge.
 bool recedes(const Strand& s, LatticePoint p) {
   if (s.rim == 0) return true;
   const std::int64_t side = orient2d(s.first, s.second, p);
   return s.rim > 0 ? side >= 0 : side <= 0;
 }
 
-// The canonical rotation of all corners of rim and tool (contract 5).
+// Returns the canonical rotation of all corners of rim and tool (contract 5).
 CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexcept {
   return rotation_by_moments([&](auto&& visit) {
     for (const std::uint32_t v : cavity.rim_vertices)
@@ -56,7 +57,7 @@ CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexc
   });
 }
 
-// The bend of contract 1, for two segments that cross properly.
+// Returns the bend of contract 1, for two segments that cross properly.
 LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotation& rotate) {
   const LatticePoint a = s.first, b = s.second, c = t.first, d = t.second;
   const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
@@ -71,7 +72,7 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
   std::optional<LatticePoint> nearest, nearest_receding;
   Int128 best = 0, best_receding = 0;
   for (int i = 0; i < 4; ++i) {
-    // Without a remainder the crossing has this coordinate itself.
+    // If there is no remainder, the crossing itself has this coordinate.
     const Int128 px = x0 + (x0 * m == x_num ? 0 : i / 2), py = y0 + (y0 * m == y_num ? 0 : i % 2);
     const Int128 ex = px * m - x_num, ey = py * m - y_num;
     const Int128 distance = ex * ex + ey * ey;
@@ -88,7 +89,8 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
   return nearest_receding ? *nearest_receding : *nearest;
 }
 
-// The construction of one overlay. It stops as soon as a capacity is used up, which sets `full`.
+// Constructs one overlay. The construction stops as soon as a capacity is used up,
+// which sets `full`.
 class OverlayBuilder {
  public:
   OverlayBuilder(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
@@ -117,8 +119,8 @@ class OverlayBuilder {
     return *at;
   }
 
-  // Adds a strand between two points with the same rim and tool edges as `like`; returns its
-  // number.
+  // Adds a strand between two points, with the same rim and tool edges as `like`, and
+  // returns its number.
   std::uint32_t add(std::uint32_t from, std::uint32_t to, const Strand& like) {
     Strand strand = like;
     strand.gone = false;
@@ -148,7 +150,7 @@ class OverlayBuilder {
     return *at;
   }
 
-  // Appends to the queue; a full one is compacted first.
+  // Appends to the queue. If the queue is full, it is compacted first.
   void enqueue(std::uint32_t strand) {
     std::vector<std::uint32_t>& pending = out_.pending;
     if (pending.size() == pending.capacity() && next_ > 0) {
@@ -189,7 +191,7 @@ class OverlayBuilder {
     if (!push_within(out_.absorb, triangle)) full_ = true;
   }
 
-  // The order of strands in the rotated plane.
+  // Compares two strands in the rotated plane.
   bool comes_before(const Strand& s, const Strand& t) const {
     const auto ends = [this](const Strand& strand) {
       const LatticePoint a = out_.rotation(strand.first), b = out_.rotation(strand.second);
@@ -198,7 +200,8 @@ class OverlayBuilder {
     return ends(s) < ends(t);
   }
 
-  // A shared edge is not bent: its triangle is added to the cavity for the next round.
+  // Returns true if one of the strands is a shared edge that would be bent. Its triangle is then
+  // listed, to be added to the cavity for the next round.
   bool is_held(const Strand& s, const Strand& t, Meeting meeting, LatticePoint p) {
     bool held = false;
     for (const Strand* strand : {&s, &t}) {
@@ -210,7 +213,7 @@ class OverlayBuilder {
     return held;
   }
 
-  // Splits the two at p, where they cross or touch.
+  // Splits two strands at p, where they cross or touch.
   void resolve(std::uint32_t i, std::uint32_t j, LatticePoint p) {
     const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
     const bool split_s = p != s.first && p != s.second;

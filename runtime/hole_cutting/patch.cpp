@@ -41,7 +41,8 @@ void find_regions(const Overlay& overlay, Patch& patch) noexcept {
       if (beyond == kNone || patch.region[beyond] != kNotYet) continue;
       Patch::Winding w = patch.windings[c];
       if (cell.constraint[i] != kNone) {
-        // This cell is on the left of edge i; on the right the winding number is one less.
+        // This cell is on the left of edge i. On the right the winding number is lower by
+        // one per edge.
         const Strand& strand = overlay.strands[cell.constraint[i]];
         const std::int32_t sign = cell.vertex[i] == strand.a ? -1 : 1;
         w.rim += sign * strand.rim;

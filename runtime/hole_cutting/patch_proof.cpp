@@ -6,7 +6,8 @@ namespace {
 
 using Segment = ProofSpace::Segment;
 
-// Proof 2 if the triangle beyond edge i is a new one; `apex` is the apex of that triangle.
+// Proves statement 2 if the triangle beyond edge i is a new one. `apex` receives the apex
+// of that triangle.
 bool mutual(const Patch& patch, std::uint32_t t, std::uint32_t i, std::uint32_t& apex) {
   const std::uint32_t u = patch.across[t][i];
   const std::uint32_t from = patch.triangles[t][i], to = patch.triangles[t][next_corner(i)];
@@ -18,7 +19,7 @@ bool mutual(const Patch& patch, std::uint32_t t, std::uint32_t i, std::uint32_t&
   return false;
 }
 
-// Proof 2 if the triangle beyond the edge is a kept one.
+// Proves statement 2 if the triangle beyond the edge is a kept one.
 bool takes_rim_edge(const SheetMesh& mesh, std::uint32_t kept, LatticePoint from, LatticePoint to,
                     ProofSpace& space) {
   for (std::uint32_t j = 0; j < 3; ++j) {
@@ -105,7 +106,8 @@ std::int64_t doubled_area_removed(const SheetMesh& mesh, const Cavity& cavity,
   return sum;
 }
 
-// Proofs 1 to 3; also lists the new boundary edges. Returns the violated statement, or null.
+// Proves statements 1 to 3, and lists the new boundary edges. Returns the violated
+// statement, or null.
 const char* find_defect(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
                         ProofSpace& space, bool& full) {
   for (std::uint32_t t = 0; t < patch.triangles.size() && !full; ++t) {

@@ -73,7 +73,7 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t j = next_corner(i);
       if (const std::uint32_t u = patch.across[t][i]; u != kNone) {
-        if (u < t) continue;  // joined already
+        if (u < t) continue;  // these two are already joined
         const Triangle& beyond = patch.triangles[u];
         join(space, node(space, t, i), node(space, u, corner_of(beyond, patch.triangles[t][i])));
         join(space, node(space, t, j), node(space, u, corner_of(beyond, patch.triangles[t][j])));
@@ -91,7 +91,8 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
   return true;
 }
 
-// Plans one vertex for each group: the sheet's own vertex if no other group has it, else a new one.
+// Plans one vertex for each group: the sheet's own vertex if no other group has it, otherwise
+// a new one.
 bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                    const Patch& patch, StitchSpace& space) {
   space.vertex.assign(space.parent.size(), kNone);

@@ -12,7 +12,7 @@
 namespace trocar::runtime {
 
 struct StitchSpace {
-  /// A corner of a triangle of the sheet.
+  /// One corner of a triangle of the sheet.
   struct Corner {
     std::uint32_t triangle, corner;
   };
@@ -28,7 +28,7 @@ struct StitchSpace {
   };
   std::vector<Corner> corners;
   std::vector<Run> runs;
-  FlatTable run_at;                   ///< index of the run of a triangle at a vertex
+  FlatTable run_at;                   ///< index of the run, for a triangle at a vertex
   std::vector<std::uint32_t> parent;  ///< disjoint sets of runs and, after them, patch corners
   std::vector<std::uint32_t> vertex;  ///< vertex of each group
   FlatTable taken;                    ///< vertices of the rim that keep their slots
@@ -39,10 +39,11 @@ struct StitchSpace {
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };
 
-/// Replaces the cavity's triangles by the patch. The vertices of kept triangles keep their slots,
-/// except if the cut leaves several fans of triangles at one vertex: then each fan but the first
-/// gets a new vertex, so that the mesh stays manifold. Vertices without a triangle are released.
-/// Returns kCapacity and changes nothing if the workspace or the sheet's free slots do not suffice.
+/// Replaces the cavity's triangles by the patch. The vertices of kept triangles keep their
+/// slots, with one exception: if the cut leaves several fans of triangles at a vertex, each fan
+/// but the first gets a new vertex, so that the mesh stays manifold. Vertices without a triangle
+/// are released. If the workspace or the sheet's free slots do not suffice, returns kCapacity
+/// and changes nothing.
 StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                     const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;
 
