@@ -27,14 +27,14 @@ bool push_within(std::vector<T>& list, const T& element) noexcept {
   return true;
 }
 
-/// A map from 64-bit keys to 32-bit values: open addressing with linear probing over indices into
-/// a dense list of entries. The memory in use is proportional to the content, not to the capacity,
-/// so that small contents stay in the cache. Keys cannot be removed one by one.
+/// A map from 64-bit keys to 32-bit values: a hash table with linear probing, whose slots are
+/// indices into a dense list of entries. The memory in use is proportional to the content, not to
+/// the capacity, so that small contents stay in the cache. Keys cannot be removed one by one.
 class FlatTable {
  public:
   static constexpr std::uint32_t kAbsent = 0xffffffff;
 
-  /// Allocates memory for `capacity` keys and drops the content.
+  /// Allocates memory for `capacity` keys and discards the content.
   void allocate(std::size_t capacity) {
     reserve_touched(entries_, capacity);
     slots_.assign(std::bit_ceil(std::max<std::size_t>(2 * capacity, kMinSlots)), 0);
@@ -42,7 +42,7 @@ class FlatTable {
     clear();
   }
 
-  /// Drops the content and keeps the memory. O(1).
+  /// Discards the content and keeps the memory. O(1).
   void clear() noexcept {
     entries_.clear();
     use_slots(kMinSlots);
@@ -50,7 +50,7 @@ class FlatTable {
 
   std::size_t size() const noexcept { return entries_.size(); }
 
-  /// The value at the key; kAbsent if there is none.
+  /// Returns the value at the key; kAbsent if there is none.
   std::uint32_t find(std::uint64_t key) const noexcept {
     for (std::size_t slot = home(key);; slot = (slot + 1) & mask_) {
       const std::uint32_t entry = slots_[slot];
@@ -60,8 +60,8 @@ class FlatTable {
   }
   bool contains(std::uint64_t key) const noexcept { return find(key) != kAbsent; }
 
-  /// The value at the key, after inserting `value` if there was none; null if the capacity is used
-  /// up. Valid until the next insert().
+  /// Inserts `value` if there is no value at the key. Returns a pointer to the value at the key,
+  /// which is valid until the next insert(); null if the capacity is used up.
   std::uint32_t* insert(std::uint64_t key, std::uint32_t value) noexcept {
     std::size_t slot = home(key);
     for (; slots_[slot] != 0; slot = (slot + 1) & mask_) {
@@ -76,7 +76,7 @@ class FlatTable {
   }
 
  private:
-  static constexpr std::size_t kMinSlots = 256;  ///< slots
+  static constexpr std::size_t kMinSlots = 256;
 
   struct Entry {
     std::uint64_t key;
@@ -106,7 +106,7 @@ class FlatTable {
 
   std::vector<Entry> entries_;
   std::vector<std::uint32_t> slots_ =
-      std::vector<std::uint32_t>(kMinSlots, 0);  ///< entry + 1, or 0
+      std::vector<std::uint32_t>(kMinSlots, 0);  ///< index of the entry + 1; 0: empty
   std::size_t capacity_ = 0;
   std::size_t mask_ = kMinSlots - 1;
   int shift_ = 56;

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists the slots that an edit of a SheetMesh has written, so that the edit can be undone, or
-// repeated on a replica of the mesh, in time proportional to the edit.
+// Lists the slots that an edit of a SheetMesh has written. So
+// the edit can be undone, or repeated on a second copy of the mesh (a replica), in time
+// proportional to the edit.
 //
 // Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
 //  1. An editing function calls touch_*() before it writes a slot, or uses the four functions below
 //     that take and release slots and call touch_*() themselves.
 //  2. undo() restores the mesh of begin() exactly: every slot and the order of the free slots.
-//  3. copy_to() makes a replica that was equal at begin() equal again, in the same sense.
-//  4. Only the constructor allocates. A slot is listed once, so the capacity suffices.
+//  3. If a replica was equal to the mesh at begin(), copy_to() makes it equal again, in
+//     the same sense.
+//  4. Only the constructor allocates. Each slot is listed at most once, so the capacity suffices.
 #pragma once
 
 #include <array>
@@ -43,14 +45,15 @@ class SheetEdit {
   void touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept;
   void touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// Takes a free slot and writes the given content to it; kNone if there is no free slot.
+  /// Takes a free slot, writes the given content to it, and returns it; kNone if there is
+  /// no free slot.
   std::uint32_t take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept;
   std::uint32_t take_vertex(SheetMesh& mesh, LatticePoint point) noexcept;
-  /// Frees the slot. At the end of the edit nothing may refer to it.
+  /// Frees the slot. At the end of the edit nothing may refer to the slot.
   void release_triangle(SheetMesh& mesh, std::uint32_t t) noexcept;
   void release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// Every slot written, once, in the order in which they were first written.
+  /// The slots written, each once, in the order in which they were first written.
   std::span<const OldTriangle> triangles() const noexcept { return triangles_; }
   std::span<const OldVertex> vertices() const noexcept { return vertices_; }
 
@@ -60,7 +63,7 @@ class SheetEdit {
   void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
 
  private:
-  // The changes to a stack of free slots: entries below `untouched` are unchanged; `popped` lists
+  // The changes to a stack of free slots. Entries below `untouched` are unchanged. `popped` lists
   // the former entries above, the topmost first.
   struct Stack {
     std::size_t untouched = 0;
@@ -75,7 +78,7 @@ class SheetEdit {
   std::vector<OldTriangle> triangles_;
   std::vector<OldVertex> vertices_;
   Stack free_triangles_, free_vertices_;
-  FlatTable triangle_listed_, vertex_listed_;  ///< the slots listed already
+  FlatTable triangle_listed_, vertex_listed_;  ///< slots that are already listed
 };
 
 }  // namespace trocar::runtime

@@ -14,7 +14,7 @@ Error invalid(const std::string& what) {
   return {ExitCode::kBug, what};
 }
 
-// The stack of the free slots `first` .. `size` - 1; the lowest slot is used first.
+// Returns the stack of the free slots `first` .. `size` - 1. The lowest slot is used first.
 std::vector<std::uint32_t> free_stack(std::size_t first, std::size_t size) {
   std::vector<std::uint32_t> out;
   out.reserve(size - first);
@@ -45,7 +45,7 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   out.triangles = mesh.triangles;
   out.across.assign(mesh.triangles.size(), {kNone, kNone, kNone});
 
-  std::unordered_map<std::uint64_t, std::uint32_t> edge_of;  // directed edge -> 3 triangle + edge
+  std::unordered_map<std::uint64_t, std::uint32_t> edge_of;  // directed edge -> 3 * triangle + edge
   edge_of.reserve(3 * mesh.triangles.size());
   const auto key = [](std::uint32_t from, std::uint32_t to) {
     return std::uint64_t{from} << 32 | to;

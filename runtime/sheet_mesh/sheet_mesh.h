@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh of a sheet that can be edited in place: slots of fixed capacity, with the neighbours of
-// each triangle, so that an edit takes time proportional to what it touches and never allocates.
+// The mesh of a sheet, which can be edited in place.
+// Vertices and triangles are stored in slots (array entries that are in use or free), together
+// with the neighbours of each triangle. So an edit takes time proportional to what it touches,
+// and never allocates.
 //
-// Why not OpenMesh 9: a deleted vertex, edge or face is only marked there, and its slot is reused
-// only after a garbage collection that visits and renumbers the whole mesh, so a mesh that is cut
-// repeatedly must do that or allocate. A half-edge mesh has one fan of faces at a vertex, so if a
-// cut leaves several fans at one, faces must be deleted and added again. Finally, OpenMesh keeps no
-// list of the slots that an edit has written, which is needed to undo it and to repeat it on a
-// replica.
+// OpenMesh 9 is not used for three reasons. It only marks a deleted vertex, edge or face, and
+// reuses its slot only after a garbage collection that visits and renumbers the whole mesh; a mesh
+// that is cut repeatedly would have to do that or allocate. Its half-edge mesh has one fan of faces
+// at a vertex, so if a cut leaves several fans at a vertex, faces would have to be deleted and
+// added again. It keeps no list of the slots that an edit has written, which is needed to undo the
+// edit and to repeat it on a replica.
 #pragma once
 
 #include <array>
@@ -31,14 +33,14 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     boundary.
 ///  3. A vertex in use belongs to a triangle, and its triangles form one fan (a pinch is two
 ///     vertices at one point); `free_vertices` lists every other slot exactly once.
-///  4. Only add_slots() changes the size of the three first arrays; the two stacks have capacity
-///     for every slot, in a copy too.
+///  4. Only add_slots() changes the size of the first three arrays. The two stacks have capacity
+///     for every slot, also in a copy of the mesh.
 struct SheetMesh {
   std::vector<LatticePoint> vertices;
   std::vector<Triangle> triangles;
   std::vector<std::array<std::uint32_t, 3>> across;
-  std::vector<std::uint32_t> free_vertices;   ///< free slots; the last one is used next
-  std::vector<std::uint32_t> free_triangles;  ///< likewise
+  std::vector<std::uint32_t> free_vertices;   ///< free vertex slots; the last one is used next
+  std::vector<std::uint32_t> free_triangles;  ///< free triangle slots; the last one is used next
 
   SheetMesh() = default;
   ~SheetMesh() = default;
@@ -62,8 +64,8 @@ struct SheetMesh {
     free_triangles.resize(triangles.size());
     free_triangles.resize(triangles_free);
   }
-  /// Adds free slots, which are used after the existing ones, so that equal meshes stay equal.
-  /// O(n), and allocates; no other thread may read the mesh meanwhile.
+  /// Adds free slots. They are used after the existing free slots, so that equal meshes stay equal.
+  /// O(n). Allocates; no other thread may read the mesh meanwhile.
   void add_slots(std::size_t more_vertices, std::size_t more_triangles);
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
@@ -77,15 +79,15 @@ inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t 
 
 /// Puts `mesh` (valid by check_mesh) into the first slots, in the same order, and adds
 /// `spare_vertices` and `spare_triangles` free slots, which are used in ascending order. O(n).
-/// Errors: refused if an index is out of range or a directed edge is used twice.
+/// Errors: (refused) an index is out of range, or a directed edge is used twice.
 Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_vertices,
                                   std::size_t spare_triangles);
 
-/// The triangles in use and their vertices, both in the order of their slots. O(n).
+/// Returns the triangles in use and their vertices, both in the order of their slots. O(n).
 SliceMesh to_slice_mesh(const SheetMesh& mesh);
 
-/// Verifies the invariants; the error names the first violation and its position. Meant for tests.
-/// O(n log n).
+/// Verifies invariants 1 to 3. The error names the first violation and its position. Meant for
+/// tests. O(n log n).
 Result<void> check_sheet_mesh(const SheetMesh& mesh);
 
 }  // namespace trocar::runtime

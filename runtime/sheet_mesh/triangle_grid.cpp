@@ -42,7 +42,7 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size())
       break;
     }
   }
-  // Inserted in descending order, so that each cell lists its triangles in ascending order.
+  // Insert in descending order, so that each cell lists its triangles in ascending order.
   for (auto t = static_cast<std::uint32_t>(mesh.triangles.size()); t-- > 0;) {
     if (mesh.in_use(t)) insert(mesh, t);
   }
@@ -50,7 +50,8 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size())
 
 void TriangleGrid::update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
   for (const SheetEdit::OldTriangle& old : edit.triangles()) {
-    // A triangle with the same corners is moved too, since their slots may hold other points now.
+    // A triangle with the same corners is moved, too, because their slots may hold
+    // other points now.
     if (old.corners != kFreeSlot) remove(old.slot);
     if (mesh.in_use(old.slot)) insert(mesh, old.slot);
   }

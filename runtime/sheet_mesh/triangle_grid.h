@@ -4,9 +4,9 @@
 //
 // There are several grids, each twice as coarse as the one before. A triangle belongs to a single
 // cell: the one that contains the lower left corner of its box, in the finest grid whose cells are
-// no smaller than the box. It thus extends at most into the next cell, every triangle slot needs
-// one entry, however long and thin its triangle is, and no edit can exceed the capacity ("loose"
-// grids, after Ulrich's loose octree, 2000).
+// no smaller than the box. So a triangle extends at most into the next cell. Every triangle slot
+// needs one entry, however long and thin its triangle is, so no edit can exceed the capacity.
+// (These are "loose" grids, after Ulrich's loose octree, 2000.)
 #pragma once
 
 #include <algorithm>
@@ -26,8 +26,9 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
 
 /// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
 /// triangles):
-///  1. for_each() visits every triangle in use whose box is not apart() from the given one, once,
-///     and no other; the order depends only on the mesh at the start and on the edits since.
+///  1. for_each() visits every triangle in use whose box is not apart() from the given box, exactly
+///     once, and no other triangle. The order depends only on the mesh at the start and on the
+///     edits since then.
 ///  2. Only the constructor and add_slots() allocate.
 class TriangleGrid {
  public:
@@ -36,7 +37,7 @@ class TriangleGrid {
   /// range. O(slots).
   explicit TriangleGrid(const SheetMesh& mesh);
 
-  /// Updates the grid after an edit, given the edited mesh; call it once for each edit. Time is
+  /// Updates the grid after an edit, given the edited mesh. Call this once for each edit. Time is
   /// proportional to the edit.
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
 
@@ -62,7 +63,7 @@ class TriangleGrid {
     }
   }
 
-  /// Memory in use.
+  /// Memory in use, in bytes.
   std::size_t bytes() const noexcept {
     return levels_.capacity() * sizeof(Level) + head_.capacity() * sizeof(std::uint32_t) +
            link_.capacity() * sizeof(Link);
@@ -71,7 +72,7 @@ class TriangleGrid {
  private:
   struct Level {
     int shift = 0;                       ///< cells are 2^shift steps wide
-    std::int64_t columns = 1, rows = 1;  ///< points beyond belong to the outermost cells
+    std::int64_t columns = 1, rows = 1;  ///< points outside belong to the outermost cells
     std::size_t first_cell = 0;
     std::uint32_t triangles = 0;
 
@@ -88,7 +89,7 @@ class TriangleGrid {
   struct Link {
     LatticeBox box;                              ///< bounding box of the triangle
     std::uint32_t next = kNone, before = kNone;  ///< neighbours in the list of its cell
-    std::uint32_t cell = kNone;                  ///< its cell, or kNone
+    std::uint32_t cell = kNone;                  ///< cell of the triangle; kNone: in no cell
   };
 
   void insert(const SheetMesh& mesh, std::uint32_t t) noexcept;
