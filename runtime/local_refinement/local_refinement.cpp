@@ -30,31 +30,33 @@ LocalRefinementWorkspace::LocalRefinementWorkspace(std::size_t vertex_slots,
 
 namespace {
 
-// If angles were larger, the method might not terminate before it has used max_new_vertices.
+// The largest minimum angle: with a larger one the method might not terminate before
+// max_new_vertices.
 constexpr double kMaxAngle_deg = 30;
-// A triangle whose shortest edge is shorter, in steps, is left as it is, because rounding to the
-// lattice would decide its angles.
+// A triangle whose shortest edge is shorter than this, in steps, is left as it is, because rounding
+// to the lattice would determine its angles.
 constexpr double kMinEdge = 4;
-// Boundary edges are not split into shorter ones.
+// Boundary edges are not split into edges shorter than this, in steps.
 constexpr double kMinSplitEdge = 1;
-// New edges inserted because of the size are at most this times as long as the edge at which they
-// start.
+// Largest ratio of a new edge that is inserted because of the size to the edge at which it starts.
 constexpr double kMaxGrowth = 2;
 // A boundary edge longer than this times the wanted length is split.
 constexpr double kLongEdge = 1.5;
 // A lattice point exactly on an edge is used if its distance from the aim is at most this fraction
-// of the edge; otherwise a point next to the edge, if that is allowed.
+// of the edge. Otherwise a point next to the edge is used, if that is allowed.
 constexpr double kNearEnough = 0.02;
 
-// The marks of a triangle, as bits: it was inspected; its boundary edges are left as they are; it
-// is left as it is because of the outline, of the lattice, or because it is large enough; its apex
-// is not removed.
+// The marks of a triangle, one bit each. kInspected: it was inspected. kEdgesLeft: its boundary
+// edges are left as they are. kAtOutline, kAtLattice, kSizeLeft: the triangle is left as it is
+// because of the outline, because of the lattice, or because only its size is too large.
+// kApexStays: its apex is not removed.
 constexpr std::uint8_t kInspected = 1, kEdgesLeft = 2, kAtOutline = 4, kAtLattice = 8,
                        kSizeLeft = 16, kApexStays = 32;
 constexpr std::uint8_t kLeft = kAtOutline | kAtLattice | kSizeLeft;
 
-// Other positions for a new point, between the AngleCircle over the shortest edge and the edge: the
-// factor of the distance from the edge, and the sine and cosine of the angle from the off-centre.
+// Further positions for a new point, between the AngleCircle over the shortest edge and the edge.
+// They are given by factors of the distance from the edge, and by sine and cosine of the angle
+// from the off-centre.
 constexpr std::array<double, 3> kDistanceFactors{0.95, 0.66, 0.4};
 constexpr std::array<std::array<double, 2>, 5> kDirections{
     {{0, 1}, {-0.5, 0.8660254}, {0.5, 0.8660254}, {-0.8660254, 0.5}, {0.8660254, 0.5}}};
@@ -134,8 +136,8 @@ class LocalRefiner {
     return encroaches(start_of(e), end_of(e), apex_of(e));
   }
 
-  // Is an obtuse edge more obtuse than rounding to the lattice can make it? Rounding affects two
-  // edges on one shell around their corner.
+  // Returns true if an edge is more obtuse than rounding to the lattice can make it. Rounding can
+  // make edges obtuse that lie on one shell around their common corner.
   bool is_encroached(TriangleEdge e) const noexcept {
     const double own = edge_length(start_of(e), end_of(e));
     for (const std::uint32_t other : {next_corner(e.edge), previous_corner(e.edge)}) {
@@ -146,7 +148,7 @@ class LocalRefiner {
     return true;
   }
 
-  // The number of edges of the wanted length into which an edge should be split.
+  // Returns the number of edges of the wanted length into which an edge should be split.
   int split_count(TriangleEdge e) const noexcept {
     if (!options_.size) return 1;
     const LatticePoint a = start_of(e), b = end_of(e);
@@ -162,8 +164,9 @@ class LocalRefiner {
     std::int64_t length2;
   };
 
-  // The task for the longest boundary edge of the triangle that is too long or obtuse: remove the
-  // vertex that makes it obtuse, if that is an inner one and not new; otherwise split the edge.
+  // Returns the task for the longest boundary edge of the triangle that is too long or obtuse. If
+  // an inner vertex that is not new makes it obtuse, the task is to remove that vertex; otherwise,
+  // to split the edge.
   std::optional<Task> task_at_edges(std::uint32_t t) const noexcept {
     std::optional<Task> task;
     for (std::uint32_t i = 0; i < 3; ++i) {
@@ -194,9 +197,9 @@ class LocalRefiner {
     return circumradius2(v) > largest * largest;
   }
 
-  // Inspects a triangle and queues it if it has a defect that has not been given up. Boundary edges
-  // come first, the longest before others; then triangles, the finest first, so that sizes grow
-  // outwards from the finest triangles.
+  // Inspects a triangle, and queues it if it has a defect that has not been given up. Boundary
+  // edges are treated first, the longest first. Triangles follow, the finest first, so that sizes
+  // grow outwards from the finest triangles.
   void inspect(std::uint32_t t) noexcept {
     marks_[t] |= kInspected;
     if (const std::optional<Task> task = task_at_edges(t)) {
@@ -241,7 +244,8 @@ class LocalRefiner {
     return Step::kDone;
   }
 
-  // Carries out the task at the triangle's boundary edges. False if the capacity does not suffice.
+  // Carries out the task at the triangle's boundary edges. Returns false if the capacity
+  // does not suffice.
   bool work_at_edges(std::uint32_t t) noexcept {
     const std::optional<Task> task = task_at_edges(t);
     if (!task || task->what == Task::kClear) {
@@ -266,8 +270,8 @@ class LocalRefiner {
     return step != Step::kCapacity;
   }
 
-  // Removes an end of a sharp triangle's shortest edge, if that is an inner vertex and not new, and
-  // if this leaves fewer sharp triangles.
+  // Removes an end of a sharp triangle's shortest edge if it is an inner vertex and not new, and if
+  // the removal leaves fewer sharp triangles.
   bool remove_crowding(std::uint32_t t) noexcept {
     const TriangleCorners v = corners(mesh_, t);
     if (!is_sharp(v)) return false;
@@ -336,9 +340,9 @@ class LocalRefiner {
     return r.beyond == kNone && blocks(mesh_.vertices[r.from], mesh_.vertices[r.to], p);
   }
 
-  // Inserts a point on the bisector of the shortest edge: as far out as angle and size allow, but
-  // no farther than the circumcentre. If a boundary edge blocks the point, that edge is split
-  // instead.
+  // Inserts a point on the bisector of the shortest edge, as far out as angle and size
+  // allow, but no farther than the circumcentre. If a boundary edge blocks the point, that
+  // edge is split instead.
   Step improve(std::uint32_t t) noexcept {
     const TriangleCorners v = corners(mesh_, t);
     const auto [edge, shortest2] = shortest_edge(v);
@@ -347,8 +351,8 @@ class LocalRefiner {
     const bool is_too_sharp = is_sharp(v);
 
     const LatticePoint p = v[edge], q = v[next_corner(edge)], r = v[previous_corner(edge)];
-    // The opposite corner relative to the edge's middle, in units of the edge's length: along the
-    // edge and perpendicular to it.
+    // Compute the position of the opposite corner relative to the edge's middle, along the edge and
+    // perpendicular to it, in units of the edge's length.
     const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
     const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
     const double along = (qx * rx + qy * ry) / (shortest * shortest) - 0.5;
@@ -381,17 +385,19 @@ class LocalRefiner {
       if (length2 > longest2) blocking_edge = e.inside, longest2 = length2;
     }
     if (!blocking_edge) return insert(position, kNone);
-    // If only the size is too large, a boundary edge is not split unless it is itself too long.
+    // If only the size is too large, the boundary edge is not split. (If it is too long itself, it
+    // is split elsewhere.)
     if (!is_too_sharp) return Step::kLargeEnough;
-    // The new edges must not be shorter than the triangle's: splits at acute corners would not end.
+    // The new edges must not be shorter than those of the triangle; otherwise splits at acute
+    // corners would not end.
     const Step step = split(*blocking_edge, 2, shortest);
     if (step != Step::kOutline) return step;
     return remove_crowding(t) ? Step::kDone : insert_elsewhere(t);
   }
 
-  // Tries other positions from which the shortest edge subtends at least the wanted angle, which no
-  // boundary edge blocks and which leave fewer sharp triangles; uses the one that leaves the
-  // fewest.
+  // Tries other positions, from which the shortest edge subtends at least the wanted angle and
+  // which no boundary edge blocks. Uses the position that leaves the fewest sharp triangles, if
+  // there are fewer than before.
   Step insert_elsewhere(std::uint32_t t) noexcept {
     const TriangleCorners v = corners(mesh_, t);
     const std::uint32_t edge = shortest_edge(v).edge;
@@ -414,7 +420,8 @@ class LocalRefiner {
     return insert(*best, kNone);
   }
 
-  // The change of the number of sharp triangles if p is inserted; none if a boundary edge blocks p.
+  // Returns the change of the number of sharp triangles if p is inserted; none if a boundary
+  // edge blocks p.
   std::optional<int> growth_of_sharp(LatticePoint p) const noexcept {
     int growth = 0;
     for (const CavityEdge& r : insertion_.rim()) {

@@ -50,7 +50,7 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
 
 InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                                         std::uint32_t split) noexcept {
-  // A rim that is one loop has two edges more than the cavity has triangles.
+  // If the rim is one loop, it has two edges more than the cavity has triangles.
   if (rim_.size() != cavity_.size() + 2) return InsertionOutcome::kNotVisible;
   for (std::uint32_t k = 0; k < rim_.size(); ++k) {
     if (k == split) continue;

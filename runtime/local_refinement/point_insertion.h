@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh that is constrained Delaunay, and keeps it so: the star of the
-// point replaces the triangles whose circumcircles contain it (Bowyer; Watson, 1981). All decisions
-// are exact.
+// Inserts a point into a SheetMesh that is constrained
+// Delaunay, and keeps the mesh constrained Delaunay: triangles that join the point to the rim (the
+// star of the point) replace the triangles whose circumcircles contain it (Bowyer; Watson, 1981).
+// All decisions are exact.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +17,7 @@ namespace trocar::runtime {
 
 /// An edge of the rim, that is the cavity's boundary, with the cavity on its left.
 struct CavityEdge {
-  std::uint32_t from, to;  ///< vertices
+  std::uint32_t from, to;  ///< vertex slots
   std::uint32_t beyond;    ///< the triangle outside the cavity; kNone on the sheet's boundary
   TriangleEdge inside;     ///< the same edge as an edge of the triangle in the cavity
 };
@@ -27,25 +28,25 @@ enum class InsertionOutcome {
   kCapacity,    ///< no free slots
 };
 
-/// find() finds a cavity, insert() fills the cavity found last. Both take time proportional to the
-/// cavity. Only the constructor allocates.
+/// find() finds a cavity, and insert() fills the cavity found last. Both take time proportional to
+/// the cavity. Only the constructor allocates.
 class PointInsertion {
  public:
-  /// Largest number of triangles in a cavity; larger ones are refused.
+  /// Largest number of triangles in a cavity. find() returns false for a larger cavity.
   static constexpr std::size_t kMaxCavity = 1024;
 
   PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots);
 
-  /// Finds the cavity of `p`, starting at triangle `start`. False if the circumcircle of `start`
-  /// does not contain p, or the cavity is too large.
+  /// Finds the cavity of `p`, starting at triangle `start`. Returns false if the circumcircle of
+  /// `start` does not contain p, or if the cavity is too large.
   bool find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept;
   std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
   /// Replaces the cavity by the star of p. `split` is kNone, or the number in rim() of a boundary
-  /// edge that p splits. p then lies on the edge or on its inner side: two edges to p replace the
-  /// edge, and the area between the three is no longer part of the sheet. Changes nothing unless
-  /// the result is kDone.
+  /// edge that p splits. In that case p must lie on the edge or on its inner side. Two edges to p
+  /// replace the edge, and the area between the three edges is no longer part of the sheet. If the
+  /// result is not kDone, nothing is changed.
   InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                           std::uint32_t split) noexcept;
   /// The star's triangles after insert(), each with p as its last corner.
@@ -56,8 +57,8 @@ class PointInsertion {
   std::vector<std::uint32_t> cavity_, star_;
   std::vector<CavityEdge> rim_;
   std::uint32_t vertex_ = kNone;
-  std::vector<std::uint32_t> visited_;   // by triangle slot: search_ if it is in the cavity
-  std::vector<std::uint32_t> starting_;  // by vertex slot: star triangle whose edge 0 starts there
+  std::vector<std::uint32_t> visited_;   // per triangle slot: equals search_ if it is in the cavity
+  std::vector<std::uint32_t> starting_;  // per vertex slot: star triangle whose edge 0 starts there
   std::uint32_t search_ = 0;
 };
 

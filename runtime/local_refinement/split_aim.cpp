@@ -18,7 +18,8 @@ std::uint32_t edge_towards(const SheetMesh& mesh, std::uint32_t t, std::uint32_t
   return mesh.across[t][0] == from ? 0 : mesh.across[t][1] == from ? 1 : 2;
 }
 
-// The start of the boundary edge that ends where e starts, found by turning around that vertex.
+// Returns the start of the boundary edge that ends where e starts. It is found by turning
+// around that vertex.
 std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
   std::uint32_t t = e.triangle, back = previous_corner(e.edge);  // the edge that ends there
   while (mesh.across[t][back] != kNone) {
@@ -29,7 +30,7 @@ std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexce
   return mesh.triangles[t][back];
 }
 
-// The end of the boundary edge that starts where e ends.
+// Returns the end of the boundary edge that starts where e ends.
 std::uint32_t next_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
   std::uint32_t t = e.triangle, on = next_corner(e.edge);
   while (mesh.across[t][on] != kNone) {

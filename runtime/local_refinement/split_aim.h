@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses the position at which to split a boundary edge of a sheet, so that refinement also
-// terminates at acute corners.
+// Chooses the position at which to split a boundary edge of a
+// sheet, such that refinement terminates even at acute corners.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -9,10 +9,10 @@
 
 namespace trocar::runtime {
 
-/// The aim of the next split of a boundary edge that is to be split into about `parts` (>= 2)
-/// equal parts, one split at a time. If exactly one of its ends is an acute corner
-/// (kAcuteCorner_deg), the aim is at a distance from that corner that is a power of two in steps,
-/// that is on one of the concentric shells around it. O(triangles at the edge's ends).
+/// Returns the aim of the next split of a boundary edge that is to be split into about `parts` (>=
+/// 2) equal parts, one split at a time. If exactly one of its ends is an acute corner
+/// (kAcuteCorner_deg), the aim lies on one of the concentric shells around that corner: its
+/// distance from the corner, in steps, is a power of two. O(triangles at the edge's ends).
 SplitAim aim_split(const SheetMesh& mesh, TriangleEdge e, int parts) noexcept;
 
 }  // namespace trocar::runtime

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A priority queue of triangle slots: a heap that knows the position of each slot, so that a slot's
-// key can be changed or removed. Each slot occurs at most once, so the capacity is always enough.
+// A priority queue of triangle slots: a heap that stores the
+// position of each slot, so that a slot can be removed and its key changed. Each slot occurs at
+// most once, so the capacity always suffices.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -13,8 +14,9 @@
 
 namespace trocar::runtime {
 
-/// The smallest key comes first; of equal keys, the lowest slot. Only the constructor allocates.
-/// put() and remove() are O(log n) for n slots in the queue, clear() is O(n).
+/// The smallest key comes first. If keys are equal, the lowest slot comes first. Only the
+/// constructor allocates. For n slots in the queue, put() and remove() are O(log n), and
+/// clear() is O(n).
 class TriangleQueue {
  public:
   explicit TriangleQueue(std::size_t triangle_slots) : position_(triangle_slots, kNone) {
@@ -84,7 +86,7 @@ class TriangleQueue {
   }
 
   std::vector<Entry> heap_;
-  std::vector<std::uint32_t> position_;  // by slot: its position in the heap, or kNone
+  std::vector<std::uint32_t> position_;  // per slot: position in the heap, or kNone
 };
 
 }  // namespace trocar::runtime

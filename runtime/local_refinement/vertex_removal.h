@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Removes an inner vertex from a SheetMesh that is constrained Delaunay, and keeps it so: the
-// polygon around the vertex is filled by ears whose circumcircles are empty (the simple form of
-// Devillers, 1999). All decisions are exact.
+// Removes an inner vertex from a SheetMesh that is constrained Delaunay, and keeps the mesh
+// constrained Delaunay: the polygon around the vertex is filled by ears (triangles of three
+// successive corners) whose circumcircles are empty (the simple form of Devillers, 1999). All
+// decisions are exact.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -15,23 +16,23 @@
 
 namespace trocar::runtime {
 
-/// plan() plans a removal, remove() carries out the one planned last. Neither allocates. O(k^3) for
-/// k triangles around the vertex.
+/// plan() plans a removal, and remove() carries out the removal planned last. Neither allocates.
+/// O(k^3) for k triangles around the vertex.
 class VertexRemoval {
  public:
   /// Vertices with more triangles around them are not removed.
   static constexpr std::size_t kMaxDegree = 24;
 
-  /// Can the vertex at corner `corner` of triangle t be removed? It cannot if it lies on the
-  /// sheet's boundary, has too many triangles, or if there are no such ears (boundary edges can
-  /// prevent them).
+  /// Plans the removal of the vertex at corner `corner` of triangle t. Returns false if the vertex
+  /// cannot be removed: it lies on the sheet's boundary, it has too many triangles, or there are no
+  /// such ears (boundary edges can prevent them).
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
   /// The triangles around the vertex, and those that would replace them; valid after plan().
   std::span<const std::uint32_t> star() const noexcept { return {star_.data(), degree_}; }
   std::size_t ears() const noexcept { return degree_ - 2; }
   const Triangle& ear(std::size_t number) const noexcept { return ears_[number].corners; }
 
-  /// Removes the vertex; its slot and those of two triangles are free afterwards.
+  /// Removes the vertex. Its slot and the slots of two triangles are free afterwards.
   void remove(SheetMesh& mesh, SheetEdit& edit) noexcept;
 
   /// The triangles that fill the polygon, and the two freed slots; valid after remove().
@@ -46,7 +47,7 @@ class VertexRemoval {
   };
   struct Ear {
     Triangle corners;
-    std::array<Beyond, 2> across;  // beyond edges 0 and 1
+    std::array<Beyond, 2> across;  // neighbours beyond edges 0 and 1
   };
 
   bool is_ear(const SheetMesh& mesh, std::size_t previous, std::size_t at, std::size_t next,
@@ -54,13 +55,13 @@ class VertexRemoval {
 
   std::size_t degree_ = 0;
   std::uint32_t vertex_ = kNone;
-  std::array<std::uint32_t, kMaxDegree> star_{};  // triangles
+  std::array<std::uint32_t, kMaxDegree> star_{};  // triangle slots
   // The polygon that is not filled yet, counter-clockwise, and the neighbour beyond the edge from
   // each corner to the next.
   std::array<std::uint32_t, kMaxDegree> polygon_{};
   std::array<Beyond, kMaxDegree> beyond_{};
   std::array<Ear, kMaxDegree> ears_{};
-  Beyond last_{};  // beyond edge 2 of the last ear
+  Beyond last_{};  // neighbour beyond edge 2 of the last ear
 };
 
 }  // namespace trocar::runtime
