@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The springs, dampers and friction elements that act on the tool at one pose: their forces, the change of these
-// forces when the tool moves a little further, and the energy that they store.
+// The springs, dampers and friction elements that act on the tool at one pose: their forces, the change of
+// these forces when the tool moves a little further, and the energy that they store.
 // Tests: tests/runtime/contact/virtual_coupling_test.cpp
 #pragma once
 
@@ -8,7 +8,8 @@
 
 namespace trocar::runtime {
 
-/// Forces on the tool in {B}. If the tool moves by m, the length of shaft in its holes grows by -m_z / axis_z.
+/// Forces on the tool in {B}. If the tool moves by m, the length of shaft in its holes grows by
+/// -m_z / axis_z.
 struct LocalEnvironment {
   // The sheet in contact acts along z. The sum of its spring and damper never pulls.
   double sheet_N = 0;  ///< force of the sheet's spring

@@ -15,9 +15,10 @@ namespace {
 // A coverage within kSnap of 0 or 1 is set to 0 or 1. The sum over triangles has an error of about 1e-13.
 constexpr double kSnap = 1e-9;
 
-/// A counter-clockwise polygon relative to a corner of the tool. Clipping to a half plane adds at most one vertex
-/// to a convex polygon, and at most half its number of vertices to any polygon. So the capacity suffices for
-/// the tool clipped to a triangle, and for a convex piece of the tool clipped to all pieces of all holes.
+/// A counter-clockwise polygon relative to a corner of the tool. Clipping to a half plane adds at most one
+/// vertex to a convex polygon, and at most half its number of vertices to any polygon. So the capacity
+/// suffices for the tool clipped to a triangle, and for a convex piece of the tool clipped to all pieces
+/// of all holes.
 struct Polygon {
   static constexpr int kCapacity =
       kMaxToolSides + 3 + kMaxPendingHoles * (kMaxToolSides + 2 * kMaxToolPieces);
@@ -26,8 +27,8 @@ struct Polygon {
 };
 static_assert(Polygon::kCapacity >= kMaxToolSides * 27 / 8);
 
-/// Sums of the doubled area and of six times the first moment. The terms are summed as integers, in units of
-/// about 2^-56 of the tool's box, so the sum has the same bits in any order.
+/// Sums of the doubled area and of six times the first moment. The terms are summed as integers, in units
+/// of about 2^-56 of the tool's box, so the sum has the same bits in any order.
 class Moments {
  public:
   /// `doubled_area` and `reach` (the largest |coordinate|) of a box around all pieces.
@@ -53,8 +54,8 @@ class Moments {
   }
 
  private:
-  // Returns a power of two, so that dividing by it is exact. Seven bits are spare for polygons that overlap
-  // themselves, whose terms are larger than their sum.
+  // Returns a power of two, so that dividing by it is exact. Seven bits are spare for polygons that
+  // overlap themselves, whose terms are larger than their sum.
   static double unit(double most) noexcept {
     int exponent = 0;
     std::frexp(most, &exponent);
@@ -64,8 +65,9 @@ class Moments {
   std::int64_t area_ = 0, first_x_ = 0, first_y_ = 0;
 };
 
-/// Clips a polygon to the left side of a -> b (Sutherland and Hodgman, one plane). If a polygon that is not
-/// convex falls into parts, the parts stay joined by edges along the line, which cancel in the moments.
+/// Clips a polygon to the left side of a -> b (Sutherland and Hodgman, one plane). If a polygon
+/// that is not convex falls into parts, the parts stay joined by edges along the line, which cancel
+/// in the moments.
 void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
           Polygon& result) noexcept {
   result.size = 0;
@@ -100,8 +102,9 @@ struct Holes {
   }
 };
 
-/// Adds the part of a convex polygon outside the union of the holes from the k-th on. It cuts off, edge by edge,
-/// the disjoint convex parts outside the k-th hole, and treats each of them with the remaining holes.
+/// Adds the part of a convex polygon outside the union of the holes from the k-th on. It cuts
+/// off, edge by edge, the disjoint convex parts outside the k-th hole, and treats each of them
+/// with the remaining holes.
 void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& moments) noexcept {
   if (k == holes.size()) return moments.add(polygon);
   const int sides = holes.piece(k).size;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coverage of the tool, which is the fraction of its outline over material, and the centroid of that area.
+// The coverage of the tool, which is the fraction of its outline over
+// material, and the centroid of that area.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,14 +13,15 @@ namespace trocar::runtime {
 
 struct Overlap {
   double coverage = 0;  ///< fraction of the outline's area over material, in [0, 1]
-  /// Centroid of the covered area, in lattice steps. If the coverage is 0 or 1, centroid of the whole outline.
+  /// Centroid of the covered area, in lattice steps. If the coverage is 0 or 1, centroid of
+  /// the whole outline.
   Eigen::Vector2d centroid_steps = Eigen::Vector2d::Zero();
 };
 
-/// Intersects the tool's outline with the sheet's material outside of the holes. A coverage within 1e-9 of 0
-/// or 1 is set to exactly 0 or 1. An empty outline has coverage 0. `holes`: outlines of the same tool, at most
-/// kMaxPendingHoles. Clips in buffers of fixed capacity, without allocation. Time proportional to the number of
-/// triangles near the tool.
+/// Intersects the tool's outline with the sheet's material outside of the holes. A coverage within 1e-9 of
+/// 0 or 1 is set to exactly 0 or 1. An empty outline has coverage 0. `holes`: outlines of the same tool, at
+/// most kMaxPendingHoles. Clips in buffers of fixed capacity, without allocation. Time proportional to the
+/// number of triangles near the tool.
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
                 std::span<const LatticeOutline> holes) noexcept;
 

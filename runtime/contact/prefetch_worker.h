@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface of the worker that computes a sheet's stiffness at the tool outside the haptic thread, for force laws
-// that need longer than a tick for it. In each tick the haptic thread requests the stiffness for the tool's
-// present position in the sheet that it touches or will reach next, and uses the latest stiffness that is ready.
+// Interface of the worker that computes a sheet's stiffness at the tool outside the haptic thread, for
+// force laws that need longer than a tick for it. In each tick the haptic thread requests the stiffness
+// for the tool's present position in the sheet that it touches or will reach next, and uses the latest
+// stiffness that is ready.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -16,8 +17,8 @@
 
 namespace trocar::runtime {
 
-/// The mesh around the tool, with the tool's outline cut out. If the tool is at depth d below the sheet, vertex i
-/// is at the height z_m - d w[i].
+/// The mesh around the tool, with the tool's outline cut out. If the tool is at depth d below the
+/// sheet, vertex i is at the height z_m - d w[i].
 struct SheetShape {
   int slice_index = 0;                            ///< AssetSlice::index
   std::uint32_t cuts = 0;                         ///< number of holes in the sheet
@@ -41,8 +42,8 @@ class PrefetchWorker {
 
   /// Answers the latest request. `sheet(i)` must return the current version of sheet i.
   virtual void serve(const std::function<const Sheet&(std::size_t)>& sheet) = 0;
-  /// Returns the stiffness for one request. Returns none if request and sheet equal the previous ones, if the
-  /// tool misses the sheet, or if the solver fails.
+  /// Returns the stiffness for one request. Returns none if request and sheet equal the previous ones,
+  /// if the tool misses the sheet, or if the solver fails.
   virtual std::optional<PrefetchedStiffness> answer(const PrefetchRequest& request,
                                                     const Sheet& sheet) = 0;
 

@@ -71,7 +71,8 @@ HolesAround holes_around(const ContactModel& model, const Sheet& sheet, const Sh
   return around;
 }
 
-/// Call this when the tool misses the sheet: puts the shaft into an old hole if it is in one (contract 7).
+/// Call this when the tool misses the sheet: puts the shaft into an old hole if it is in
+/// one (contract 7).
 void enter_old_hole(const ContactModel& model, const Sheet& sheet, const ToolSection& section,
                     SheetTrack& track) noexcept {
   const HolesAround around = holes_around(model, sheet, track, section);
@@ -113,7 +114,8 @@ SheetState next_state(const ContactModel& model, const SheetTrack& track, bool s
   return track.state;
 }
 
-/// Force law `hooke`: the stiffness is K times the coverage and acts at the centroid of the covered area.
+/// Force law `hooke`: the stiffness is K times the coverage and acts at the centroid of
+/// the covered area.
 PrefetchedStiffness hooke_stiffness(const Sheet& sheet, std::int32_t index,
                                     const ToolSection& section) noexcept {
   PrefetchedStiffness response;
@@ -125,8 +127,8 @@ PrefetchedStiffness hooke_stiffness(const Sheet& sheet, std::int32_t index,
   return response;
 }
 
-/// Force law `network`: moves the track's stiffness towards `target` by the fraction dt_s / kBlend_s. In the
-/// first tick of a contact the result is `target`.
+/// Force law `network`: moves the track's stiffness towards `target` by the fraction dt_s / kBlend_s. In
+/// the first tick of a contact the result is `target`.
 PrefetchedStiffness blended_stiffness(const ContactModel& model, const PrefetchedStiffness& target,
                                       bool begins, SheetTrack& track) noexcept {
   if (begins) return track.blended = target;
@@ -168,8 +170,8 @@ void add_sheet(const SheetForce& force, double penetration_m, LocalEnvironment& 
   local.stored_J += 0.5 * force.stiffness_N_per_m * penetration_m * penetration_m;
 }
 
-/// Requests the stiffness that will be needed next: that of the topmost sheet that is neither punctured nor
-/// missed, if the tip is at most prefetch_height_m above it.
+/// Requests the stiffness that will be needed next: that of the topmost sheet that is neither punctured
+/// nor missed, if the tip is at most prefetch_height_m above it.
 void request_prefetch(const ContactModel& model, std::span<const Sheet* const> sheets,
                       const Pose& T_device_plate, const ContactState& state,
                       ContactOutput& output) noexcept {
@@ -186,8 +188,8 @@ void request_prefetch(const ContactModel& model, std::span<const Sheet* const> s
   }
 }
 
-/// Updates the rate dx' of a sheet in contact (contract 2). If `ago_s` is positive, the rate is `change_m`, the
-/// change of the penetration in the last `ago_s`, divided by `ago_s`.
+/// Updates the rate dx' of a sheet in contact (contract 2). If `ago_s` is positive, the rate is
+/// `change_m`, the change of the penetration in the last `ago_s`, divided by `ago_s`.
 void update_rate(double penetration_m, double change_m, double pose_interval_s, double ago_s,
                  SheetTrack& track) noexcept {
   if (!track.has_last) {

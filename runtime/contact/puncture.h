@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Contact and puncture of separate sheets (force laws `hooke` and `network`): the state machine of each sheet
-// and its force on the tool. There is one tool, and the sheets are stacked along z. (Paper, II.C, Fig. 11
-// and 12.)
+// Contact and puncture of separate sheets (force laws `hooke` and
+// `network`): the state machine of each sheet and its force on the tool. There is one tool, and the sheets
+// are stacked along z. (Paper, II.C, Fig. 11 and 12.)
 //
 // Contract (tests/runtime/contact/contact_test.cpp tests each point):
-//  1. Coverage is the fraction of the area of the tool's outline that lies over material. Contact begins when
-//     the tip passes from above to below a sheet with a coverage of at least `min_coverage`. With less
+//  1. Coverage is the fraction of the area of the tool's outline that lies over material. Contact begins
+//     when the tip passes from above to below a sheet with a coverage of at least `min_coverage`. With less
 //     coverage the tool misses the sheet: until the tip has been above the sheet again, the sheet exerts no
 //     force, except the force of a hole that the shaft is in (item 7). A tool that slides off the material
 //     later misses the sheet in the same way.
@@ -15,23 +15,23 @@
 //     divided by the time on the device's clock. While no pose is new, dx' keeps its value, so the next new
 //     pose causes no force spike. With the force law `hooke`, k = c K, and F acts at the centroid of the
 //     covered area. With the force law `network`, k and the point of action come from the prefetched
-//     stiffness, which a worker computed for a tool position near the present one. A new prefetched stiffness
-//     is blended in over kBlend_s. While there is none, the law `hooke` applies.
-//  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force is zero,
-//     and a hole with the tool's outline is requested. In later ticks, until the tip has been above the
-//     sheet, the sheet exerts only the force of its hole on the shaft (shaft.h). If the coverage has dropped
-//     below `min_coverage`, the tool slides off the sheet instead of puncturing it.
-//  4. The topmost sheet in contact bears the force. The sheets below it are shielded: the tool does not touch
-//     them until the tick after the topmost one is punctured, or until the tool slides off it.
+//     stiffness, which a worker computed for a tool position near the present one. A new prefetched
+//     stiffness is blended in over kBlend_s. While there is none, the law `hooke` applies.
+//  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force is zero, and
+//     a hole with the tool's outline is requested. In later ticks, until the tip has been above the sheet,
+//     the sheet exerts only the force of its hole on the shaft (shaft.h). If the coverage has dropped below
+//     `min_coverage`, the tool slides off the sheet instead of puncturing it.
+//  4. The topmost sheet in contact bears the force. The sheets below it are shielded: the tool does not
+//     touch them until the tick after the topmost one is punctured, or until the tool slides off it.
 //  5. A requested hole acts as open immediately, even before the remesher has cut it into the mesh.
 //  6. The tool's outline in a sheet is the section of the tool's prism with the undeformed sheet. So a tool
 //     that moves along its own axis keeps its outline, however much it is tilted.
-//  7. A sheet remembers its last kMaxHoles holes. If the tool misses the sheet or slides off it, its outline is
-//     compared with the nearest remembered holes, at most kMaxPendingHoles of them. If the part outside of
-//     all these holes is less than `min_coverage`, the shaft is in the nearest hole again, as after a
-//     puncture, and the hole's force acts from the next tick on. The forces of a hole are multiplied by the
-//     hole's coverage. This is the tool's coverage at the puncture, plus the part of the outline inside older
-//     holes times the coverage of the nearest of these holes; it is at most 1.
+//  7. A sheet remembers its last kMaxHoles holes. If the tool misses the sheet or slides off it, its
+//     outline is compared with the nearest remembered holes, at most kMaxPendingHoles of them. If the part
+//     outside of all these holes is less than `min_coverage`, the shaft is in the nearest hole again, as
+//     after a puncture, and the hole's force acts from the next tick on. The forces of a hole are
+//     multiplied by the hole's coverage. This is the tool's coverage at the puncture, plus the part of the
+//     outline inside older holes times the coverage of the nearest of these holes; it is at most 1.
 // Tests: tests/runtime/contact/contact_test.cpp
 #pragma once
 
@@ -55,8 +55,8 @@ struct ContactModel {
   Tool tool;
   double dt_s = 1e-3;                      ///< duration of a tick
   bool uses_prefetched_stiffness = false;  ///< force law `network`
-  /// Smallest coverage with which contact begins. Without this bound, a tool that returns through its own hole
-  /// slightly off centre would be in contact with the rim.
+  /// Smallest coverage with which contact begins. Without this bound, a tool that returns through its own
+  /// hole slightly off centre would be in contact with the rim.
   double min_coverage = 0.05;
   /// The stiffness of a sheet is prefetched once the tip is at most this far above the sheet.
   double prefetch_height_m = 0.03;
@@ -104,8 +104,8 @@ struct ContactState {
   std::array<SheetTrack, kMaxSceneSlices> tracks;
 };
 
-/// A hole to be cut. `sheet`: index of the sheet, the topmost first. `cut`: number of the hole in that sheet,
-/// counted from 1.
+/// A hole to be cut. `sheet`: index of the sheet, the topmost first. `cut`: number of the hole in that
+/// sheet, counted from 1.
 struct CutRequest {
   std::int32_t sheet = -1;
   std::uint32_t cut = 0;
@@ -125,8 +125,8 @@ struct PrefetchRequest {
 struct ContactOutput {
   Eigen::Vector3d tip_device_m = Eigen::Vector3d::Zero();
   double force_N = 0;  ///< force of the sheet in contact on the tip, along +z of {B}
-  /// Wrench of the tissue on the tool, about the plate's origin, in {B}. It consists of force_N and the force
-  /// of the holes on the shaft.
+  /// Wrench of the tissue on the tool, about the plate's origin, in {B}. It consists of force_N and the
+  /// force of the holes on the shaft.
   Wrench wrench_device = Wrench::Zero();
   double penetration_m =
       0;  ///< depth below the active sheet, in contact and in the tick of its puncture
@@ -165,24 +165,24 @@ struct ContactOutput {
 /// Removes from the track's pending holes those that the mesh in use already has.
 void drop_published(const Sheet& sheet, SheetTrack& track) noexcept;
 
-/// Runs one tick of contact. `sheets`: the meshes in use, topmost first, at most kMaxSceneSlices. The `cuts` of a
-/// sheet must never decrease from tick to tick. `prefetched`: the latest stiffness (force law `network`).
-/// `pose_interval_s`: time since the previous new pose, on the device's clock; 0: the pose is not new.
-/// `previous`: earlier pose and its age, from which velocities are computed instead of from the previous new
-/// pose. No allocation. Cost: at most one overlap() for each sheet above the tip that is in contact or may come
-/// into contact, and at most kMaxPendingHoles outline_outside() for each sheet that is punctured or missed in
-/// this tick.
+/// Runs one tick of contact. `sheets`: the meshes in use, topmost first, at most kMaxSceneSlices. The
+/// `cuts` of a sheet must never decrease from tick to tick. `prefetched`: the latest stiffness (force law
+/// `network`). `pose_interval_s`: time since the previous new pose, on the device's clock; 0: the pose is
+/// not new. `previous`: earlier pose and its age, from which velocities are computed instead of from the
+/// previous new pose. No allocation. Cost: at most one overlap() for each sheet above the tip that is in
+/// contact or may come into contact, and at most kMaxPendingHoles outline_outside() for each sheet that is
+/// punctured or missed in this tick.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const PrefetchedStiffness& prefetched, const Pose& T_device_plate,
                     double pose_interval_s, ContactState& state, ContactOutput& output,
                     const PreviousPose& previous = {}) noexcept;
 
-/// Call this in ticks without update_contact(): the next tick starts without rate and friction. Contact states,
-/// punctures and requested holes are kept.
+/// Call this in ticks without update_contact(): the next tick starts without rate and friction. Contact
+/// states, punctures and requested holes are kept.
 void reset_motion(ContactState& state) noexcept;
 
-/// Call this if the tool jumped by `shift_m` without a force, as the proxy does when a puncture frees it. The
-/// rates of the next tick ignore this motion.
+/// Call this if the tool jumped by `shift_m` without a force, as the proxy does when a puncture frees it.
+/// The rates of the next tick ignore this motion.
 void shift_tool(const ContactModel& model, const Pose& T_device_plate,
                 const Eigen::Vector3d& shift_m, ContactState& state) noexcept;
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forces on the shaft in the hole of a punctured sheet: dry and viscous friction along the shaft (A. Okamura,
-// C. Simone, M. O'Leary, Force modeling for needle insertion into soft tissue, IEEE TBME 51(10), 2004) and the
-// resistance of the rim to being pushed aside.
+// Forces on the shaft in the hole of a punctured sheet: dry and viscous
+// friction along the shaft (A. Okamura, C. Simone, M. O'Leary, Force modeling for needle insertion into soft
+// tissue, IEEE TBME 51(10), 2004) and the resistance of the rim to being pushed aside.
 //
 // Contract (tests/runtime/contact/shaft_test.cpp):
 //  1. Dry friction is a spring that slides once its deflection is `presliding_m` (P. Dahl 1968, with a linear
-//     rise). Its force never exceeds dry_friction_N and opposes the motion. It dissipates energy: over a closed
-//     motion its work on the shaft is never positive.
+//     rise). Its force never exceeds dry_friction_N and opposes the motion. It dissipates energy: over a
+//     closed motion its work on the shaft is never positive.
 //  2. The rim's force lies in the sheet's plane and opposes the displacement of the shaft's axis since it
 //     entered the hole, at the puncture or when it came back. Entering a hole therefore neither stores nor
 //     releases energy.
@@ -29,8 +29,8 @@ struct ShaftState {
   bool has_last = false;
 };
 
-/// The shaft in a sheet's plane: intersection of axis and plane in {B}, direction of the axis (unit vector up the
-/// shaft), and length of the shaft below the plane.
+/// The shaft in a sheet's plane: intersection of axis and plane in {B}, direction of the axis (unit vector up
+/// the shaft), and length of the shaft below the plane.
 struct ShaftSection {
   Eigen::Vector3d at_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
@@ -48,8 +48,8 @@ struct PreviousShaft {
   double ago_s = 0;  ///< PreviousPose::ago_s
 };
 
-/// Returns the force on the tool at `section.at_m`, in {B}. If the shaft is not in a hole, the force is zero and
-/// `state` is unchanged. `pose_interval_s`, `previous`: as for update_contact().
+/// Returns the force on the tool at `section.at_m`, in {B}. If the shaft is not in a hole, the force is zero
+/// and `state` is unchanged. `pose_interval_s`, `previous`: as for update_contact().
 Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& section,
                             double pose_interval_s, ShaftState& state,
                             const PreviousShaft& previous = {}) noexcept;

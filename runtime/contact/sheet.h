@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sheet: one slice of an asset, placed in the device's frame, with a grid to look up the triangles under the
-// tool. The haptic thread only reads it. Holes are cut into a second copy that the haptic thread does not see
-// (runtime/workers/remesher.h).
+// A sheet: one slice of an asset, placed in the device's frame, with a grid to look up the
+// triangles under the tool. The haptic thread only reads it. Holes are cut into a second copy that
+// the haptic thread does not see (runtime/workers/remesher.h).
 // Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
@@ -27,20 +27,22 @@ struct Sheet {
   TriangleGrid grid;                        ///< grid over the triangles of `mesh`
   std::uint32_t cuts = 0;                   ///< number of holes cut into `mesh` during the session
   std::shared_ptr<const SliceField> field;  ///< only with the force law `cutting`; else null
-  /// HU of each vertex of the mesh without holes, in the order of vertices; null: the asset has none.
+  /// HU of each vertex of the mesh without holes, in the order of vertices; null: the
+  /// asset has none.
   std::shared_ptr<const std::vector<float>> hu;
 };
 
-/// If the scene has a `body`, replaces the scene's slices by those slices of the asset that the body names and
-/// that have material, at their true spacing. Errors: (refused, with `name`, the asset's, in the message) fewer
-/// than two slices with material; planes that are not parallel or less than 0.1 mm apart; a slice more than
-/// 1 m below the device's origin.
+/// If the scene has a `body`, replaces the scene's slices by those slices of the asset that the
+/// body names and that have material, at their true spacing. Errors: (refused, with `name`, the
+/// asset's, in the message) fewer than two slices with material; planes that are not parallel or
+/// less than 0.1 mm apart; a slice more than 1 m below the device's origin.
 Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name);
 
 /// Places the scene's slices; returns them with the topmost first. Checks every mesh
-/// (formats/geometry/mesh_validity.h), because contact and cuts rely on valid meshes. Errors: (refused, with
-/// `name`, the asset's, in the message) a slice that the asset does not have; a slice without material; an
-/// invalid mesh; a tool that is too small for the lattice or has more than kMaxToolPieces convex parts.
+/// (formats/geometry/mesh_validity.h), because contact and cuts rely on valid meshes. Errors:
+/// (refused, with `name`, the asset's, in the message) a slice that the asset does not have; a
+/// slice without material; an invalid mesh; a tool that is too small for the lattice or has more
+/// than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
@@ -48,8 +50,8 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 /// Returns the plate's pose with the plate level and the tip on the sheet, at the scene's anchor.
 Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept;
 
-/// Free vertex and triangle slots of a placed sheet, for what its cuts add. If they run short, more are added.
-/// A hole of six corners needs about six vertices and twelve triangles.
+/// Free vertex and triangle slots of a placed sheet, for what its cuts add. If they run short, more
+/// are added. A hole of six corners needs about six vertices and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
 
 /// Largest number of holes of one sheet that may wait to be cut into its mesh.

@@ -16,7 +16,8 @@ namespace {
 
 constexpr float kNoMaterial = std::numeric_limits<float>::quiet_NaN();
 
-// Points in a disc of radius 1, in rings of 1, 6 and 12 points. Each point stands for the same area.
+// Points in a disc of radius 1, in rings of 1, 6 and 12 points. Each point stands for
+// the same area.
 std::array<Eigen::Vector2d, 19> make_points() {
   std::array<Eigen::Vector2d, 19> points;
   points[0].setZero();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A raster of the material of an uncut slice and of its HU, which the haptic thread reads in constant time. Cuts
-// do not change it.
+// A raster of the material of an uncut slice and of its HU, which the
+// haptic thread reads in constant time. Cuts do not change it.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,7 +16,8 @@ namespace trocar::runtime {
 /// Contract (tests/runtime/contact/slice_field_test.cpp):
 ///  1. A pixel has material if its centre lies in a triangle. Its HU is interpolated linearly between the
 ///     corners of the triangle. If the asset has no HU, it is 0.
-///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than kMaxPixels.
+///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than
+///     kMaxPixels.
 class SliceField {
  public:
   static constexpr double kPixel_mm = 0.25;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool: a prism on the plate, and its outline on a slice's lattice. The same outline serves to compute the
-// coverage and to cut the hole.
+// The tool: a prism on the plate, and its outline on a slice's lattice. The same outline serves to
+// compute the coverage and to cut the hole.
 // Tests: tests/runtime/contact/tool_outline_test.cpp
 #pragma once
 
@@ -35,8 +35,8 @@ struct Tool {
   std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
-/// Makes the tool of a scene. The convex parts are computed by ear clipping, followed by merging parts whose
-/// union is convex (Hertel and Mehlhorn). O(sides^3).
+/// Makes the tool of a scene. The convex parts are computed by ear clipping, followed by merging parts
+/// whose union is convex (Hertel and Mehlhorn). O(sides^3).
 Tool make_tool(const SceneTool& scene_tool);
 
 /// Placement of a slice in {B} (formats/session/scene.h, Placement).
@@ -71,16 +71,17 @@ bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;
 /// The tool must be upright.
 Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept;
 
-/// Returns the section of the prism with the plane z = z_m, each corner rounded to the lattice. The section of a
-/// tilted tool is stretched along the tilt, by a factor of at most sqrt(2). The outline is a simple polygon if
-/// smallest_clearance_m() is at least kMinClearance steps, because the section is nowhere narrower than the
-/// cross-section, and rounding moves a corner by at most sqrt(1/2) steps. The size is 0 if the tool is not
-/// upright or a corner lies beyond kMaxCoordinate / 2. No allocation.
+/// Returns the section of the prism with the plane z = z_m, each corner rounded to the lattice. The
+/// section of a tilted tool is stretched along the tilt, by a factor of at most sqrt(2). The outline is
+/// a simple polygon if smallest_clearance_m() is at least kMinClearance steps, because the section is
+/// nowhere narrower than the cross-section, and rounding moves a corner by at most sqrt(1/2) steps. The
+/// size is 0 if the tool is not upright or a corner lies beyond kMaxCoordinate / 2. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
 inline constexpr double kMinClearance = 1.5;
 
-/// Returns the smallest distance between a corner of the cross-section and an edge that does not end there.
+/// Returns the smallest distance between a corner of the cross-section and an edge that does
+/// not end there.
 double smallest_clearance_m(const Tool& tool) noexcept;
 
 }  // namespace trocar::runtime

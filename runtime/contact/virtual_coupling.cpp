@@ -8,14 +8,16 @@
 namespace trocar::runtime {
 namespace {
 
-/// Linear model: after a further displacement m of the proxy the environment's force is force_N - resistance * m.
+/// Linear model: after a further displacement m of the proxy the environment's force is force_N -
+/// resistance * m.
 struct LinearForce {
   Eigen::Vector3d force_N = Eigen::Vector3d::Zero();
   Eigen::Matrix3d resistance_N_per_m = Eigen::Matrix3d::Zero();
   Eigen::Matrix3d damping_N_per_m = Eigen::Matrix3d::Zero();  ///< dampers' part of the resistance
 };
 
-/// Assumed states of the elements during the coming move. They are corrected by the move that results from them.
+/// Assumed states of the elements during the coming move. They are corrected by the move that
+/// results from them.
 struct Guess {
   bool in_sheet = false;
   bool inwards = false;  ///< the shaft moves inwards
@@ -46,8 +48,8 @@ LinearForce linear_force(const LocalEnvironment& e, double pose_interval_s,
   return out;
 }
 
-/// Returns the guess corrected by a move; it is unchanged if it was right. An element that has let go does not
-/// take hold again, so that the corrections end.
+/// Returns the guess corrected by a move; it is unchanged if it was right. An element that has let go
+/// does not take hold again, so that the corrections end.
 Guess corrected(const LocalEnvironment& e, double pose_interval_s, const Eigen::Vector3d& move_m,
                 const Eigen::Vector3d& noise_m, const Guess& guess) noexcept {
   Guess out = guess;
@@ -111,8 +113,8 @@ PreviousPose previous_proxy(double pose_interval_s, const PreviousPose& previous
                             const CouplingState& state) noexcept {
   PreviousPose proxy = previous;
   if (!(pose_interval_s > 0) || !(previous.ago_s > 0)) return proxy;
-  // The offset is in equilibrium with the sheet's force, so it has no more noise than that force. Its rate is
-  // added to the plate's.
+  // The offset is in equilibrium with the sheet's force, so it has no more noise than that force. Its
+  // rate is added to the plate's.
   proxy.T_device_plate.p_m +=
       state.offset_m - previous.ago_s / pose_interval_s * (state.offset_m - state.last_offset_m);
   return proxy;

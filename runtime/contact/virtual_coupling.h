@@ -37,9 +37,9 @@ struct CouplingState {
   double damper_N_per_m = 0;  ///< damping divided by the time of the last move
 };
 
-/// Returns the pose of the proxy, to be used instead of the plate's in this tick. `pose_interval_s`, `previous`:
-/// as for update_contact(). Without a new pose the proxy keeps its offset, and spring and damper keep their
-/// forces.
+/// Returns the pose of the proxy, to be used instead of the plate's in this tick. `pose_interval_s`,
+/// `previous`: as for update_contact(). Without a new pose the proxy keeps its offset, and spring and damper
+/// keep their forces.
 Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
                 CouplingState& state, const PreviousPose& previous = {}) noexcept;
 

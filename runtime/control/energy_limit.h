@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Limits the energy that the environment (tissue and coupling) releases to the hand; more is the fault kEnergyLimit.
-// The limit does not depend on the passivity controller, which reduces that energy but cannot bound it.
+// Limits the energy that the environment (tissue and coupling) releases to
+// the hand; more is the fault kEnergyLimit. The limit does not depend on the passivity controller, which reduces
+// that energy but cannot bound it.
 //
-// W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was entered.
-// A wrench held over a tick does the work wrench * (next pose - this pose), which is known one tick later.
-// Compensation torques do not count. S(t) is the energy stored in the elastic elements of the environment: the
-// sheet, the rims, the springs of dry friction, and the coupling. S is the force law's full stored energy: it is
-// not multiplied by Safety::authority (the factor on the force after a recovery), and not reduced when the motors
-// cannot render the whole wrench.
+// W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was
+// entered. A wrench held over a tick does the work wrench * (next pose - this pose), which is known one tick
+// later. Compensation torques do not count. S(t) is the energy stored in the elastic elements of the environment:
+// the sheet, the rims, the springs of dry friction, and the coupling. S is the force law's full stored energy: it
+// is not multiplied by Safety::authority (the factor on the force after a recovery), and not reduced when the
+// motors cannot render the whole wrench.
 //
 // Invariant: for any two ticks s <= t at most kEnergyWindow_s apart
 //   W(t) - W(s) <= S(s) + SafetyLimits::energy_limit_J,
@@ -19,13 +20,13 @@
 //  2. A puncture or another release does no work on the hand by itself. The tick of a puncture is never the start
 //     s of the window: the energy of the punctured sheet is already removed from S there, and the energy of the
 //     sheet below, which is loaded at once, is not yet in S.
-//  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the wrenches
-//     held since the last new pose.
-//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time receives
-//     at most A * S more than it gave, where S is the stored energy at the deepest contact. With the default
-//     SafetyTiming, A is 0.4.
-//  5. A limit that is nan or negative always trips. While the state is not `running`, the account is kept at zero
-//     (reset()).
+//  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the
+//     wrenches held since the last new pose.
+//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time
+//     receives at most A * S more than it gave, where S is the stored energy at the deepest contact. With the
+//     default SafetyTiming, A is 0.4.
+//  5. A limit that is nan or negative always trips. While the state is not `running`, the account is kept
+//     at zero (reset()).
 #pragma once
 
 #include <array>
@@ -38,7 +39,8 @@
 namespace trocar::runtime {
 
 inline constexpr double kEnergyWindow_s = 0.1;
-/// Number of ticks of the window at kMaxRate_Hz. At a rate above that, the window is shorter than kEnergyWindow_s.
+/// Number of ticks of the window at kMaxRate_Hz. At a rate above that, the window is shorter than
+/// kEnergyWindow_s.
 inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_Hz) + 1;
 
 /// Inputs of a tick.
@@ -49,8 +51,8 @@ struct EnergyInput {
   bool punctured = false;  ///< the force law dropped stored energy on purpose in this tick
 };
 
-/// The energy account, kept between ticks. It finds the smallest W(s) + S(s) of the window with a monotonic queue:
-/// an entry followed by a lower one can never be the minimum again, so it is removed.
+/// The energy account, kept between ticks. It finds the smallest W(s) + S(s) of the window with a monotonic
+/// queue: an entry followed by a lower one can never be the minimum again, so it is removed.
 class EnergyAccount {
  public:
   /// Returns kEnergyLimit or none.

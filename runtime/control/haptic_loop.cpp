@@ -11,7 +11,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// After kMotorOverload, recovery waits until the i2t state of every motor is at most this fraction of its limit.
+/// After kMotorOverload, recovery waits until the i2t state of every motor is at most this fraction
+/// of its limit.
 constexpr double kMaxHeatToRecover = 0.5;
 
 /// Returns the fault for a status other than kOk and kNoData.
@@ -101,8 +102,8 @@ FaultDetail check_encoders(const LoopModel& model, const LoopState& state,
     }
   }
   if (state.has_state) {
-    // The allowed step depends on the time on the device's clock, but on at most the time of the counted ticks or
-    // no_data_max_s, whichever is longer. At rest two readings may still differ by a count.
+    // The allowed step depends on the time on the device's clock, but on at most the time of the counted
+    // ticks or no_data_max_s, whichever is longer. At rest two readings may still differ by a count.
     const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
     const double interval_s =
         state.pose_interval_s > 0
@@ -125,8 +126,8 @@ FaultDetail check_encoders(const LoopModel& model, const LoopState& state,
           read.encoder_rad[i] > limit.max_rad ? limit.max_rad : limit.min_rad};
 }
 
-/// Computes the pose and the Jacobian. The pose is fitted to the upper chains. The joints of the lower chains, with
-/// theta4, follow from it, so comparing theta4 with the measured theta4 is a further check.
+/// Computes the pose and the Jacobian. The pose is fitted to the upper chains. The joints of the lower
+/// chains, with theta4, follow from it, so comparing theta4 with the measured theta4 is a further check.
 FaultDetail find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
                       double& residual_m) noexcept {
   const ForwardResult forward = forward_kinematics(model.device, read.encoder_rad);
@@ -233,7 +234,8 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Forc
   return Fault::kNone;
 }
 
-/// Returns the torques that cancel the device's friction and weight. They rise from zero after `running` begins.
+/// Returns the torques that cancel the device's friction and weight. They rise from zero
+/// after `running` begins.
 MotorVector compensation(const LoopModel& model, const MotorModel& motor,
                          LoopState& state) noexcept {
   state.compensation_authority = std::min(
@@ -287,7 +289,8 @@ FaultDetail compute_torques(const LoopModel& model, const MotorModel& motor,
   return Fault::kNone;
 }
 
-/// Returns the wrench rendered to the hand, without compensation torques, which only cancel the device's own forces.
+/// Returns the wrench rendered to the hand, without compensation torques, which only cancel the
+/// device's own forces.
 Wrench rendered_wrench(const LoopState& state) noexcept {
   return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }

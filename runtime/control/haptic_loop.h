@@ -1,21 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// One tick of the haptic loop, the same in real and in virtual time. In: encoder angles. Out: torques and one row of
-// the recording. No allocation, lock or exception.
+// One tick of the haptic loop, the same in real and in virtual time. In:
+// encoder angles. Out: torques and one row of the recording. No allocation, lock or exception.
 //
 // Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
 // energy_limit.h and passivity.h:
 //  1. Every torque written is finite and within what its motor's thermal state allows.
-//  2. When a fault ends the state `running` (safety.h), torques follow the ramp of safety.h, which starts from the
-//     last torques written. If writing failed, the ramp starts one tick later, from the torques that could not be
-//     written. Once the ramp has ended, and in `idle`, `ready` and `recovering`, torques are zero.
+//  2. When a fault ends the state `running` (safety.h), torques follow the ramp of safety.h, which starts
+//     from the last torques written. If writing failed, the ramp starts one tick later, from the torques
+//     that could not be written. Once the ramp has ended, and in `idle`, `ready` and `recovering`,
+//     torques are zero.
 //  3. The row holds every input of the tick, so replaying the rows gives the same torques.
-//  4. All times are those of the device's clock. Intervals between poses, velocities, the largest allowed step of
-//     an encoder and the motor heat of a late tick are computed from differences of the device's time stamps, to
-//     the nanosecond. In `running`, a device state is new if its time stamp is finite and later than the previous
-//     one. After no_data_max_s without a new device state the fault is kNoData. If a time stamp lies more than
-//     gap_max_s after the previous one, the fault is kNoData at once. In all safety states except `running`, the
-//     device's clock may restart, for example after the link was restored; the velocity estimation restarts too.
-//  5. The rise of torques, the ramps and the blending of stiffnesses count ticks, so late ticks make them slower.
+//  4. All times are those of the device's clock. Intervals between poses, velocities, the largest allowed
+//     step of an encoder and the motor heat of a late tick are computed from differences of the device's time
+//     stamps, to the nanosecond. In `running`, a device state is new if its time stamp is finite and later
+//     than the previous one. After no_data_max_s without a new device state the fault is kNoData. If a time
+//     stamp lies more than gap_max_s after the previous one, the fault is kNoData at once. In all safety
+//     states except `running`, the device's clock may restart, for example after the link was restored; the
+//     velocity estimation restarts too.
+//  5. The rise of torques, the ramps and the blending of stiffnesses count ticks, so late ticks
+//     make them slower.
 // Tests: tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -61,12 +64,12 @@ struct LoopState {
   PassivityState passivity;
   EnergyAccount energy;
   std::uint64_t tick = 0;  ///< number of ticks done
-  /// Time between the previous new pose and the pose of this tick, on the device's clock. 0: the pose of this tick
-  /// is not new, or it is the first one. While no pose is new, the last velocity is kept, so the next new pose
-  /// causes no force spike.
+  /// Time between the previous new pose and the pose of this tick, on the device's clock. 0: the pose of this
+  /// tick is not new, or it is the first one. While no pose is new, the last velocity is kept, so the next
+  /// new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Device time minus the time of the ticks counted so far. The heating of the motors in this extra time has not
-  /// been added yet.
+  /// Device time minus the time of the ticks counted so far. The heating of the motors in this extra time has
+  /// not been added yet.
   double ahead_s = 0;
   double compensation_authority = 0;  ///< factor on the compensation; rises like Safety::authority
   Safety safety;
@@ -80,8 +83,8 @@ struct TickResult {
   ContactOutput contact;  ///< result of the force law; the caller requests the holes in its cuts()
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
-  /// The first fault found in this tick, with the measured value. If new_fault is set, `found` describes it. In
-  /// `recovering` a fault is not latched, but it delays the recovery.
+  /// The first fault found in this tick, with the measured value. If new_fault is set, `found` describes it.
+  /// In `recovering` a fault is not latched, but it delays the recovery.
   FaultDetail found;
   /// ForceLaw::retract_distance_m(). While it is positive, `running` cannot begin.
   double retract_distance_m = 0;

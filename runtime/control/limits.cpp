@@ -16,7 +16,8 @@ double tilt_rad(double cosine) noexcept {
 
 }  // namespace
 
-// Comparisons are negated so that a value of nan is beyond the limit, and a limit of nan always trips.
+// Comparisons are negated so that a value of nan is beyond the limit, and a limit of
+// nan always trips.
 
 FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept {
   for (int i = 0; i < 3; ++i) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Safety limits of the plate's pose and speed and of the motors. Exceeding a limit is a named fault, which stops the
-// loop. The haptic thread calls these functions. They have no state of their own.
+// Safety limits of the plate's pose and speed and of the motors. Exceeding
+// a limit is a named fault, which stops the loop. The haptic thread calls these functions. They have no state
+// of their own.
 //
 // Contract (limits_test.cpp and, in the loop, loop_motors_test.cpp in tests/runtime/control/):
 //  1. A check returns kNone within its limit, and its own fault beyond it, with the quantity, its value and the
@@ -16,8 +17,8 @@
 //     tick of `overload_time_max_s`.
 //  4. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step from the last
 //     torques is shortened by one factor, so that the change of the wrench keeps its direction. A torque rises by
-//     the growth of its magnitude; if it reverses, by its new magnitude. A fall towards zero, as at a puncture, is
-//     not limited. Exception: if the largest torque of all motors grows, every change counts as a rise.
+//     the growth of its magnitude; if it reverses, by its new magnitude. A fall towards zero, as at a puncture,
+//     is not limited. Exception: if the largest torque of all motors grows, every change counts as a rise.
 //  5. The torques that limit_torques() returns are within every motor's limit. If item 4 leaves more than a
 //     motor's limit, all torques are scaled down by one factor.
 #pragma once
@@ -53,7 +54,8 @@ struct SafetyLimits {
   double speed_window_s = 0.004;            ///< smoothing time of item 2
   double torque_max_Nm = 0;  ///< torque of each motor; 0: the torque that its thermal state allows
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 4
-  /// Longest time for which item 4 may shorten steps. A tick whose step is at most half the limit resets the time.
+  /// Longest time for which item 4 may shorten steps. A tick whose step is at most half the limit
+  /// resets the time.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< factor of item 3
   double overload_time_max_s = 1;   ///< time of item 3
@@ -106,8 +108,8 @@ FaultDetail check_overload(const SafetyLimits& limits, const MotorModel& motor, 
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
                        bool& shortened) noexcept;
 
-/// Applies items 4 and 5: changes `wanted_Nm` to the torques that may be written. Returns kTorqueLimit, kTorqueRate,
-/// kTorqueNotFinite or none. `limit_Nm` must be positive, for example from available_torque().
+/// Applies items 4 and 5: changes `wanted_Nm` to the torques that may be written. Returns kTorqueLimit,
+/// kTorqueRate, kTorqueNotFinite or none. `limit_Nm` must be positive, for example from available_torque().
 FaultDetail limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
                           const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
                           LimitState& state) noexcept;

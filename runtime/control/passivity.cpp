@@ -7,7 +7,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// Returns the environment's wrench with a damper added, which can at most cancel its force (item 3).
+/// Returns the environment's wrench with a damper added, which can at most cancel its
+/// force (item 3).
 Wrench damped(const Wrench& environment, PassivityState& state, double damping_N_s_per_m) noexcept {
   const Eigen::Vector3d force_N = environment.head<3>();
   const double along = force_N.dot(Eigen::Vector3d(state.unit_damper.head<3>()));

@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safety state machine: five states (idle, ready, running, fault, recovering), the events that lead from one to
-// another, and the factor on the torques in each state.
+// The safety state machine: five states (idle, ready, running, fault,
+// recovering), the events that lead from one to another, and the factor on the torques in each state.
 //
 // Contract (tests/runtime/control/safety_test.cpp):
-//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request for
-//     recovery leaves that state.
-//  2. When a fault ends `running`, torques are ramped down, from the tick in which the fault is found: they are
-//     the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks, and is below 1 in the first
-//     of them. At 250 Hz and more this takes at most kRampMax_s; at lower rates torques are zero at once. They are
-//     also zero at once after kEnergyLimit, because a ramp would continue to release energy to the hand.
-//  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free space. A
-//     fault restarts that time. Torques are zero meanwhile.
+//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request
+//     for recovery leaves that state.
+//  2. When a fault ends `running`, torques are ramped down, from the tick in which the fault is found: they
+//     are the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks, and is below 1 in
+//     the first of them. At 250 Hz and more this takes at most kRampMax_s; at lower rates torques are zero
+//     at once. They are also zero at once after kEnergyLimit, because a ramp would continue to release
+//     energy to the hand.
+//  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free
+//     space. A fault restarts that time. Torques are zero meanwhile.
 //  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`.
-//  5. If a time is nan, the result is safe: torques are zero at once, recovery never ends, and authority does not
-//     rise. A negative time counts as zero.
+//  5. If a time is nan, the result is safe: torques are zero at once, recovery never ends, and authority
+//     does not rise. A negative time counts as zero.
 #pragma once
 
 #include <cstdint>
@@ -63,17 +64,17 @@ double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 /// Call this when a fault is found at `t_s`. Returns true if this fault is latched.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 
-/// Requests recovery. The request takes effect only in the state `fault`, once torques are zero; then true is
-/// returned.
+/// Requests recovery. The request takes effect only in the state `fault`, once torques are zero; then
+/// true is returned.
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `seen`: a device state has
-/// been read. `free`: the tool is in free space.
+/// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `seen`: a device
+/// state has been read. `free`: the tool is in free space.
 void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,
              bool seen, bool free) noexcept;
 
-/// Returns the factor of item 2 for this tick, on the torques at which `running` was left. Call it once in each tick
-/// in which the state is not `running`.
+/// Returns the factor of item 2 for this tick, on the torques at which `running` was left. Call it once in
+/// each tick in which the state is not `running`.
 double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Returns true in the state `fault` once the ramp has ended, so that torques are zero.

@@ -9,11 +9,12 @@ namespace {
 
 /// A state is on time if it comes at most this many periods after the one before.
 constexpr double kOnTime = 1.01;
-/// Smallest ratio of the interval before the last one to the last interval, for encoders that are not exact. A
-/// smaller ratio would amplify their noise.
+/// Smallest ratio of the interval before the last one to the last interval, for encoders that are
+/// not exact. A smaller ratio would amplify their noise.
 constexpr double kMinBefore = 0.5;
 
-/// Range of the slopes of lines through an encoder's newest reading that are within a count of all readings so far.
+/// Range of the slopes of lines through an encoder's newest reading that are within a count of all
+/// readings so far.
 struct Slopes {
   double min_rad_per_s = -std::numeric_limits<double>::infinity();
   double max_rad_per_s = std::numeric_limits<double>::infinity();
@@ -33,7 +34,8 @@ PreviousPose VelocityWindow::begin(double count_rad, double period_s) const noex
   return begin.ago_s > 0 ? begin : late_begin(period_s, kMinBefore);
 }
 
-/// Applies item 4, unless the interval before the last one is shorter than `least_before` times the last one.
+/// Applies item 4, unless the interval before the last one is shorter than `least_before` times
+/// the last one.
 PreviousPose VelocityWindow::late_begin(double period_s, double least_before) const noexcept {
   PreviousPose begin;
   if (count_ < 3) return begin;

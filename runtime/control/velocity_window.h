@@ -1,22 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses the interval over which velocities are computed, and corrects the velocity if a device state came late.
+// Chooses the interval over which velocities are computed, and
+// corrects the velocity if a device state came late.
 //
-// If encoders have a coarse resolution and are read at a high rate, the angle changes by only a few counts per
-// sample, so the velocity is noisy. A longer interval reduces the noise, but lags behind an accelerating tool. The
-// window is therefore as long as the motion is steady (F. Janabi-Sharifi, V. Hayward, C. Chen, Discrete-time
-// adaptive windowing for velocity estimation, IEEE TCST 8(6), 2000). It is the longest interval in which all
-// readings of each encoder are within one count of the straight line from the first to the last reading. Each
-// reading is within half a count of the true angle, so a motion of constant velocity never ends a window.
+// If encoders have a coarse resolution and are read at a high rate, the angle changes by only a few
+// counts per sample, so the velocity is noisy. A longer interval reduces the noise, but lags behind
+// an accelerating tool. The window is therefore as long as the motion is steady (F. Janabi-Sharifi,
+// V. Hayward, C. Chen, Discrete-time adaptive windowing for velocity estimation, IEEE TCST 8(6),
+// 2000). It is the longest interval in which all readings of each encoder are within one count of
+// the straight line from the first to the last reading. Each reading is within half a count of the
+// true angle, so a motion of constant velocity never ends a window.
 //
 // Contract (tests/runtime/control/velocity_window_test.cpp):
-//  1. With exact encoders and device states on time, velocities are computed from the last two states.
-//  2. In a steady motion the window grows to kVelocitySamples states. The error of a velocity is then at most one
-//     count of each encoder over the whole window.
-//  3. The window ends where the readings of an encoder deviate from the straight line by more than a count.
-//  4. If the motion is not steady and the newest state came more than a period after the one before, the velocity
-//     is the one of half a period before the newest state, as if states had come in time. It is extrapolated
-//     from the mean velocities of the last two intervals, each taken as the velocity in the middle of its
-//     interval.
+//  1. With exact encoders and device states on time, velocities are computed from the
+//     last two states.
+//  2. In a steady motion the window grows to kVelocitySamples states. The error of a velocity is
+//     then at most one count of each encoder over the whole window.
+//  3. The window ends where the readings of an encoder deviate from the straight line by more
+//     than a count.
+//  4. If the motion is not steady and the newest state came more than a period after the one
+//     before, the velocity is the one of half a period before the newest state, as if states had
+//     come in time. It is extrapolated from the mean velocities of the last two intervals, each
+//     taken as the velocity in the middle of its interval.
 #pragma once
 
 #include <array>
@@ -28,15 +32,16 @@ namespace trocar::runtime {
 
 inline constexpr int kVelocitySamples = 32;
 
-/// The latest device states that passed the checks, with ascending times, in a ring of fixed size. No allocation.
+/// The latest device states that passed the checks, with ascending times, in a ring of fixed
+/// size. No allocation.
 class VelocityWindow {
  public:
   void add(const DeviceState& state, const Pose& T_device_plate) noexcept;
   void clear() noexcept { count_ = 0; }
-  /// Returns the pose and age of the first state of the window that ends at the newest state. In the case of item 4,
-  /// returns a pose from which a steady motion to the newest pose has the velocity of item 4. Absent: use the pose
-  /// of the previous state. `count_rad`: angle of one encoder count; 0: the encoders are exact. `period_s`: period
-  /// of the loop.
+  /// Returns the pose and age of the first state of the window that ends at the newest state. In
+  /// the case of item 4, returns a pose from which a steady motion to the newest pose has the
+  /// velocity of item 4. Absent: use the pose of the previous state. `count_rad`: angle of one
+  /// encoder count; 0: the encoders are exact. `period_s`: period of the loop.
   PreviousPose begin(double count_rad, double period_s) const noexcept;
 
  private:

@@ -24,10 +24,10 @@ struct Calibration {
   double exact_foundation_N_per_m3 = 0;  ///< f of the exact solution (unbounded.h)
 };
 
-/// `tool`: outline of the upright tool on the lattice, at any position. If grading.graded is false, the mesh is the
-/// slice's own and its grading is unknown, so the constants of the exact solution are returned. Errors: (refused)
-/// a stiffness or decay length that is not positive, a decay length of more than 2^26 steps, an outline that is
-/// not a simple polygon. Takes some 30 ms: twelve regions are meshed, and each is solved seven times.
+/// `tool`: outline of the upright tool on the lattice, at any position. If grading.graded is false, the mesh is
+/// the slice's own and its grading is unknown, so the constants of the exact solution are returned. Errors:
+/// (refused) a stiffness or decay length that is not positive, a decay length of more than 2^26 steps, an outline
+/// that is not a simple polygon. Takes some 30 ms: twelve regions are meshed, and each is solved seven times.
 Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, const Ring& tool,
                               const Lattice& lattice, const Grading& grading = {});
 

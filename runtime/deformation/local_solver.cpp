@@ -13,7 +13,8 @@ void for_each_spring(const Network& network, std::size_t i, Visit&& visit) {
     visit(network.neighbour[k], network.stiffness_N_per_m[k]);
 }
 
-/// Returns the equilibrium with the held nodes of the kind `at_one` at 1 and all other held nodes at 0.
+/// Returns the equilibrium with the held nodes of the kind `at_one` at 1 and all other held
+/// nodes at 0.
 std::vector<double> unit_shape(const Network& network, std::span<const NodeKind> kind,
                                const SparseFactor& factor, NodeKind at_one) {
   std::vector<double> w(network.size(), 0), x(factor.size(), 0);
@@ -59,7 +60,8 @@ RingBounds bounds_by_maximum_principle(const Network& network, std::span<const N
   return {std::min(1.0, highest * sum / solution.stiffness_N_per_m), std::min(1.0, highest), true};
 }
 
-/// Returns F_n of law 1, the force on the tool with the ring nodes free; -1 if there is no solution.
+/// Returns F_n of law 1, the force on the tool with the ring nodes free; -1 if there
+/// is no solution.
 double force_without_ring(const Network& network, std::span<const NodeKind> kind) {
   std::vector<NodeKind> released(kind.begin(), kind.end());
   std::replace(released.begin(), released.end(), NodeKind::kRing, NodeKind::kFree);

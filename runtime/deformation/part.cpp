@@ -92,8 +92,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
     }
   }
 
-  // Neighbours are given by their index in the queue. Each fan of triangles gets its own vertex: if the border
-  // passes through a vertex twice, the part contains that vertex twice.
+  // Neighbours are given by their index in the queue. Each fan of triangles gets its own vertex: if
+  // the border passes through a vertex twice, the part contains that vertex twice.
   const auto n = static_cast<std::uint32_t>(queue.size());
   SheetPart part;
   std::vector<std::array<std::uint32_t, 3>>& across = part.across;
@@ -117,8 +117,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
       const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
       part.mesh.vertices.push_back(sheet.vertices[slot]);
       part.parent.push_back(slot);
-      // Walk around the vertex, across the edge that ends in it, until the fan closes or the border is reached.
-      // If it was the border, walk in the other direction, too.
+      // Walk around the vertex, across the edge that ends in it, until the fan closes or the border
+      // is reached. If it was the border, walk in the other direction, too.
       std::uint32_t t = k, corner = i;
       const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
       const auto step = [&](std::uint32_t edge) {

@@ -19,8 +19,8 @@ struct Circle {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0;
 };
-/// Returns the circle whose centre is the mean of the corners and which passes through the farthest corner. For a
-/// regular polygon it is the circumscribed circle. `tool` must not be empty.
+/// Returns the circle whose centre is the mean of the corners and which passes through the farthest
+/// corner. For a regular polygon it is the circumscribed circle. `tool` must not be empty.
 Circle circle_around(const Ring& tool) noexcept;
 
 /// A directed edge with the part on its left and the rest of the sheet on its right.
@@ -37,9 +37,10 @@ struct SheetPart {
   std::vector<OuterEdge> outer;                      ///< in ascending order
 };
 
-/// Returns the triangles `seeds`, and all triangles that have a point nearer than `radius` steps to the circle's
-/// disc and are connected with the seeds through such triangles. The search is breadth first from the seeds, in
-/// their order, so the same arguments give the same part. `queue` is scratch memory. O(part log part).
+/// Returns the triangles `seeds`, and all triangles that have a point nearer than `radius` steps to
+/// the circle's disc and are connected with the seeds through such triangles. The search is breadth
+/// first from the seeds, in their order, so the same arguments give the same part. `queue` is
+/// scratch memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 

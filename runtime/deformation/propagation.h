@@ -16,8 +16,8 @@
 // k_i = sum of k_ij + f_i. So every node has the same stability limit, and the transient is numerical, not
 // physical. A step is then
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
-// where r_i is reaction_N() of network.h. A fixed point is the depth-limited equilibrium. With damping = 1 this is
-// the Gauss-Seidel iteration.
+// where r_i is reaction_N() of network.h. A fixed point is the depth-limited equilibrium. With damping = 1 this
+// is the Gauss-Seidel iteration.
 // Tests: tests/runtime/deformation/deformation_propagation_test.cpp
 #pragma once
 

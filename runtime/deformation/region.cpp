@@ -56,8 +56,8 @@ void ensure_capacity(const SheetMesh& mesh, RegionWorkspace& work) {
   work.refinement.emplace(work.vertex_slots, work.triangle_slots);
 }
 
-/// Cuts the tool out of the part. If they do not overlap, the part is unchanged. Returns false if there are too few
-/// free slots.
+/// Cuts the tool out of the part. If they do not overlap, the part is unchanged. Returns false if
+/// there are too few free slots.
 Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work,
                       MaterialUnderTool& under_tool) {
   work.edit.begin(mesh);
@@ -78,8 +78,8 @@ Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work,
   return true;
 }
 
-/// Refines towards the tool, and where possible until no spring is negative. Edges on the ring are not split, so
-/// that the region still conforms to the rest of the sheet.
+/// Refines towards the tool, and where possible until no spring is negative. Edges on the ring are
+/// not split, so that the region still conforms to the rest of the sheet.
 void refine(SheetMesh& mesh, const BoundaryEdges& edges, const Ring& tool, double circumradius,
             const Grading& grading, RegionWorkspace& work) {
   work.edit.begin(mesh);
@@ -103,7 +103,8 @@ void refine(SheetMesh& mesh, const BoundaryEdges& edges, const Ring& tool, doubl
   refine_locally(mesh, work.edit, work.queue, options, *work.refinement);
 }
 
-/// Copies the vertices and triangles in use, in the order of their slots as in to_slice_mesh(), with their kinds.
+/// Copies the vertices and triangles in use, in the order of their slots as in to_slice_mesh(),
+/// with their kinds.
 void compact(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, RegionMesh& region) {
   region.mesh = to_slice_mesh(mesh);
   std::vector<std::uint8_t> used(mesh.vertices.size(), 1);
@@ -128,8 +129,9 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   if (!under.empty())
     part = part_around(sheet, under, circle_around(tool_in_sheet),
                        options.radius_m / lattice.step_m(), workspace.queue);
-  // Coordinates are now relative to the tool and in a canonical rotation by right angles. So rounding depends
-  // neither on the position in the slice nor on the rotation of the slice (contract 5).
+  // Coordinates are now relative to the tool and in a canonical rotation by right angles.
+  // So rounding depends neither on the position in the slice nor on the rotation of the
+  // slice (contract 5).
   const CanonicalRotation rotation = rotation_by_moments([&](auto&& visit) {
     for (const LatticePoint p : part.mesh.vertices)
       visit(p);

@@ -10,13 +10,14 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// A node within this distance, in steps, of the tool's outline lies on the tool. The distance is not zero because
-/// crossings of the two outlines are rounded to the lattice (runtime/hole_cutting/cut.h).
+/// A node within this distance, in steps, of the tool's outline lies on the tool. The distance is
+/// not zero because crossings of the two outlines are rounded to the lattice
+/// (runtime/hole_cutting/cut.h).
 constexpr double kOnTool = 2;
 
-/// If the sheet's outline meets the tool's at a small angle, the tip of the wedge between them is too thin for
-/// well-shaped triangles. The tip then moves with the tool: nodes of the outline that are nearer to the tool than
-/// this fraction of its circumradius are kTool.
+/// If the sheet's outline meets the tool's at a small angle, the tip of the wedge between them is
+/// too thin for well-shaped triangles. The tip then moves with the tool: nodes of the outline that
+/// are nearer to the tool than this fraction of its circumradius are kTool.
 constexpr double kWedgeDistance = 0.02;
 
 bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& circle) {

@@ -57,7 +57,8 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
   const bool chosen = options.error_bound > 0;
   const double lambda_m = decay_length_m(membrane);
   RegionOptions region_options = options.region;
-  // If the decay length is smaller than the tool, the sheet is steep along the outline, so triangles are finer.
+  // If the decay length is smaller than the tool, the sheet is steep along the outline, so
+  // triangles are finer.
   const double circumradius_m = circle_around(tool).radius * lattice.step_m();
   region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
   // Along a strip the response decays as exp(-r / lambda), and the ring doubles the remaining error

@@ -54,8 +54,8 @@ bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) 
   for (std::uint32_t u = 0; u < n; ++u)
     unknown[nodes[u]] = u;
 
-  // Find the elimination tree and the length of each column. The entries of row u of L are on the tree's paths from
-  // the row's matrix entries up to u.
+  // Find the elimination tree and the length of each column. The entries of row u of L are on the
+  // tree's paths from the row's matrix entries up to u.
   std::vector<std::uint32_t> parent(n, kNoUnknown), seen(n), length(n, 0);
   const auto for_each_earlier = [&](std::uint32_t u, auto&& visit) {
     const std::uint32_t i = nodes[u];

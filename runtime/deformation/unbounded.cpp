@@ -33,7 +33,8 @@ constexpr std::array<QuadratureNode, 6> kGauss{{{0.0337652428984240, 0.085662246
                                                 {0.8306046932331323, 0.1803807865240693},
                                                 {0.9662347571015760, 0.0856622461895852}}};
 
-/// Returns the panels of all edges, graded towards the ends of each edge with the third power of the distance.
+/// Returns the panels of all edges, graded towards the ends of each edge with the third power
+/// of the distance.
 std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per_side) {
   std::vector<Panel> panels;
   const auto place = [&](int i) {
@@ -64,8 +65,8 @@ double distance_to(const Vector2d& x, const Vector2d& a, const Vector2d& b) {
 struct Potentials {
   double single = 0, twice = 0;
 };
-/// Adds the integrals over the segment from a to b, for a point x that is not on its panel. The segment is halved
-/// until it is no longer than its distance from x.
+/// Adds the integrals over the segment from a to b, for a point x that is not on its panel. The
+/// segment is halved until it is no longer than its distance from x.
 void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d& normal,
          double lambda, int depth, Potentials& sum) {
   const double length = (b - a).norm();
@@ -85,8 +86,8 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
   }
 }
 
-/// Returns the integral of G over a panel, at the panel's middle. The substitution s = (length / 2) t^3 removes the
-/// singularity.
+/// Returns the integral of G over a panel, at the panel's middle. The substitution s = (length / 2)
+/// t^3 removes the singularity.
 double own_potential(double length, double lambda) {
   double sum = 0;
   for (int half = 0; half < 2; ++half) {

@@ -35,8 +35,8 @@ CuttingForceLaw::CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone,
   report_.force_scale = law_.force_scale;
 }
 
-/// Returns the pose that the plate has one tick later if it keeps its velocity. Without a new pose, returns the pose
-/// at which the law was evaluated last.
+/// Returns the pose that the plate has one tick later if it keeps its velocity. Without a new pose,
+/// returns the pose at which the law was evaluated last.
 Pose CuttingForceLaw::predicted_pose(const ForceLawInput& input) const noexcept {
   const Pose& plate = input.T_device_plate;
   if (!state_.has_plate) return plate;
@@ -51,8 +51,8 @@ Pose CuttingForceLaw::predicted_pose(const ForceLawInput& input) const noexcept 
           (from_rotation_vector(step.tail<3>()) * plate.q).normalized()};
 }
 
-/// Returns the layers that were under load and are punctured now, one bit each. A punctured layer that was not under
-/// load was punctured earlier.
+/// Returns the layers that were under load and are punctured now, one bit each. A punctured layer that
+/// was not under load was punctured earlier.
 std::uint64_t CuttingForceLaw::newly_punctured_layers() noexcept {
   std::uint64_t punctured = 0, loaded = 0;
   for (std::size_t i = 0; i < state_.law.layers.size(); ++i) {

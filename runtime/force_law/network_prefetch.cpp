@@ -20,7 +20,8 @@ ResponseOptions options_of(const SceneForceLaw& law) {
   options.error_bound = law.solver == NetworkSolver::kAuto ? law.error_bound : 0;
   options.region.radius_m =
       law.solver == NetworkSolver::kLocal ? law.radius_m : std::numeric_limits<double>::infinity();
-  // The depth of a propagation is counted in nodes of the sheet's own mesh, so the mesh is not graded.
+  // The depth of a propagation is counted in nodes of the sheet's own mesh, so the mesh
+  // is not graded.
   options.region.grading.graded = law.solver != NetworkSolver::kPropagation;
   return options;
 }

@@ -13,7 +13,8 @@ namespace {
 
 using Eigen::Vector2d;
 
-// Half the side of the square that contains the region. The square's corners are at the distance kSight_m.
+// Half the side of the square that contains the region. The square's corners are at
+// the distance kSight_m.
 constexpr double kHalfSquare_m = kSight_m / std::numbers::sqrt2;
 constexpr double kCrossingSlack_m = 1e-9;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -24,7 +25,8 @@ struct Wall {
   double reach_m = 0;
 };
 
-// The part of a segment that can be nearer to the region than a radius, because no wall keeps it away.
+// The part of a segment that can be nearer to the region than a radius, because no wall
+// keeps it away.
 struct Part {
   double from = 0, to = 1;
   bool is_none() const noexcept { return !(from <= to); }
@@ -71,8 +73,8 @@ struct Walls {
     return a + std::clamp(at, free.from, free.to) * d;
   }
 
-  // Moves one wall inwards so that it keeps the whole segment a radius away. Chooses the wall that then
-  // remains farthest from the axis.
+  // Moves one wall inwards so that it keeps the whole segment a radius away. Chooses the wall that
+  // then remains farthest from the axis.
   void shift(const Vector2d& a, const Vector2d& b, double radius_m) noexcept {
     const Part free = part(a, b, radius_m);
     if (free.is_none()) return;

@@ -2,21 +2,23 @@
 // Chooses the coupling between the device's plate and the tool in the bone. The coupling is as stiff as the
 // scene asks, but not stiffer than the device can render without releasing energy to the hand.
 //
-// Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a tick and
-// dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2 (cutting_law.h). Let
-// B = G^T b G be the damping that the joints give the plate, with the motor Jacobian G and the viscous
-// friction b of a joint. It absorbs that energy if B - K T / 2 has no negative eigenvalue (J. Colgate,
-// G. Schenkel, Passivity of a class of sampled-data systems, J. Robotic Systems 14(1), 1997). If B is too
-// small, the law is evaluated at the pose predicted one tick ahead. With prediction and a plate of mass M, no
-// simulation with K T^2 / M up to 0.5 released energy (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
+// Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a
+// tick and dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2
+// (cutting_law.h). Let B = G^T b G be the damping that the joints give the plate, with the motor
+// Jacobian G and the viscous friction b of a joint. It absorbs that energy if B - K T / 2 has no
+// negative eigenvalue (J. Colgate, G. Schenkel, Passivity of a class of sampled-data systems, J.
+// Robotic Systems 14(1), 1997). If B is too small, the law is evaluated at the pose predicted one
+// tick ahead. With prediction and a plate of mass M, no simulation with K T^2 / M up to 0.5
+// released energy (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
 //
 // Contract (tests/runtime/bone_cutting/contact/device_coupling_test.cpp):
-//  1. The tool is rigidly fixed to the plate (no coupling spring) if the scene says so. It is also rigid if the
-//     scene leaves the choice open and the stiffest thing that the tool can meet is softer than the coupling.
+//  1. The tool is rigidly fixed to the plate (no coupling spring) if the scene says so. It is also
+//     rigid if the scene leaves the choice open and the stiffest thing that the tool can meet is softer
+//     than the coupling.
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
-//  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2 divided by the force scale
-//     (SceneForceLaw::force_scale), and in rotation likewise with the plate's smallest moment of inertia.
-//     The stiffness of a rigid tool is not limited.
+//  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2 divided by the force
+//     scale (SceneForceLaw::force_scale), and in rotation likewise with the plate's smallest moment of
+//     inertia. The stiffness of a rigid tool is not limited.
 //  4. The coupling's largest force is the one that the device can render along the tool at its peak torques,
 //     divided by the force scale.
 #pragma once

@@ -7,7 +7,8 @@
 
 namespace trocar::runtime {
 
-/// Computes the inverse of a symmetric matrix. Returns false if the matrix is not positive definite.
+/// Computes the inverse of a symmetric matrix. Returns false if the matrix is not positive
+/// definite.
 inline bool invert(const Eigen::Matrix3d& A, Eigen::Matrix3d& inverse) noexcept {
   const double c00 = A(1, 1) * A(2, 2) - A(1, 2) * A(1, 2),
                c01 = A(0, 2) * A(1, 2) - A(0, 1) * A(2, 2),

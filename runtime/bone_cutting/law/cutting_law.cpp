@@ -14,8 +14,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Sets the limit of the tip's friction, and its stiffness in proportion. If the stiffness grows, the force is
-// kept, so the stored energy falls.
+// Sets the limit of the tip's friction, and its stiffness in proportion. If the stiffness grows,
+// the force is kept, so the stored energy falls.
 void hold_tip(Tick& tick) noexcept {
   CuttingState& state = tick.state;
   tick.tip_friction_N =

@@ -14,11 +14,10 @@
 //     dx the displacement of the plate since the last tick, dx^T its transpose, and K the stiffness of the
 //     coupling. Then every tick satisfies
 //       E1 - E0 + cut_J <= -w . dx + dx^T K dx / 2
-//     for any stiffness, any friction and any number of Newton steps. The reason is that
-//     no Newton step raises the potential, and that no element gains stored energy when it appears or gets
-//     stiffer. If the coupling is rigid, K is the stiffness of all other elements as seen at the plate. If
-//     the plate rotates, this K has an additional geometric term, because the points at which the elements
-//     act move on curved paths.
+//     for any stiffness, any friction and any number of Newton steps. The reason is that no Newton step raises
+//     the potential, and that no element gains stored energy when it appears or gets stiffer. If the coupling is
+//     rigid, K is the stiffness of all other elements as seen at the plate. If the plate rotates, this K has an
+//     additional geometric term, because the points at which the elements act move on curved paths.
 //  2. The front's work is the integral of the strength over the cut depth. The front never moves back, and
 //     moves only while the tip's force exceeds the strength at the front.
 //  3. A wall that has yielded stays where it was pushed (slot.h). Uncut material also acts as a wall for a
@@ -81,8 +80,8 @@ struct CuttingOptions {
   double tolerance =
       1e-6;             ///< residual force, relative to the larger of 1 N and the coupling force
   int most_steps = 12;  ///< largest number of Newton steps in a tick
-  /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points are exact for
-  /// a rigid rod. The value 1 exists only to measure what the second point is worth
+  /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points are exact for a
+  /// rigid rod. The value 1 exists only to measure what the second point is worth
   /// (tests/bench/cutting_sweep.cpp).
   std::size_t wall_points = kMaxWallPoints;
   double interval_s = 1e-3;  ///< time since the last tick, for viscous elements

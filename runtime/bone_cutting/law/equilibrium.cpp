@@ -45,7 +45,8 @@ bool step(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     double share = 1;
     for (int k = 0; k < (majorise ? kMaxHalvings : 2); ++k, share *= 0.25) {
       evaluate(tick, moved(e.X, -share * towards), false, next, out);
-      // Close to the minimum, differences of the potential are lost in rounding, so the gradients are compared.
+      // Close to the minimum, differences of the potential are lost in rounding, so the
+      // gradients are compared.
       if (next.V <= e.V + kMinDecrease * share * slope ||
           (next.V <= e.V + kRounding_J && size_of(next.g) < size_of(e.g))) {
         e = next;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the proxy's pose of least potential together with the first equilibrium of the front, by Newton's
-// method. No step raises the potential.
+// Finds the proxy's pose of least potential together with the first equilibrium of the front, by
+// Newton's method. No step raises the potential.
 // Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 

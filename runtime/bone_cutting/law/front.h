@@ -8,8 +8,8 @@
 
 namespace trocar::runtime {
 
-/// Determines the front. Under load it is kept from the last tick. Otherwise it is the uppermost uncut material
-/// at or below the tip.
+/// Determines the front. Under load it is kept from the last tick. Otherwise it is the uppermost uncut
+/// material at or below the tip.
 void find_front(Tick& tick) noexcept;
 
 /// Advance of the front along the shaft, its work, and the strength before its end.
@@ -18,8 +18,8 @@ struct Advance {
   bool ends_free = false;  ///< the front leaves all material
 };
 
-/// Computes the advance after which the tip's force no longer exceeds the strength. The force starts at `tip_N`
-/// and falls by `per_m` (N per metre of advance).
+/// Computes the advance after which the tip's force no longer exceeds the strength. The force starts at
+/// `tip_N` and falls by `per_m` (N per metre of advance).
 Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;

@@ -14,12 +14,12 @@ double cut_of(const Tick& tick, int slab) noexcept;
 /// Updates whether the tool is in a hole. It is in a hole while tip and front are below the top of the hole's
 /// first slab.
 void enter_or_leave(Tick& tick) noexcept;
-/// Updates the embedded lengths, and with them the stiffness of friction and walls. An element that gets stiffer
-/// keeps its force, so its energy falls. A new element starts without force.
+/// Updates the embedded lengths, and with them the stiffness of friction and walls. An element that gets
+/// stiffer keeps its force, so its energy falls. A new element starts without force.
 void embed(Tick& tick) noexcept;
 
-/// Call this at the end of a tick. Walls that are loaded beyond their strength stay where the shaft pushed them.
-/// Returns the energy that the walls store (J).
+/// Call this at the end of a tick. Walls that are loaded beyond their strength stay where the shaft pushed
+/// them. Returns the energy that the walls store (J).
 double yield_walls(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis) noexcept;
 /// Records everything above the front as cut. If the tool is not in a hole, it begins a new one here.
 void record_cut(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,

@@ -39,8 +39,8 @@ void add_coupling(const Tick& tick, bool majorise, Evaluation& e) noexcept {
   e.g += e.coupling;
 }
 
-// Adds tip, layers and friction of the shaft. The angle around the shaft is measured as 2 sin(angle / 2), whose
-// derivative is simple. The same measure is used throughout, so that energies agree.
+// Adds tip, layers and friction of the shaft. The angle around the shaft is measured as 2 sin(angle
+// / 2), whose derivative is simple. The same measure is used throughout, so that energies agree.
 void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, bool majorise,
                Evaluation& e) noexcept {
   const Eigen::Quaterniond turned = e.X.q * tick.back;
@@ -59,7 +59,8 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
     stiffness += layers.stiffness_N_per_m;
   }
   e.pressed_N_per_m = stiffness;
-  // A damper c dissipates the power c v^2. In a tick of length T with the slide s its potential is c s^2 / (2 T).
+  // A damper c dissipates the power c v^2. In a tick of length T with the slide s its potential is
+  // c s^2 / (2 T).
   const double viscous_N_per_m = tick.viscous_N_s_per_m / tick.options.interval_s;
   e.viscous_J = 0.5 * viscous_N_per_m * e.slide[0] * e.slide[0];
   axial += viscous_N_per_m * e.slide[0];
@@ -89,7 +90,8 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   }
   e.g += axial * e.along;
   if (stiffness > 0) e.H += stiffness * e.along * e.along.transpose();
-  // Geometric stiffness: the tip moves on a curved path when the tool rotates about the plate's origin.
+  // Geometric stiffness: the tip moves on a curved path when the tool rotates about
+  // the plate's origin.
   if (axial != 0 && !majorise) {
     const Matrix3d M = 0.5 * axial * tick.axis * lever.transpose();
     e.H.bottomRightCorner<3, 3>() += M + M.transpose();

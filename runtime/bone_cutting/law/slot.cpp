@@ -14,8 +14,9 @@ double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// Andrew's monotone chain (1979). Sorts `points`, and returns the size of `hull`. A corner that is straight
-// within rounding is left out: the sign of its cross product is random, so the hull would not be convex.
+// Andrew's monotone chain (1979). Sorts `points`, and returns the size of `hull`. A corner that is
+// straight within rounding is left out: the sign of its cross product is random, so the hull would
+// not be convex.
 template <std::size_t N>
 int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
             std::array<Eigen::Vector2d, 2 * N>& hull) noexcept {
@@ -80,8 +81,9 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
     const Eigen::Vector2d from = to - edge * (along / length2);
     return {from.x(), from.y(), false};
   };
-  // Outside a convex polygon, the strips beside the edges and the sectors beside the corners do not overlap.
-  // The edge or corner that was nearest last time is still nearest if the point lies in its strip or sector.
+  // Outside a convex polygon, the strips beside the edges and the sectors beside the corners do not
+  // overlap. The edge or corner that was nearest last time is still nearest if the point lies in
+  // its strip or sector.
   {
     const int i = last_edge_;
     const Eigen::Vector2d& a = corners_[i];
@@ -93,8 +95,9 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
       return {to.x(), to.y(), true};
     }
   }
-  // Search all corners and edges. A point counts as inside only if it is inside by more than rounding. Next to
-  // a region that is almost a line, the signs are random, but the distance from the region is still accurate.
+  // Search all corners and edges. A point counts as inside only if it is inside by more than
+  // rounding. Next to a region that is almost a line, the signs are random, but the distance from
+  // the region is still accurate.
   constexpr double kRounding = 1e-12;
   bool within = true;
   double best2 = std::numeric_limits<double>::infinity();

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slot of a hole: the region in one plane in which the tool's axis does not press on the hole's wall. It
-// is the convex hull of its corners, widened on all sides by the clearance. It can only grow, so that pushing
-// the wall aside always costs energy. (A region that moved with the tool would close again behind it.)
+// The slot of a hole: the region in one plane in which the tool's axis
+// does not press on the hole's wall. It is the convex hull of its corners, widened on all sides by the
+// clearance. It can only grow, so that pushing the wall aside always costs energy. (A region that moved with
+// the tool would close again behind it.)
 //
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
-//  1. reach().distance_m is the distance to the convex hull of the corners minus the clearance, and at least 0.
+//  1. reach().distance_m is the distance to the convex hull of the corners minus the clearance, and
+//     at least 0.
 //  2. include(p) extends the region so that it contains p: the hull gets the nearest additional corner whose
 //     clearance disc contains p. Without clearance the result is the convex hull of the region and p. The
 //     distance of no point grows. If the hull has more than kMaxCorners corners, the edge whose removal adds
@@ -57,9 +59,9 @@ class Slot {
     return offset_of_many(p_m);
   }
 
-  /// If one corner or one edge of the hull is the nearest part of the hull for all points within `reach_m` of
-  /// `p_m`, calls corner(offset) or edge(offset, edge, squared length of the edge) and returns the result of
-  /// that call; `offset` is the vector from the corner or edge to `p_m`. If all these points are inside,
+  /// If one corner or one edge of the hull is the nearest part of the hull for all points within `reach_m`
+  /// of `p_m`, calls corner(offset) or edge(offset, edge, squared length of the edge) and returns the result
+  /// of that call; `offset` is the vector from the corner or edge to `p_m`. If all these points are inside,
   /// returns true without a call. Returns false if different parts are nearest to different points, or if
   /// the last search's result does not decide this.
   template <class Corner, class Edge>

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Layers of soft tissue over the bone, such as skin, a ligament or the dura. Before its puncture a layer is a
-// stiffening spring. Afterwards it is cut at a constant force, and there is friction between it and the shaft
-// (Okamura, Simone and O'Leary, IEEE Trans. Biomed. Eng. 51, 2004).
+// Layers of soft tissue over the bone, such as skin, a ligament or
+// the dura. Before its puncture a layer is a stiffening spring. Afterwards it is cut at a constant
+// force, and there is friction between it and the shaft (Okamura, Simone and O'Leary, IEEE Trans.
+// Biomed. Eng. 51, 2004).
 //
 // Each layer is an element of its own between the tip and the layer's front. It acts parallel to the tip's
 // element in the bone, because the layer stretches by millimetres and the bone by micrometres. Let z be the
 // stretch, that is max(0, stretch_m + slide of the tip in this tick). The layer's incremental potential is
 //   W(z) = a1 z^2 / 2 + a2 z^3 / 3,
-// which is convex in the slide because a1, a2 >= 0. The layer has two internal variables. The puncture changes
-// no energy. The front only moves down, which shortens z, so W can only decrease.
+// which is convex in the slide because a1, a2 >= 0. The layer has two internal variables. The puncture
+// changes no energy. The front only moves down, which shortens z, so W can only decrease.
 //
 // Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
 //  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
@@ -17,12 +18,13 @@
 //     through that layer. Therefore only that layer is punctured or cut, and the force that does so is the
 //     sum of its own force and the forces of all tissue below it. A thin layer close below a strong one can
 //     therefore be cut in the same tick as the strong one, if it is stretched enough by then.
-//  4. A punctured layer is cut at the force `cutting_N` down to its bottom. From then on the layer exerts only
-//     friction in this hole. The hole remains after the tool is withdrawn: a tool that comes back nearer to
-//     the hole than the tool's radius enters it again. Elsewhere the layer is uncut.
+//  4. A punctured layer is cut at the force `cutting_N` down to its bottom. From then on the layer exerts
+//     only friction in this hole. The hole remains after the tool is withdrawn: a tool that comes back
+//     nearer to the hole than the tool's radius enters it again. Elsewhere the layer is uncut.
 //  5. The stretch of a loaded layer is carried from tick to tick. It is computed from geometry only while
 //     the layer is unloaded.
-//  6. No allocation; at most kMaxLayerAdvances front steps in a tick. Further steps are made in the next tick.
+//  6. No allocation; at most kMaxLayerAdvances front steps in a tick. Further steps are made in
+//     the next tick.
 #pragma once
 
 #include <Eigen/Core>

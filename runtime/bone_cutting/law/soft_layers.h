@@ -24,10 +24,10 @@ struct LayerAdvance {
   double stiffness_N_per_m = 0;  ///< stiffness of the layer before the advance
   bool ends_layer = false;
 };
-/// Punctures the pressed layer if the total force, `bone_N` plus the force of all layers, suffices. If the layer
-/// is punctured, computes the advance after which the total force equals the layer's cutting force. Per metre of
-/// advance the force falls by `falling` times the layer's stiffness; `falling` is 1 if the tip keeps its
-/// position, and less if the tip follows.
+/// Punctures the pressed layer if the total force, `bone_N` plus the force of all layers, suffices. If the
+/// layer is punctured, computes the advance after which the total force equals the layer's cutting force. Per
+/// metre of advance the force falls by `falling` times the layer's stiffness; `falling` is 1 if the tip keeps
+/// its position, and less if the tip follows.
 LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept;
 /// Index of the layer that the tip presses on; -1: none.
 int pressed_layer(const Tick& tick, double slide_m) noexcept;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of holes.h, front.h,
-// soft_layers.h, potential.h and equilibrium.h.
+// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of holes.h,
+// front.h, soft_layers.h, potential.h and equilibrium.h.
 // Tests: tests/runtime/bone_cutting/law/cutting_tick_test.cpp
 #pragma once
 
@@ -18,9 +18,9 @@ struct Tick {
   CuttingState& state;
   std::span<const SoftLayer> layers;  ///< layers that have an entry in `state`
 
-  /// The proxy's pose at the start of the tick. Slides are measured from it. `axis` and `tip` are the tool's
-  /// axis and tip at that pose, in {B}. `down` is the downward component of `axis`, and `back` the inverse of
-  /// the pose's rotation.
+  /// The proxy's pose at the start of the tick. Slides are measured from it. `axis` and `tip` are the
+  /// tool's axis and tip at that pose, in {B}. `down` is the downward component of `axis`, and `back` the
+  /// inverse of the pose's rotation.
   Pose start{};
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
@@ -43,8 +43,8 @@ struct Tick {
     back = X.q.conjugate();
   }
 
-  /// Removes the component of the tip's slip along the shaft, and limits its length to tip_presliding_m. This
-  /// can only lower the stored energy.
+  /// Removes the component of the tip's slip along the shaft, and limits its length to tip_presliding_m.
+  /// This can only lower the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= axis * axis.dot(slip);

@@ -15,8 +15,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// The radius is at least kReachPerStep times the displacement of the shaft within a tick. At each new tick it
-// shrinks by the factor kForgotten.
+// The radius is at least kReachPerStep times the displacement of the shaft within a tick. At each
+// new tick it shrinks by the factor kForgotten.
 constexpr double kReachPerStep = 2, kForgotten = 0.9, kMinReach_m = 1e-9;
 
 }  // namespace
@@ -57,7 +57,8 @@ void WallModel::learn(const Tick& tick, const ShaftLine& line) noexcept {
       const Slot& wall = s.walls[g];
       const auto add = [&](const Vector2d& offset, auto&& add_stiffness) {
         const double d2 = offset.squaredNorm(), clear_m = wall.clearance_m();
-        // If there is clearance, the energy is quadratic only inside the clearance, where it is zero.
+        // If there is clearance, the energy is quadratic only inside the clearance, where
+        // it is zero.
         if (clear_m > 0) return clear_m > reach_m && d2 < (clear_m - reach_m) * (clear_m - reach_m);
         if (d2 > elastic2_m2) return false;
         sums.energy_J += 0.5 * k * d2;
@@ -87,8 +88,8 @@ void WallModel::learn(const Tick& tick, const ShaftLine& line) noexcept {
   others_ = others;
 }
 
-// If the proxy moves by the translation u and the rotation w, the crossing at the distance t from the tip moves
-// by N^T (u + w x (lever + t axis)).
+// If the proxy moves by the translation u and the rotation w, the crossing at the distance t from
+// the tip moves by N^T (u + w x (lever + t axis)).
 void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, const Vector3d& lever,
                bool majorise, Evaluation& e) noexcept {
   e.wall_J = 0;

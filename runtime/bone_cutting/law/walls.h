@@ -81,10 +81,10 @@ class WallSums {
                                           Eigen::Vector2d::Zero()};
 };
 
-/// Cached sums over the quadratic points: those whose energy is quadratic while the shaft stays within a radius
-/// of its position at the last visit of all points. The radius, CuttingState::wall_radius_m, is adapted to the
-/// motion of the shaft in a tick. With a larger radius fewer points are quadratic; with a smaller one, all
-/// points are visited more often.
+/// Cached sums over the quadratic points: those whose energy is quadratic while the shaft stays within a
+/// radius of its position at the last visit of all points. The radius, CuttingState::wall_radius_m, is adapted
+/// to the motion of the shaft in a tick. With a larger radius fewer points are quadratic; with a smaller one,
+/// all points are visited more often.
 class WallModel {
  public:
   /// Call this when a wall has changed.
