@@ -15,8 +15,8 @@ Result<std::unique_ptr<SliceStack>> open_ct(const std::filesystem::path& ct,
   options.axis = axis;
   auto stack = open_stack({ct}, options);
   if (!stack) {
-    // If the input opens with these options, it is images or another modality, and the error is
-    // that it has no HU.
+    // If the input can be opened with these options, it consists of images or is of another
+    // modality. The error is then that it has no HU.
     options.spacing_mm = {1, 1, 1};
     options.any_modality = true;
     options.axis.reset();

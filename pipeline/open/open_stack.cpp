@@ -21,7 +21,7 @@ Result<void> check_no_volume(const std::string& where, const OpenOptions& option
   return usage(where + ": --volume chooses among the volumes of a NIfTI file; this is none");
 }
 
-// Warns of inputs in the folder that were not taken.
+// Warns of other inputs in the folder, which are left out.
 void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
   const std::string others = found.left_out();
   if (others.empty()) return;
@@ -34,7 +34,7 @@ void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
        std::string(taken) + "; left out: " + others + ", which can be given by their own names"});
 }
 
-// The error for a folder that holds several volumes or stacks of images.
+// The error for a folder that contains several volumes or several folders of images.
 Error choose_one(const std::string& where, const char* what, const std::vector<fs::path>& these) {
   constexpr std::size_t kMax = 8;
   std::string names;
@@ -144,7 +144,7 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
     }
     if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
   }
-  // A DICOMDIR, which viewers open, stands for its folder.
+  // If a DICOMDIR is given (the file that viewers open), its folder is meant.
   if (inputs.size() == 1 && is_dicomdir(inputs[0]) && has_dicom_preamble(inputs[0])) {
     const fs::path folder = inputs[0].parent_path();
     return open_folder(folder.empty() ? fs::path(".") : folder, options);

@@ -12,15 +12,16 @@
 
 namespace trocar::pipeline {
 
-/// Opens a list of files, or what search_folder() takes of one folder. Errors: (refused) nothing
-/// usable, sizes differ, broken file, an axis for DICOM slices that are no regular volume; (usage)
-/// spacing missing, an axis for images, a series for input that is not DICOM or one that is not
-/// there, several volumes or folders of images. Warnings: those of the readers.
+/// Opens a list of files, or the scan that search_folder() finds in one folder. Errors: (refused)
+/// nothing is usable, sizes differ, a file is broken, or an axis is given for DICOM slices that do
+/// not form a regular volume; (usage) the spacing is missing, an axis is given for images, a series
+/// is given for input that is not DICOM or does not have it, or there are several volumes or
+/// folders of images. Warnings: other_input, and those of the readers.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
-/// Whether the file may be part of a scan and must not be overwritten: an image or a NIfTI by its
-/// name, or a DICOM file by its first bytes.
+/// Can the file be part of a scan, so that it must not be overwritten? It can if its name is that
+/// of an image or a NIfTI file, or its first bytes are those of a DICOM file.
 bool is_scan_file(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

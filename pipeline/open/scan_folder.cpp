@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Files with such names are never slices, so one that cannot be read is not a lost slice.
+// Has the file a name that no slice has? If such a file cannot be read, no slice is lost.
 bool is_document(const fs::path& file) {
   return is_left_by_system(file) ||
          has_ending(file, {".txt", ".pdf", ".json", ".xml", ".htm", ".html", ".csv", ".tsv", ".md",
@@ -39,8 +39,8 @@ bool same_folder(const fs::path& a, const fs::path& b) {
   return (a / "").lexically_normal() == (b / "").lexically_normal();
 }
 
-// Searches breadth first and follows links to folders last, so that a folder is listed by its own
-// path if it has one below the first folder.
+// Searches breadth first and follows links to folders last. So a folder that lies below the first
+// folder is listed by its own path, not by a link to it.
 class Search {
  public:
   Search(const SearchLimits& limits, std::vector<Warning>& warnings)

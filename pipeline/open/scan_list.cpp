@@ -28,12 +28,12 @@ json text_or_null(const std::string& text) {
   return text.empty() ? json() : json(text);
 }
 
-// Within the listed folder.
+// The path of the file relative to the listed folder.
 std::string path_in(const fs::path& folder, const fs::path& file) {
   return file.lexically_relative(folder).generic_string();
 }
 
-// The folder of all the files, or the file if there is one.
+// The deepest folder that contains all the files, or the file if there is only one.
 fs::path common_path(const std::vector<fs::path>& files) {
   if (files.size() == 1) return files[0];
   fs::path common = files[0].parent_path();
@@ -44,7 +44,8 @@ fs::path common_path(const std::vector<fs::path>& files) {
   return common;
 }
 
-// Messages name files by what is given to the program; the list has names within the folder.
+// Removes the folder from the names in a message, because the list has names relative to the
+// folder.
 std::string without_prefix(std::string message, const std::string& prefix) {
   for (std::size_t at = 0; (at = message.find(prefix, at)) != std::string::npos;)
     message.erase(at, prefix.size());
@@ -67,7 +68,7 @@ void add_shape(json& scan, const std::array<double, 2>& spacing_mm, const StackS
   scan["tilt_deg"] = shape.is_tilted() ? shape.tilt_deg : 0;
 }
 
-// A segmentation, which is a label map of its own.
+// Adds the data of a segmentation, which is a label map and not a CT.
 void add_segmentation(json& scan, const DicomFile& file, const ScanFolder& found) {
   scan["segments"] = json::array();
   for (const auto& [label, name] : file.segments.names)
@@ -85,7 +86,7 @@ void add_segmentation(json& scan, const DicomFile& file, const ScanFolder& found
   add_shape(scan, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(**stack));
 }
 
-// The series' segmentation; null if it is none, or one that cannot be read.
+// The segmentation in the series; null if there is none, or if it cannot be read.
 const DicomFile* segmentation_of(const DicomSeries& series, const ScanFolder& found) {
   const auto file = std::find_if(found.dicom.begin(), found.dicom.end(), [&](const DicomFile& f) {
     return f.kind == DicomFile::Kind::kSegmentation && f.file == series.files[0];
@@ -161,7 +162,7 @@ json volume_scan(const fs::path& file, const ScanFolder& found) {
   return out;
 }
 
-// The file alone, as if it were all that its folder has.
+// A folder that contains only this file.
 ScanFolder only(const fs::path& file) {
   ScanFolder out;
   out.folder = file.parent_path();
@@ -176,7 +177,7 @@ ScanFolder only(const fs::path& file) {
   return out;
 }
 
-// The shape of what is not CT is listed, too.
+// Options with which the shape of images that are not CT is listed, too.
 OpenOptions of_any_modality() {
   OpenOptions out;
   out.any_modality = true;
@@ -241,7 +242,8 @@ Row row_of(const json& scan, bool with_study) {
   return out;
 }
 
-// The width of a text in columns of a terminal, counted in letters; combining marks are rare.
+// The width of a text in columns of a terminal. It is the number of code points, since combining
+// marks are rare.
 std::size_t letters(const std::string& utf8) {
   return static_cast<std::size_t>(std::count_if(utf8.begin(), utf8.end(), [](char c) {
     return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
@@ -288,7 +290,7 @@ std::string name_of(const json& scan) {
   return "series " + cell(scan, "number") + " (" + path + ")";
 }
 
-// Without the scan's own name, if it begins with it.
+// The problem of a scan. If the text begins with the scan's own name, the name is left out.
 std::string problem_of(const json& scan) {
   const std::string text = cell(scan, "problem"), name = cell(scan, "path") + ": ";
   return text.starts_with(name) ? text.substr(name.size()) : text;

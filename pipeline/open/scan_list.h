@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The scans in a folder, from their headers alone (`trocar-mesh list`). Pixels are read only of
-// slices at one position, which may be copies.
+// Lists the scans in a folder from their headers alone (`trocar-mesh list`). Pixels are read only
+// if two slices have the same position, to find out whether they are copies.
 // Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
@@ -14,19 +14,21 @@
 
 namespace trocar::pipeline {
 
-/// `schema`, `program`, `folder` (its name), `other_files` (how many are no scans), `why` (the scan
-/// that is taken of the folder is, or null) and `scans[]`: first the DICOM series by number, then
-/// NIfTI files, then folders of images. A scan has `kind` ("dicom", "nifti", "images"), `path` (in
-/// the folder), `slices`, `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`,
-/// `tilt_deg`, `usable`, `problem` (why it is not), `taken` (by meshing the folder without
-/// --series); a series also `uid`, `study_uid`, `study_date`, `number`, `description`, `kernel`,
-/// `modality`, `image_type`, `localiser`, `files`; a segmentation `segments` (`label`, `name`), and
-/// is usable with --labels. What is not known is null. No pixels are read. A file is listed as the
-/// only one of a folder. Errors (refused): no such folder, nothing in it.
+/// The list as JSON: `schema`, `program`, `folder` (its name), `other_files` (the number of files
+/// that belong to no scan), `why` (the reason for the choice of the scan that is `taken`, or null)
+/// and `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images. A
+/// scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,
+/// `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`, `tilt_deg`, `usable`,
+/// `problem` (the reason why it is not usable) and `taken` (true for the scan that is meshed if the
+/// folder is given without --series). A DICOM series also has `uid`, `study_uid`, `study_date`,
+/// `number`, `description`, `kernel`, `modality`, `image_type`, `localiser` and `files`. A
+/// segmentation also has `segments` (`label`, `name`), and is usable with --labels. Values that are
+/// not known are null. If `folder` is a file, it is listed like the only file of a folder. Errors
+/// (refused): there is no such folder, or it is empty.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 
-/// The same for people. `folder` is what was listed.
+/// The list as a table for people. `folder` is the folder or file that was listed.
 std::string scan_table(const nlohmann::json& list, const std::string& folder);
 
 /// Errors (refused): no scan of the list is usable.
