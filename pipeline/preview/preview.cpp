@@ -20,7 +20,7 @@ namespace {
 
 constexpr int kMaxProbes = 64;
 constexpr double kBins = 200;
-// Limits the labels counted in a CT that is mistaken for a label map.
+// Limit of the labels that are counted, for a CT that is mistaken for a label map.
 constexpr std::size_t kMaxLabelsCounted = 4096;
 
 const Labels* labels_of(const Segmentation& how) {
@@ -41,7 +41,7 @@ std::string letters_of(const Eigen::Vector3d& direction) {
   return out;
 }
 
-// 1, 2 or 5 times a power of ten, not below `value`.
+// The smallest of 1, 2 or 5 times a power of ten that is not below `value`.
 double nice(double value) {
   const double power = std::pow(10.0, std::floor(std::log10(value)));
   for (const double factor : {1.0, 2.0, 5.0}) {
@@ -54,12 +54,12 @@ double area_of(const Pslg& contours, const Lattice& lattice) {
   return 0.5 * static_cast<double>(doubled_area(contours)) * lattice.step_mm() * lattice.step_mm();
 }
 
-// The results of one slice, which are computed in parallel with those of the others.
+// The results of one slice. Slices are computed in parallel.
 struct OneSlice {
   PreviewSlice shown;
   ValueTally tally;
   double low = 0, high = 0, cut = 0;
-  std::vector<double> areas;  // at each change
+  std::vector<double> areas;  // area for each change
   std::vector<std::size_t> outlines;
   std::vector<std::int64_t> counts;
   std::map<int, std::int64_t> label_voxels;
@@ -99,7 +99,8 @@ class Maker {
  private:
   using Work = std::function<Result<void>(int)>;
 
-  // Does the work for each index and returns the error of the lowest one.
+  // Calls the work for each index in parallel. If several fail, returns the error with the lowest
+  // index.
   Result<void> in_parallel(int count, const Work& work) {
     std::vector<Result<void>> done(static_cast<std::size_t>(count));
     parallel_for(count, [&](int i) {
@@ -131,7 +132,7 @@ class Maker {
     return !contours->rings.empty();
   }
 
-  // Whether each of these slices has material.
+  // Determines for each of these slices whether it has material.
   Result<std::vector<bool>> probe(const std::vector<int>& slices) {
     std::vector<char> found(slices.size());
     auto ok = in_parallel(static_cast<int>(slices.size()), [&](int i) -> Result<void> {
@@ -212,7 +213,7 @@ class Maker {
     return {};
   }
 
-  // Sets what the second pass needs from all slices.
+  // Computes the values over all slices that the second pass needs.
   void start() {
     out_.low = slices_[0].low;
     out_.high = slices_[0].high;
@@ -239,7 +240,8 @@ class Maker {
       out_.changes.push_back({change, value + change, 0, 0});
     double low = out_.low, high = std::max(out_.high, low + 1e-6);
     if (out_.unit == PixelUnit::kHounsfield) {
-      // Metal and the padding outside the scanner's circle would leave few bins for tissue.
+      // The range is limited, because metal and the padding outside the scanner's circle would
+      // leave few bins for tissue.
       low = std::max(low, -1100.0);
       high = std::max(low + 1, std::min(high, std::max(3000.0, value + 500)));
     }

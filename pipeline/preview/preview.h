@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The data of `trocar-mesh preview`: some slices with the outlines that a run with the same options
-// would give them, their values, and the effect of other thresholds.
+// Computes the data of `trocar-mesh preview`: some slices with the outlines that a run with the
+// same options would mesh, the values in them, and the areas that other thresholds would give.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
@@ -14,8 +14,9 @@
 
 namespace trocar::pipeline {
 
-/// The directions that the image's edges face, as letters R, L, A, P, I, S. An edge that is oblique
-/// by more than 15 degrees has two or three letters. Empty if the input has no orientation.
+/// The patient directions of the four edges of the image, as letters R, L, A, P, I, S. An edge
+/// whose direction is oblique by more than 15 degrees has two or three letters. The texts are empty
+/// if the input has no orientation.
 struct EdgeLetters {
   std::string left, right, top, bottom;
 };
@@ -30,8 +31,8 @@ struct PreviewSlice {
   EdgeLetters letters;
 };
 
-/// The material of all slices shown at another threshold or level, from the same stages but without
-/// solid bone.
+/// The material in all slices shown if the threshold or level were changed by `change`. It is
+/// computed by the same stages, but without solid bone.
 struct Change {
   double change = 0, threshold = 0, area_mm2 = 0;
   std::size_t outlines = 0;
@@ -39,7 +40,8 @@ struct Change {
 
 struct Histogram {
   double low = 0, width = 1;  ///< lower end of the first bin; width of each bin
-  /// Numbers of pixels in the slices shown. The first and last bin include all values beyond them.
+  /// Number of pixels in the slices shown, for each bin. The first and the last bin include all
+  /// values beyond the histogram.
   std::vector<std::int64_t> counts;
 };
 
@@ -52,24 +54,24 @@ struct Preview {
   double step_mm = 0;                     ///< mean distance between the scan's slices
   std::vector<PreviewSlice> shown;
   double low = 0, high = 0;  ///< range of the values in the slices shown
-  /// Minimum and maximum over the slices shown of the lowest value that is material, which differs
-  /// between slices with equalisation.
+  /// Minimum and maximum, over the slices shown, of the lowest value that is material. (With
+  /// equalisation this value differs between slices.)
   double lowest_cut = 0, highest_cut = 0;
   Histogram histogram;          ///< empty for labels
-  std::vector<Change> changes;  ///< empty for labels; the third one is no change
+  std::vector<Change> changes;  ///< empty for labels; the third one has change 0
   std::map<int, std::int64_t>
-      label_voxels;  ///< voxels of each label but 0, and of each wanted label
+      label_voxels;  ///< number of voxels of each wanted label and each label except 0
   bool has_solid = false;
   std::vector<Warning> warnings;
 };
 
 /// Previews `count` slices, evenly spread between the first and the last slice with material. In
-/// scans of more than 64 slices these two are found by bisection, and slices that are not needed
-/// are not read, unless solid bone needs all. The number of threads does not change the result.
-/// Errors: those of the first stages of mesh_stack().
+/// scans of more than 64 slices these two are found by bisection. Then only the slices that are
+/// needed are read, unless solid bone needs all of them. The number of threads does not change the
+/// result. Errors: those of the first stages of mesh_stack().
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
-/// "HU", "grey levels", the modality's "values", or "labels".
+/// The unit of the values, in words: "HU", "grey levels", the modality with "values", or "labels".
 std::string unit_name(const Preview& preview);
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A preview as one HTML page: the contact sheet, and its numbers as tables. The page contains no
-// time and no folder: the same input and options give the same bytes.
+// A preview as one HTML page: the contact sheet, and its numbers as tables. The page contains
+// neither a time nor a folder, so the same input and options give the same bytes.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
@@ -12,8 +12,8 @@
 
 namespace trocar::pipeline {
 
-/// The page. `png` is the sheet's picture. Programs can read the numbers (`trocar.preview/1`) from
-/// the script element with the id "preview".
+/// Makes the page. `png` is the sheet's picture as a PNG file. Programs can read the numbers
+/// (`trocar.preview/1`) from the script element with the id "preview".
 std::string preview_page(const Preview& preview, const Sheet& sheet, const SheetText& text,
                          const std::string& kind, std::span<const std::uint8_t> png);
 

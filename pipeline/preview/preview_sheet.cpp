@@ -52,7 +52,7 @@ Crop view_of(const Preview& preview) {
   return out;
 }
 
-// The layout of the tiles with the largest scale that fits.
+// The layout in which the tiles have the largest scale that fits.
 struct Grid {
   int columns = 1, rows = 1, tile_width = 1, tile_height = 1, cell_width = 1;
 };
@@ -75,7 +75,7 @@ Grid grid_of(int slices, double width_mm, double height_mm) {
     };
     best = {columns, rows, pixels(width_mm), pixels(height_mm), 1};
   }
-  // Tiles stand close to each other rather than spread over the full width.
+  // Tiles are placed close to each other, not spread over the full width.
   const int cell = (inner - (best.columns - 1) * kGap) / best.columns;
   best.cell_width = std::min(cell, std::max(best.tile_width, kMinCell) + kGap);
   return best;
@@ -92,7 +92,7 @@ std::pair<double, double> window_of(const Preview& preview) {
       centre = threshold->value;
     return {centre - kWide / 2, centre + kWide / 2};
   }
-  // Other values: without the darkest and the brightest half per cent of the pixels.
+  // Other values are shown without the darkest and the brightest half per cent of the pixels.
   const Histogram& h = preview.histogram;
   std::int64_t all = 0, sum = 0;
   for (const std::int64_t count : h.counts)
@@ -111,7 +111,7 @@ std::pair<double, double> window_of(const Preview& preview) {
   return {low, std::max(high, low + 1e-6)};
 }
 
-// The region shown of a slice as RGB pixels.
+// The region of a slice that is shown, as RGB pixels.
 cv::Mat shown_pixels(const Preview& preview, const PreviewSlice& slice, const Crop& view,
                      std::pair<double, double> window) {
   const bool as_labels = std::holds_alternative<Labels>(preview.segmentation);
@@ -147,7 +147,7 @@ void draw_contours(cv::Mat& tile, const Preview& preview, const PreviewSlice& sl
   const bool as_labels = std::holds_alternative<Labels>(preview.segmentation);
   const double sx = static_cast<double>(tile.cols) / (view.x1 - view.x0 + 1);
   const double sy = static_cast<double>(tile.rows) / (view.y1 - view.y0 + 1);
-  // At the scan's edge the outline would be half a pixel outside the tile and not drawn.
+  // At the scan's edge the outline would lie half a pixel outside the tile and would not be drawn.
   const auto fixed = [](double at, int size) {
     return static_cast<int>(std::lround(std::clamp(at, 0.0, size - 1.0) * (1 << kShift)));
   };

@@ -18,11 +18,11 @@ struct Picture {
   std::vector<std::uint8_t> rgb;  ///< row-major
 };
 
-/// The text above the slices. No part of a sheet comes from names or texts of the input, because
+/// The text above the slices. Nothing on a sheet comes from names or texts of the input, because
 /// they may identify the patient.
 struct SheetText {
   std::string title;
-  std::string options;  ///< options that determine the material
+  std::string options;  ///< the options that determine the material, in words
 };
 
 struct Tile {
@@ -32,10 +32,11 @@ struct Tile {
 struct Sheet {
   Picture picture;
   std::vector<Tile> tiles;  ///< one tile for each slice of the preview
-  /// The region of each slice that its tile shows: all material of all slices, and a margin. The
-  /// tile's edges are the outer edges of these pixels.
+  /// The region of each slice that its tile shows. It contains the material of all slices, and a
+  /// margin. The tile's edges are the outer edges of these pixels.
   Crop view;
-  double window_low = 0, window_high = 0;  ///< values shown as black and as white; not for labels
+  double window_low = 0, window_high = 0;  ///< values that are drawn black and white; unused for
+                                           ///< labels
 };
 
 /// Draws the sheet with the same scale for all slices.

@@ -20,14 +20,14 @@ std::string sheet_title(const SliceStack& stack, const Preview& preview);
 /// The options that determine the material, in words.
 std::string options_text(const StackOptions& options, const OpenOptions& input, PixelUnit unit);
 
-/// "the slice shown" or "the N slices shown".
+/// A phrase for sentences: "the slice shown" or "the N slices shown".
 std::string slices_shown(const Preview& preview);
 
 /// Sizes of the scan and of the region shown.
 std::string size_text(const Preview& preview, const Crop& view);
 
-/// The preview's warnings, each once, without file names. A sentence that contains names or texts
-/// of the input is replaced by a reference to the terminal.
+/// The preview's warnings, each once, without file names. A sentence that may contain names or
+/// texts of the input is replaced by one that refers to the messages on the terminal.
 std::vector<Warning> shown_warnings(const Preview& preview);
 
 /// A sentence that explains the areas and outlines of Preview::changes.

@@ -18,7 +18,7 @@ inline constexpr double kSmall = 0.46, kNormal = 0.54, kLarge = 0.85;  // font s
 
 enum class Align { kLeft, kCentre, kRight };
 
-/// Width in pixels of a text that is ASCII.
+/// Width in pixels of an ASCII text.
 int text_width(const std::string& text, double size);
 
 /// Draws a text whose baseline has its left end, middle or right end at (x, y). Characters that are
@@ -26,7 +26,7 @@ int text_width(const std::string& text, double size);
 void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
                const cv::Scalar& colour, Align align = Align::kLeft);
 
-/// The same in light blue with a dark border, which can be read on any image.
+/// The same, but in light blue with a dark border, so that it can be read on any image.
 void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align);
 
 /// The text broken into lines of at most `width` pixels.

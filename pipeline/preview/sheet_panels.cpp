@@ -47,7 +47,8 @@ void draw_value_axis(cv::Mat& sheet, const Plot& plot, double low, double high) 
   }
 }
 
-// Marks the threshold, or with equalisation the range of the level's values in the slices shown.
+// Marks the threshold. With equalisation, marks the range of values that the level has in the
+// slices shown.
 void draw_threshold(cv::Mat& sheet, const Preview& preview, const Plot& plot, double low,
                     double high) {
   const auto* threshold = std::get_if<Threshold>(&preview.segmentation);

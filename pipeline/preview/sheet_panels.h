@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the contact sheet shows below the slices: the histogram and the effect of another threshold,
-// or the voxels of each label.
+// The panel below the slices of the contact sheet. It shows the histogram and the effect of other
+// thresholds or, for a label map, the number of voxels of each label.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
@@ -15,11 +15,12 @@ namespace trocar::pipeline {
 /// Height of the panel, pixels.
 int panel_height(const Preview& preview);
 
-/// Draws the panel, whose upper edge is at y.
+/// Draws the panel with its upper edge at y.
 void draw_panel(cv::Mat& sheet, const Preview& preview, int y);
 
 /// Colour of a wanted label, RGB; grey for other labels. The seven colours (Okabe and Ito) can be
-/// distinguished with the usual kinds of colour blindness; from the eighth label on they repeat.
+/// distinguished by people with the usual kinds of colour blindness. From the eighth label on,
+/// colours are repeated.
 std::array<std::uint8_t, 3> label_colour(const Preview& preview, int label);
 
 }  // namespace trocar::pipeline

@@ -18,7 +18,7 @@ namespace trocar::pipeline {
 /// The picture as a PNG file. Errors (refused): not enough memory.
 Result<std::vector<std::uint8_t>> png_of(const Picture& picture);
 
-/// Whether png_of() wrote the file.
+/// Was the file written by png_of()?
 bool is_sheet(const std::filesystem::path& file);
 
 /// The PNG as a `data:` URL, for an HTML page.
