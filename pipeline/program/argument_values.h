@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Values of options that have a form of their own: several numbers, or lists of labels.
+// Reads values of options with a special form: several numbers, or lists of labels.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -38,8 +38,8 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-/// Adds the labels of a list of L and A-B with commas between them. If `joined` is given, labels
-/// may also be joined by +, and each such set is added to it.
+/// Adds the labels of a list, whose elements are L or A-B with commas between them. If `joined` is
+/// given, elements may also be joined by +, and each set of joined labels is added to `joined`.
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
                         std::vector<std::set<int>>* joined = nullptr);
 

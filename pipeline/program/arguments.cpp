@@ -14,7 +14,7 @@ class Group {
  public:
   Group(CLI::App& app, const char* name) : app_(app), name_(name) {}
 
-  // A number within a range; `unit` stands behind the option's name in the help.
+  // A number within a range. The help shows `unit` after the option's name.
   template <typename Number>
   CLI::Option* number(const char* name, Number& value, const char* unit, Number low, Number high,
                       const char* help) {

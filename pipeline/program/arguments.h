@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// The options' values. An option that is compared with its default has a CLI::Option, which counts
-/// how often it was given.
+/// The values of the options. The CLI::Option of some options is kept, because it counts how often
+/// the option was given.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;
@@ -33,7 +33,7 @@ struct Arguments {
 
 /// Declares the options; `a` must outlive the app.
 void add_mesh_options(CLI::App& app, Arguments& a);
-/// Declares the same options for the preview of a run, without those of the run's other outputs.
+/// Declares the same options for a preview, except those of the other outputs of a run.
 void add_preview_options(CLI::App& app, Arguments& a);
 
 }  // namespace trocar::pipeline

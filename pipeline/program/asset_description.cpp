@@ -14,7 +14,7 @@ namespace {
 using nlohmann::json;
 using Box = std::array<std::array<double, 2>, 2>;  // lowest and highest corner
 
-/// Bounding box of the mesh in the slice plane, mm; nothing without material.
+/// Bounding box of the mesh in the slice plane, mm; std::nullopt for an empty mesh.
 std::optional<Box> box_of(const SliceMesh& mesh, double step_mm) {
   if (mesh.vertices.empty()) return std::nullopt;
   constexpr double kFar = std::numeric_limits<double>::infinity();
@@ -29,7 +29,7 @@ std::optional<Box> box_of(const SliceMesh& mesh, double step_mm) {
   return box;
 }
 
-/// Centroid of the material in the slice plane, mm; nothing without material.
+/// Centroid of the material in the slice plane, mm; std::nullopt for an empty mesh.
 std::optional<std::array<double, 2>> centroid_of(const SliceMesh& mesh, double step_mm) {
   double area = 0;
   std::array<double, 2> sum{};
@@ -118,7 +118,8 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
               {"box_mm", or_null(all)},
               {"surfaces", std::move(surfaces)},
               {"slices", std::move(slices)}};
-  // Assets of schema 1 have it, and those of schema 2 that were made with --input-key.
+  // Assets of schema 1 have a digest, and so have assets of schema 2 that were made with
+  // --input-key.
   if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;
   if (!asset.input_key_digest.empty()) out["input_key_digest"] = asset.input_key_digest;
   return out;

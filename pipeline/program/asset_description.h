@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The description of an asset that `trocar-mesh info` prints.
+// Describes an asset, for `trocar-mesh info`.
 // Tests: tests/e2e/info_test.py
 #pragma once
 

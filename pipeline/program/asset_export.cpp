@@ -29,7 +29,7 @@ using ObjMesh = OpenMesh::TriMesh_ArrayKernelT<>;
 
 constexpr std::array kSurfaceEndings = {".stl", ".ply", ".obj"};
 
-// OpenMesh writes the file and refuses a mesh that is not manifold, which is an independent check.
+// OpenMesh writes the file. It refuses a mesh that is not manifold, which is an independent check.
 Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
   ObjMesh mesh;
   std::vector<ObjMesh::VertexHandle> handles;
@@ -130,7 +130,7 @@ Result<std::array<std::string, 3>> slice_texts(const AssetSlice& slice, const La
   return std::array{std::move(*poly), std::move(*obj), svg_text(slice, lattice)};
 }
 
-// Files in the folder that an export of other slices has left.
+// The files that an export of other slices has left in the folder.
 std::vector<std::string> other_exports(const Asset& asset, const fs::path& folder) {
   std::set<std::string> ours;
   for (const AssetSlice& slice : asset.slices) {

@@ -15,16 +15,17 @@ namespace trocar::pipeline {
 /// Writes for each slice with material `slice_NNNN.poly` (triangle_poly.h), `.obj` (mm, in the
 /// patient's LPS frame) and `.svg`. If the asset has several materials, the files of material M are
 /// `slice_NNNN_M.poly` and so on. The folder is created if needed, and an earlier export of the
-/// same slices is replaced. Either all files appear or none. Returns the names of files in the
-/// folder that an export of other slices has left: they are kept, and could be mistaken for this
-/// asset's. Errors: (unwritable) also if `stop` was set.
+/// same slices is replaced. Either all files appear or none. Returns the names of files that an
+/// export of other slices has left in the folder. These files are kept, and could be mistaken for
+/// files of this asset. Errors: (unwritable), also if `stop` was set.
 Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);
 
 /// Writes each surface as binary `.stl`, binary `.ply` and `.obj`: mm, in the patient's LPS frame,
 /// counter-clockwise seen from outside. The files are `surface.stl` and so on, or `surface_M.stl`
-/// for material M of several. Otherwise as export_asset(). Errors: (refused) no surface.
+/// for material M of several. Apart from that, it does the same as export_asset(). Errors:
+/// (refused) no surface.
 Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
                              const std::atomic<bool>* stop = nullptr);
 

@@ -34,8 +34,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// The number of cores that this process may use. It does not come from TBB, which would start
-// threads, so that the scans' processes could not be forked.
+// The number of cores that this process may use. TBB is not asked, because it would start threads,
+// and then the scans' processes could not be forked.
 int cores() {
   cpu_set_t set;
   return ::sched_getaffinity(0, sizeof set, &set) == 0 ? std::max(1, CPU_COUNT(&set)) : 1;
@@ -81,7 +81,7 @@ std::string time_left(double seconds) {
   return text;
 }
 
-// A bar with rate and time left.
+// A progress bar with the rate and the remaining time.
 std::function<void(std::size_t, std::size_t, std::size_t)> progress_bar() {
   using Clock = std::chrono::steady_clock;
   return [start = Clock::now(), shown = Clock::time_point()](std::size_t done, std::size_t failed,
@@ -302,7 +302,7 @@ int run_batch(const BatchArguments& a) {
   if (!collection) return fail(collection.error());
   const auto digest = farm::sha256_of_file("/proc/self/exe");
   if (!digest) return fail(digest.error());
-  // Paths in the collection, also in messages, are relative to its folder.
+  // Paths in the collection are relative to its folder. So are paths in messages.
   fs::current_path(collection->folder, error);
   if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
   stop_on_signals();

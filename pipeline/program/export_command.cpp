@@ -20,7 +20,7 @@ int run_export(const ExportArguments& a) {
   const std::filesystem::path &file = a.asset, &folder = a.folder;
   const auto asset = read_asset(file);
   if (!asset) return fail(asset.error());
-  // Only a valid asset is exported: other programs may not detect errors.
+  // Only a valid asset is exported, because other programs may not detect errors.
   if (const auto proved = verify_asset(*asset, file.string()); !proved) return fail(proved.error());
   stop_on_signals();
   if (a.surface) {

@@ -25,15 +25,15 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// Options that the parameters of a scan cannot give: the store determines the outputs, the batch
-// the threads, and the collection's input the series.
+// Options that a collection cannot give as parameters: the store determines the outputs, the batch
+// the number of threads, and `input` in the collection the series.
 const std::set<std::string>& excluded_options() {
   static const std::set<std::string> names = {"output", "report", "dump-stages", "dump-slice",
                                               "series", "jobs",   "quiet",       "explain"};
   return names;
 }
 
-// The options with the values that they refer to, and which therefore cannot be moved.
+// The options and their values. The options refer to the values, so this object cannot be moved.
 struct Parsed {
   CLI::App app;
   Arguments a;
@@ -117,8 +117,8 @@ json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
   return out;
 }
 
-// Every option that can change a byte, under its name. Defaults are included, so that giving a
-// default explicitly changes nothing.
+// Every option that can change a byte of the outputs, under its name. Defaults are included, so
+// that giving a default explicitly does not change the key.
 json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& open) {
   json out = segmentation_json(o.mesh.segmentation);
   out.update({{"contour", a.contour},
@@ -147,7 +147,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
                     ? (std::isfinite(*o.solid.fill_mm2) ? json(*o.solid.fill_mm2) : json("all"))
                     : json();
   if (open.volume) out["volume"] = *open.volume;
-  // The default number of the surface's triangles may be exceeded, but not a given number.
+  // The default number of triangles of the surface may be exceeded, but a given number may not.
   out["surface-triangles"] = o.surface && o.surface->at_most ? json(o.surface->triangles) : json();
   out["names"] = LabelNames::is_table(a.names) ? json(a.names) : json();
   out["spacing"] = open.spacing_mm ? json(*open.spacing_mm) : json();
@@ -156,7 +156,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
                     ? json({o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1})
                     : json();
   out["axis"] = open.axis ? json(axis_name(*open.axis)) : json();
-  // It decides whether the report has a warning (check_threshold()).
+  // This decides whether the report has a certain warning (check_threshold()).
   if (a.any_modality) out["threshold-given"] = a.threshold_given->count() > 0 && a.preset.empty();
   return out;
 }
@@ -194,7 +194,7 @@ std::string stored_report(json report, const SliceStack& stack) {
 
 class Opened : public farm::OpenedScan {
  public:
-  // `warnings` are those of opening.
+  // `warnings` are the warnings of opening the scan.
   Opened(std::unique_ptr<Parsed> parsed, StackOptions options, OpenOptions open, LabelsWithCt scan,
          json warnings)
       : parsed_(std::move(parsed)),
@@ -280,7 +280,8 @@ Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
   if (!open) return open.error();
   auto scan = open_scan(a, *open);
   if (!scan) return scan.error();
-  // Warnings of opening can name files that do not belong to the scan, so the report omits them.
+  // The report omits the warnings of opening, because they can name files that do not belong to the
+  // scan.
   SliceStack& stack = *scan->labels;
   json warnings = json::array();
   for (const Warning& w : stack.warnings)

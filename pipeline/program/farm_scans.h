@@ -14,8 +14,8 @@ namespace trocar::pipeline {
 
 class FarmScans : public farm::ScanProgram {
  public:
-  /// Errors (usage): an option that trocar-mesh or scans of a collection do not have; and those of
-  /// the command line, with the same messages.
+  /// Errors (usage): an option that trocar-mesh does not have, or that is not allowed in a
+  /// collection; the errors of the command line, with the same messages.
   Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
   /// True for all inputs except NIfTI files.
   bool opens_first(const std::vector<std::filesystem::path>& inputs,
@@ -26,7 +26,7 @@ class FarmScans : public farm::ScanProgram {
                                                  int threads) const override;
 };
 
-/// The options that parameters of a collection may give, without the leading --.
+/// The options that a collection may give as parameters, without the leading --.
 std::vector<std::string> collection_options();
 
 }  // namespace trocar::pipeline

@@ -16,8 +16,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// A first collection of the scans that `list` found in `folder`, as text. Adds warnings about
-// images, which need parameters.
+// An initial collection of the scans that `list` found in `folder`, as text. Adds warnings about
+// images, because their parameters are missing.
 std::string collection_of(const json& list, const fs::path& folder,
                           std::vector<Warning>& warnings) {
   std::error_code error;

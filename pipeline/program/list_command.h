@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// `trocar-mesh list`: the scans in a folder.
+// `trocar-mesh list`: prints the scans in a folder.
 // Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
@@ -16,7 +16,7 @@ struct ListArguments {
 /// Declares the options; `a` must outlive the app.
 void add_list_options(CLI::App& app, ListArguments& a);
 
-/// Prints the scans and returns the exit code: 3 if none of them can be meshed.
+/// Prints the scans and returns the exit code, which is 3 if none of them can be meshed.
 int run_list(const ListArguments& a);
 
 }  // namespace trocar::pipeline

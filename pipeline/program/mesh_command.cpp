@@ -27,8 +27,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// Refuses to overwrite an input or any file that may be a scan: in `-o *.png` the shell names a
-// slice as the output.
+// Refuses to overwrite an input or any file that may be a scan. For example, with `-o *.png` the
+// shell inserts the name of a slice as the output.
 Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
   const OutputFile outputs[] = {
       {"-o", a.output}, {"--report", a.report}, {"--dump-stages", a.dump_stages}};
@@ -59,14 +59,14 @@ std::function<void(int, int)> progress_bar() {
   };
 }
 
-// The name of an input in a report. A folder's own name is left out, because it is often the
-// patient's.
+// The name of an input in a report. The name of a folder is left out, because it is often the
+// patient's name.
 std::string shared_name(const fs::path& input) {
   std::error_code ignored;
   return fs::is_directory(input, ignored) ? "input" : without_folder(input);
 }
 
-// Replaces `whole` by `name` where it begins a path in the text.
+// Replaces `whole` by `name` wherever it is the beginning of a path in the text.
 std::string with_name(std::string text, const std::string& whole, const std::string& name) {
   constexpr std::string_view kBefore = " \"'(,";
   for (std::size_t at = 0; (at = text.find(whole, at)) != std::string::npos;) {
@@ -77,7 +77,7 @@ std::string with_name(std::string text, const std::string& whole, const std::str
   return text;
 }
 
-// The report without absolute paths and without texts that may identify the patient, also in its
+// Removes absolute paths, and texts that may identify the patient, from the report and its
 // warnings.
 json deidentified(json report, const std::vector<fs::path>& inputs) {
   const auto shorten = [&inputs](json& text) {
@@ -149,7 +149,7 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, StackRes
 void print_outcome(const Arguments& a, const json& report) {
   for (const json& w : report["warnings"])
     print_warning({w["code"], w["where"], w["sentence"]});
-  std::set<int> slices;  // each of several materials has an entry
+  std::set<int> slices;  // a set, because each of several materials has an entry
   for (const json& slice : report["slices"])
     slices.insert(slice["index"].get<int>());
   std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
@@ -177,7 +177,7 @@ int run_mesh(const Arguments& a) {
   if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
   options->stop = &stop_requested;
-  // A volume other than DICOM is axial without --axis, too.
+  // A volume that is not DICOM is axial even without --axis.
   if (!stack->series && open->axis == SliceAxis::kAxial) open->axis.reset();
   options->axis = open->axis;
   auto result = mesh_stack(*stack, *options, parameters_json(*options, *open));

@@ -7,8 +7,8 @@
 
 namespace trocar::pipeline {
 
-/// Meshes the scan and writes the asset, the report and the stages that `a` names. Returns the exit
-/// code.
+/// Meshes the scan, writes those of asset, report and stages (--dump-stages) for which `a` names a
+/// file, and returns the exit code.
 int run_mesh(const Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -19,9 +19,10 @@ Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
 /// All files that are read. No output may overwrite one of them.
 std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan);
 
-/// Checks the threshold against the scan's values. The default threshold has no meaning for grey
-/// levels, and one outside 0..255 selects all pixels or none. Adds the warnings default_threshold
-/// and threshold_out_of_range. Errors (usage): images without a threshold of their own.
+/// Checks whether the threshold makes sense for the scan's values. The default threshold has no
+/// meaning for grey levels, and a threshold outside 0..255 selects all of their pixels or none.
+/// Adds the warnings default_threshold and threshold_out_of_range. Errors (usage): images, and no
+/// threshold was given.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the commands of trocar-mesh print, and the endings of file names.
+// Printing of errors and warnings for all commands of trocar-mesh, and the endings of file names.
 // Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Presets of trocar-mesh. A preset is a list of options, which `--explain` prints. Any of them can
-// also be given with another value.
+// Presets of trocar-mesh. A preset is a list of options, which `--explain` prints. Any of these
+// options can be given with another value, too.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -16,13 +16,14 @@ namespace trocar::pipeline {
 
 struct Preset {
   std::string_view name, words;
-  std::vector<std::pair<std::string_view, std::string_view>> options;  ///< name with --, value
+  std::vector<std::pair<std::string_view, std::string_view>> options;  ///< names with --, and
+                                                                       ///< values
 };
 
 std::span<const Preset> presets();
 
 /// The words of a command line, followed by those options of its `--preset` that it does not give
-/// itself. Unchanged if no preset has that name.
+/// itself. The words are unchanged if no preset has the given name.
 std::vector<std::string> with_preset_options(const std::vector<std::string>& words);
 
 /// The options and the meaning of the preset `name`, or of all presets if `name` is empty. Errors

@@ -24,8 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Refuses to overwrite a picture other than a sheet (in `-o *.png` the shell names a slice as the
-// output), and to add a sheet to the scan's images.
+// Refuses to overwrite a picture that is not a sheet (with `-o *.png` the shell inserts the name of
+// a slice as the output), and refuses to add a sheet to the scan's images.
 Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) {
   const std::string given = "-o " + a.output.string() + ": ";
   const std::string ending = ending_of(a.output);

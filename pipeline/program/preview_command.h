@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// `trocar-mesh preview`: a picture or page of what a run with the same options would mesh.
+// `trocar-mesh preview`: writes a picture or page of what a run with the same options would mesh.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 

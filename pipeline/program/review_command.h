@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// `trocar-mesh review`: HTML pages of a store's assets.
+// `trocar-mesh review`: writes HTML pages that show a store's assets.
 // Tests: tests/e2e/review_test.py
 #pragma once
 
@@ -16,9 +16,9 @@ struct ReviewArguments {
 /// Declares the options; `a` must outlive the app.
 void add_review_options(CLI::App& app, ReviewArguments& a);
 
-/// Writes the pages and returns the exit code: 0, also if assets differ or are damaged; 2 for wrong
-/// options; 3 for a folder that is no store, or an empty store; 4 if a page could not be written or
-/// a signal interrupted the review.
+/// Writes the pages and returns the exit code: 0, even if assets differ or are damaged; 2 for wrong
+/// options; 3 for a folder that is not a store, or an empty store; 4 if a page could not be written
+/// or a signal interrupted the review.
 int run_review(const ReviewArguments& a);
 
 }  // namespace trocar::pipeline

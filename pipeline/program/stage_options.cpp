@@ -65,7 +65,7 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   return out;
 }
 
-// Options that only label maps have.
+// Refuses options that apply only to label maps if no labels are wanted.
 Result<void> check_label_options(const Arguments& a) {
   if (a.labels_given->count() > 0) return {};
   if (!a.names.empty()) return usage("--names is for label maps: give --labels L, or all");
@@ -76,7 +76,7 @@ Result<void> check_label_options(const Arguments& a) {
   return {};
 }
 
-// The material's segmentation, and the labels' names.
+// Sets the segmentation of the material and the names of the labels.
 Result<void> set_material(const Arguments& a, StackOptions& out) {
   auto how = segmentation(a);
   if (!how) return how.error();

@@ -11,16 +11,16 @@
 
 namespace trocar::pipeline {
 
-/// Options of meshing. Errors (usage) name the option.
+/// The options of meshing. Errors: (usage) names the option.
 Result<StackOptions> stack_options(const Arguments& a);
 
-/// Options of opening the scan. Errors (usage) name the option.
+/// The options of opening the scan. Errors: (usage) names the option.
 Result<OpenOptions> open_options(const Arguments& a);
 
 /// "transverse", "coronal" or "sagittal".
 const char* axis_name(SliceAxis axis);
 
-/// The parameters as reports and assets store them.
+/// The parameters in the form in which reports and assets store them.
 nlohmann::json parameters_json(const StackOptions& options, const OpenOptions& input);
 
 }  // namespace trocar::pipeline

@@ -21,7 +21,7 @@ std::string number(double v) {
   return text;
 }
 
-// Whether p is strictly inside the ring, or one of its vertices.
+// Is p strictly inside the ring, or one of its vertices?
 bool inside_or_vertex(const Ring& ring, LatticePoint p) {
   bool in = false;
   for (std::size_t i = 0; i < ring.size(); ++i) {
@@ -34,9 +34,9 @@ bool inside_or_vertex(const Ring& ring, LatticePoint p) {
   return in;
 }
 
-// A point strictly inside each hole and outside the islands in it. With every ring in the hole
-// reversed, the triangulation covers what is not material; its triangles at the hole's own rim lie
-// in this hole and not in a deeper one.
+// Finds a point in each hole, strictly inside it and outside the islands in it. If every ring in
+// the hole is reversed, the triangulation covers what is not material, and the triangles at the rim
+// of the hole lie in this hole and not in a deeper one.
 Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const Lattice& lattice) {
   std::vector<std::array<double, 2>> seeds;
   for (const Ring& hole : pslg.rings) {

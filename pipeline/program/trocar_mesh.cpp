@@ -37,8 +37,8 @@ namespace fs = std::filesystem;
 constexpr const char* kVersion = "trocar-mesh " TROCAR_VERSION " (OpenCV " CV_VERSION
                                  ", oneTBB " TBB_VERSION_STRING ", CLI11 " CLI11_VERSION ")";
 
-// `--labels 41 42` as `--labels 41 --labels 42`: words after an option's value for which is_value
-// holds are further values of it, not inputs.
+// Rewrites `--labels 41 42` as `--labels 41 --labels 42`: if is_value holds for words after an
+// option's value, they are further values of the option and not inputs.
 template <typename IsValue>
 std::vector<std::string> with_repeated(const std::string& option, const IsValue& is_value,
                                        const std::vector<std::string>& words) {
@@ -60,7 +60,8 @@ std::vector<std::string> with_repeated(const std::string& option, const IsValue&
   return out;
 }
 
-// Labels begin with a digit and hold only digits, commas, hyphens and plus signs.
+// Is the word a list of labels? It then begins with a digit and has only digits, commas, hyphens
+// and plus signs.
 bool is_labels(const std::string& word) {
   return !word.empty() && word.find_first_not_of("0123456789,-+") == std::string::npos &&
          word.front() >= '0' && word.front() <= '9';
@@ -71,7 +72,7 @@ bool is_position(const std::string& word) {
          std::count(word.begin(), word.end(), ',') == 2;
 }
 
-// A mistyped command is read as an INPUT.
+// Detects a mistyped command, which CLI11 takes for an INPUT.
 Result<void> check_command(const CLI::App& app, const Arguments& a) {
   if (a.inputs.empty() || a.inputs[0].has_parent_path()) return {};
   std::error_code ignored;
@@ -84,7 +85,7 @@ Result<void> check_command(const CLI::App& app, const Arguments& a) {
   return usage(a.inputs[0].string() + ": no such file, folder or command" + meant);
 }
 
-// Options before a subcommand are those of meshing, and would be ignored.
+// Refuses options before a subcommand. They are options of meshing, and would be ignored.
 Result<void> check_nothing_before(const CLI::App& app) {
   for (const CLI::Option* option : app.get_options()) {
     if (option->count() > 0) {
@@ -172,7 +173,7 @@ int run(int argc, char** argv) {
   if (const auto done =
           parse_command_line(line.app, static_cast<int>(pointers.size()), pointers.data()))
     return *done;
-  // Too little memory is a property of the input, not a bug.
+  // Lack of memory is caused by the input and is not a bug.
   try {
     return line.run();
   } catch (const std::bad_alloc&) {

@@ -5,7 +5,7 @@
 
 namespace trocar::pipeline {
 
-/// Runs the command that the arguments of main() give, and returns the exit code.
+/// Runs the command that the arguments of main() name, and returns the exit code.
 int trocar_mesh(int argc, char** argv);
 
 }  // namespace trocar::pipeline

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// The number of slices of a valid asset.
+// Verifies an asset and returns the number of its slices.
 Result<std::size_t> verify(const fs::path& file, const VerifyArguments& a) {
   const auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
   if (!bytes) return bytes.error();

@@ -12,8 +12,8 @@ namespace trocar::pipeline {
 struct VerifyArguments {
   std::vector<std::filesystem::path> assets;
   bool as_json = false;
-  bool with_cgal = false;     ///< also compares with CGAL's triangulation
-  bool deidentified = false;  ///< also refuses what may identify the patient
+  bool with_cgal = false;     ///< also verifies every slice with CGAL
+  bool deidentified = false;  ///< also refuses texts that may identify the patient
 };
 
 /// Declares the options; `a` must outlive the app.
