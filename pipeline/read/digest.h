@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Digests that identify an input without telling what it holds.
+// Digests that identify an input without revealing its contents.
 // Tests: tests/e2e/private_assets_test.py
 #pragma once
 
@@ -18,8 +18,9 @@ Result<std::string> digest_file(const std::filesystem::path& file);
 
 inline constexpr std::size_t kMinKeyBytes = 16, kMaxKeyBytes = 64;
 
-/// The keyed digest of an input: BLAKE2b-256 of the digests of its files (hexadecimal), one after
-/// the other, so that files can be digested in parallel. The key has kMinKeyBytes to kMaxKeyBytes.
+/// The keyed digest of an input: BLAKE2b-256 of the concatenated hexadecimal digests of its files.
+/// (In this way the files can be digested in parallel.) The key must have kMinKeyBytes to
+/// kMaxKeyBytes bytes.
 std::string digest_input(const std::vector<std::string>& file_digests,
                          const std::vector<std::uint8_t>& key);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the name of a file says: its kind, and its position in a list.
+// The kind of a file according to its name, and the order of files by name.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -9,17 +9,18 @@
 
 namespace trocar::pipeline {
 
-/// Whether the name ends with one of the endings, which are in lower case; the name's case does not
-/// matter.
+/// Does the name end with one of the endings? The endings must be in lower case; the case of the
+/// name does not matter.
 bool has_ending(const std::filesystem::path& file, std::initializer_list<const char*> endings);
 
 bool is_nifti(const std::filesystem::path& file);
 bool is_image(const std::filesystem::path& file);
 bool is_dicomdir(const std::filesystem::path& file);
-/// A DICOMDIR, or a file that an operating system leaves in folders (Thumbs.db, desktop.ini).
+/// Is it a DICOMDIR, or a file that an operating system leaves in folders (Thumbs.db, desktop.ini)?
 bool is_left_by_system(const std::filesystem::path& file);
 
-/// Natural order: slice_2 before slice_10, since runs of digits compare as numbers.
+/// Compares in natural order: slice_2 comes before slice_10, because runs of digits are compared as
+/// numbers.
 bool natural_less(const std::string& a, const std::string& b);
 
 }  // namespace trocar::pipeline

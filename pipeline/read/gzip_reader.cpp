@@ -30,7 +30,7 @@ GzipReader::GzipReader(int descriptor, std::string name)
   state_->crc_flag = ISAL_GZIP;
 }
 
-// False: the file has no more bytes. What is left of the last ones stays.
+// Reads more packed bytes behind those that are left. False if the file has no more bytes.
 bool GzipReader::fill() {
   inflate_state& s = *state_;
   std::copy_n(s.next_in, s.avail_in, packed_.begin());  // downwards, if they overlap
@@ -47,7 +47,7 @@ Result<std::size_t> GzipReader::read(std::span<char> to) {
   s.avail_out = static_cast<std::uint32_t>(to.size());
   while (s.avail_out > 0 && !ended_) {
     if (s.block_state == ISAL_BLOCK_FINISH) {
-      // ISA-L has given back what it read beyond the member.
+      // ISA-L has given back the bytes that it had read beyond the member.
       while (s.avail_in < kMagic.size() && fill()) {
       }
       ended_ =

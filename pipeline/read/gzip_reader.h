@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A gzip file (RFC 1952) unpacked as a stream, by ISA-L: about twice as fast as zlib.
+// Unpacks a gzip file (RFC 1952) as a stream. It uses ISA-L, which is about twice as fast as zlib.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,17 @@ namespace trocar::pipeline {
 
 class GzipReader {
  public:
-  /// `descriptor` refers to a file for which is_gzip() holds. The caller keeps it open; the file is
-  /// read from its start by pread(). `name` is named in messages.
+  /// `descriptor` must refer to a file for which is_gzip() holds, and the caller must keep it open.
+  /// The file is read from its start by pread(). `name` is used in messages.
   GzipReader(int descriptor, std::string name);
 
   static bool is_gzip(int descriptor);
 
-  /// Fills `to` with the next bytes of all members in turn and returns their number, which is less
-  /// than to.size() at the end of the data only. Bytes behind the last member are ignored, as by
-  /// gzip. The checksum of a member is verified with its last bytes. Errors (refused): damaged
-  /// gzip. A file that ends early is not an error: its data end there.
+  /// Fills `to` with the next unpacked bytes, member after member, and returns their number, which
+  /// is less than to.size() only at the end of the data. Bytes behind the last member are ignored,
+  /// as gzip does. The checksum of a member is verified when its last bytes are read. Errors
+  /// (refused): the gzip data are damaged. A file that ends early is not an error: the data end
+  /// there.
   Result<std::size_t> read(std::span<char> to);
 
  private:

@@ -13,7 +13,8 @@ namespace trocar::pipeline {
 namespace {
 
 std::string point_text(const Eigen::Vector3d& p) {
-  // Appended, because g++ 12 sees an overlap (-Wrestrict) in a literal + a temporary string here.
+  // The text is appended, because g++ 12 warns of an overlap (-Wrestrict) for a literal + a
+  // temporary string here.
   std::string out = "(";
   out += text_of(p.x()) + ", " + text_of(p.y()) + ", " + text_of(p.z()) + ")";
   return out;
@@ -39,7 +40,7 @@ std::string size_text(const SliceStack& stack) {
 
 std::optional<std::string> plane_difference(const SlicePlane& plane, const SlicePlane& other,
                                             int width, int height, double step_mm) {
-  // Over a whole row, and a whole column, a difference adds up.
+  // A difference of the spacing adds up over a whole row or column.
   const double across = std::max(width, height) - 1;
   const auto spacing_differs = [across](double a, double b) {
     return !(std::abs(a - b) * across <= kSameVoxel * b);

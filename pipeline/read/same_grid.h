@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Compares the voxel grids of two stacks, since nothing is resampled.
+// Compares the voxel grids of two stacks. They must be equal, because nothing is resampled.
 // Tests: tests/pipeline/open/labels_with_ct_test.py
 #pragma once
 
@@ -13,20 +13,20 @@ namespace trocar::pipeline {
 /// Tolerance of the positions of two stacks' voxels, in voxels.
 inline constexpr double kSameVoxel = 1e-3;
 
-/// Describes how a plane differs from another one of width x height pixels, as in "spacing is 1 x 1
-/// mm, not 1 x 1.5"; no value if all its pixels lie within kSameVoxel of the other's. `step_mm` is
-/// the height of a voxel.
+/// Describes how `plane` differs from `other`, both with width x height pixels, for example
+/// "spacing is 1 x 1 mm, not 1 x 1.5". The result is std::nullopt if all pixels lie within
+/// kSameVoxel of those of `other`. `step_mm` is the height of a voxel.
 std::optional<std::string> plane_difference(const SlicePlane& plane, const SlicePlane& other,
                                             int width, int height, double step_mm);
 
-/// The distance from a slice to the next, or for the last slice from the one before. For a single
-/// slice, its smaller pixel spacing.
+/// The distance from a slice to the next one; for the last slice, from the slice before it. If
+/// there is only one slice, the smaller of its pixel spacings.
 double slice_step_mm(const SliceStack& stack, int slice);
 
-/// The first difference of the grid of `stack` from another one.
+/// The first difference between the grid of a stack and another grid.
 struct GridDifference {
-  int slice = -1;    ///< slice of `stack`; -1 if the sizes or the first slices differ
-  std::string what;  ///< "size is ... voxels, not ..."
+  int slice = -1;    ///< index of the slice; -1 if the sizes or the first slices differ
+  std::string what;  ///< description, such as "size is ... voxels, not ..."
 };
 std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other);
 

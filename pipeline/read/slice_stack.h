@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A scan as a stack of slices, with one interface for all file formats. Slices are ordered along
-// the slice normal. Each keeps its own plane: nothing is resampled.
+// the slice normal. Each slice keeps its own plane, because nothing is resampled.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -23,25 +23,26 @@ namespace trocar::pipeline {
 /// The value of pixels without data in a CT.
 inline constexpr float kNoData_HU = -1024;
 
-/// One channel, row-major: value(x, y) = values[y * width + x].
+/// An image with one channel, row-major: value(x, y) = values[y * width + x].
 struct Image {
   int width = 0, height = 0;
   std::vector<float> values;
-  std::size_t not_numbers = 0;  ///< pixels that were not numbers (NaN) and are background here
+  std::size_t not_numbers = 0;  ///< number of pixels that were NaN and are background here
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
 /// A message to the user about something that did not stop the work.
 struct Warning {
-  std::string code;   ///< stable, for scripts
-  std::string where;  ///< files or slices
+  std::string code;   ///< name for scripts, which does not change
+  std::string where;  ///< the files or slices that it concerns
   std::string sentence;
-  std::string shared = {};  ///< replaces the sentence in reports if it could identify the patient
+  std::string shared = {};  ///< replacement in reports for a sentence that could identify the
+                            ///< patient
 };
 
-/// The description of a DICOM series by its own attributes, in UTF-8; missing ones are empty.
+/// The attributes by which a DICOM series describes itself, in UTF-8. Missing ones are empty.
 struct SeriesInfo {
-  std::string uid;  ///< a substitute if the series has none: what its images have in common
+  std::string uid;  ///< if the series has none: a text made from what its images have in common
   std::string study_uid, study_date;
   std::optional<int> number;
   std::string description, kernel, modality;
@@ -63,7 +64,7 @@ struct SlicePlane {
   double z_mm = 0;  ///< coordinate of the origin along the first slice's normal
 };
 
-/// Read-only and safe to read from several threads at once.
+/// A stack of slices. It is read-only, and several threads may read it at the same time.
 class SliceStack {
  public:
   virtual ~SliceStack() = default;
@@ -72,42 +73,46 @@ class SliceStack {
   virtual int height() const = 0;
   virtual PixelUnit pixel_unit() const = 0;
   virtual const SlicePlane& plane(int slice) const = 0;
-  virtual std::string name(int slice) const = 0;  ///< file, or volume and index, for messages
-  /// Errors (refused) name file, slice and reason.
+  virtual std::string name(int slice) const = 0;  ///< the file, or the volume and the index; for
+                                                  ///< messages
+  /// Reads the pixels of a slice. Errors: (refused) names file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
-  /// Waits until a gzipped volume is unpacked (OpenOptions::unpack_behind). Errors (refused): it is
-  /// damaged, also in parts that no slice needed, such as its checksum.
+  /// Waits until a gzipped volume is completely unpacked (OpenOptions::unpack_behind). Errors
+  /// (refused): it is damaged, even if no slice needed the damaged part, such as the checksum.
   virtual Result<void> finish() const { return {}; }
-  /// The total time of all threads that read() has waited so far for a volume to be unpacked.
+  /// The time that read() has waited so far for a volume to be unpacked, added up over all threads.
   virtual double waited_ms() const { return 0; }
 
   std::vector<Warning> warnings;                ///< the reader's warnings
   std::optional<SeriesInfo> series;             ///< the series of the slices; DICOM input only
   std::optional<VoxelConflict> voxel_conflict;  ///< NIfTI input only
-  std::string modality;  ///< such as "MR" if pixel_unit() is kUncalibrated; else empty
+  std::string modality;  ///< if pixel_unit() is kUncalibrated: such as "MR"; otherwise empty
   /// The files that the slices come from, in order; digest_input() identifies them.
   std::vector<std::filesystem::path> files;
-  /// The names that a DICOM segmentation gives its labels, in UTF-8 as stored; else empty.
+  /// The names that a DICOM segmentation gives its labels, as stored, in UTF-8; empty for other
+  /// input.
   std::map<int, std::string> label_names;
 };
 
 /// The anatomical axis along which slices are stacked. The directions are those that are usual in
-/// DICOM. Axial: u left, v back, slices from the feet up. Coronal: u left, v down, slices from
-/// front to back. Sagittal: u back, v down, slices from left to right.
+/// DICOM, in terms of the patient. Axial: u points to the left, v to the back, and slices are
+/// ordered from the feet upwards. Coronal: u points to the left, v downwards, and slices are
+/// ordered from front to back. Sagittal: u points to the back, v downwards, and slices are ordered
+/// from left to right.
 enum class SliceAxis { kAxial, kCoronal, kSagittal };
 
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; used for input without a spacing
   std::string series;    ///< UID, number or description; see named_series()
-  std::set<int> labels;  ///< wanted labels, with as_labels; they must not overlap; empty: all
-  /// The CT that a DICOM segmentation was made on, along its stored axis. The segmentation gets its
-  /// slices, most of which may have no frame.
+  std::set<int> labels;  ///< wanted labels with as_labels; they must not overlap; empty: all
+  /// The CT from which a DICOM segmentation was made, along its stored axis. The segmentation gets
+  /// the slices of the CT, although most of them may have no frame.
   const SliceStack* segmented_ct = nullptr;
-  std::optional<SliceAxis> axis;  ///< no value: the stored axis; for a NIfTI volume axial
+  std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis; for a NIfTI volume axial
   std::optional<int> volume;      ///< volume of a NIfTI that holds several, counted from 0
-  bool as_labels = false;         ///< read image levels as stored, and take DICOM segmentations
-  bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers) as kUncalibrated
-  /// Unpack a gzipped volume while its first slices are read. Damage is then reported by
+  bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations
+  bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
+  /// Unpack a gzipped volume while its first slices are already read. Damage is then reported by
   /// SliceStack::read() and finish().
   bool unpack_behind = false;
 };
@@ -117,7 +122,8 @@ struct OpenOptions {
 std::string input_name(const SliceStack& stack);
 
 inline constexpr int kMaxImageSide = 1 << 15;
-/// Slices of more pixels (8192 x 8192) are refused: a header of a few bytes can claim any size.
+/// Slices with more pixels than this (8192 x 8192) are refused, because a header of a few bytes can
+/// claim any size.
 inline constexpr long kMaxSlicePixels = 1L << 26;
 
 }  // namespace trocar::pipeline

@@ -22,7 +22,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// Deflate cannot pack more than 1032 to 1.
+// Deflate cannot compress by a factor of more than 1032.
 constexpr std::int64_t kDeflateLimit = 1032;
 
 bool write_all(int descriptor, const char* from, std::size_t bytes) {
@@ -77,7 +77,7 @@ class VolumeFile::Unpacking {
   Unpacking(const Unpacking&) = delete;
   Unpacking& operator=(const Unpacking&) = delete;
 
-  /// Until `bytes` bytes are there, or there will be no more.
+  /// Waits until `bytes` bytes are unpacked, or until there will be no more.
   Result<void> wait_for(std::int64_t bytes) {
     const auto start = std::chrono::steady_clock::now();
     std::unique_lock lock(mutex_);
@@ -115,20 +115,20 @@ class VolumeFile::Unpacking {
       done_ = done - start_;
       changed_.notify_all();
     }
-    // The checksum follows the data and is only verified when the end is read.
+    // The checksum follows the data, and it is verified only when the end is read.
     char rest = 0;
     if (const auto end = in.read(std::span(&rest, 1)); !end) return end.error();
     return {};
   }
 
   FileDescriptor from_;
-  int to_;  // the VolumeFile's
+  int to_;  // descriptor of the VolumeFile
   std::string name_;
   std::int64_t start_, size_;
   std::atomic<bool> stopped_{false};
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::int64_t done_ = 0;  // bytes of the volume
+  std::int64_t done_ = 0;  // number of unpacked bytes
   std::chrono::steady_clock::duration waited_{};
   std::optional<Result<void>> outcome_;
   std::thread thread_;
@@ -223,7 +223,7 @@ VolumeFile& VolumeFile::operator=(VolumeFile&& other) noexcept {
 }
 
 VolumeFile::~VolumeFile() {
-  unpacking_.reset();  // it writes to the descriptor
+  unpacking_.reset();  // first, because it writes to the descriptor
   if (descriptor_ >= 0) ::close(descriptor_);
 }
 

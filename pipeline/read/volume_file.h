@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A volume's bytes on disk, read block by block. A gzipped volume is unpacked once, as a stream, to
-// a temporary file without a name, so that nothing is left behind however the program ends and
-// memory does not grow with the volume. A thread of its own can unpack it while its first bytes
-// are already read.
+// The bytes of a volume on disk, which are read block by block. A gzipped volume is unpacked once,
+// as a stream, to a temporary file without a name. So memory does not grow with the size of the
+// volume, and nothing is left behind, however the program ends. A separate thread can unpack the
+// volume while its first bytes are already read.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -19,31 +19,32 @@ namespace trocar::pipeline {
 
 class VolumeFile {
  public:
-  /// The first `bytes` of the (unpacked) file, or as many as there are.
+  /// The first `bytes` bytes of the (unpacked) file, or all if there are fewer.
   static Result<std::vector<std::uint8_t>> head(const std::filesystem::path& file,
                                                 std::size_t bytes);
 
-  /// Bytes start .. start + size of the (unpacked) file, all of which must exist. Errors (refused):
-  /// truncated, damaged gzip, no space in the folder for temporary files (TMPDIR). Unpacks no more
-  /// than these bytes, and refuses at once a size that a gzip file of this length cannot unpack to.
-  /// With `behind` it returns at once and unpacks on another thread; damage of the gzip file is
-  /// then an error of read() and of finish().
+  /// Opens the bytes from `start` to start + size of the (unpacked) file, all of which must exist.
+  /// Unpacks no more than these bytes. Refuses at once a size to which a gzip file of this length
+  /// cannot unpack. With `behind` it returns at once and unpacks on another thread; damage of the
+  /// gzip file is then an error of read() and of finish(). Errors (refused): the file is truncated,
+  /// the gzip data are damaged, or the folder for temporary files (TMPDIR) has no space.
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
                                  std::int64_t size, bool behind = false);
 
-  /// An empty temporary file, for append(). `for_file` is named in messages. Errors (refused): as
-  /// above.
+  /// Makes an empty temporary file, for append(). Messages name `for_file`. Errors (refused): the
+  /// folder for temporary files cannot be used.
   static Result<VolumeFile> temporary(const std::filesystem::path& for_file);
   Result<void> append(std::span<const char> bytes, const std::filesystem::path& for_file);
 
-  /// Reads to.size() bytes from offset `at` after `start`, as soon as they are unpacked. Errors
-  /// (refused): the file has shrunk meanwhile, and those of open(). Thread-safe.
+  /// Reads to.size() bytes from offset `at` after `start`; waits until they are unpacked. Errors
+  /// (refused): the file has become shorter; those of open(). Thread-safe.
   Result<void> read(std::int64_t at, std::span<char> to, const std::string& name) const;
 
-  /// Waits until all is unpacked and returns its error, if any. Thread-safe.
+  /// Waits until everything is unpacked. Returns the error of unpacking, if there was one.
+  /// Thread-safe.
   Result<void> finish() const;
 
-  /// The total time of all threads that read() has waited so far for bytes to be unpacked.
+  /// The time that read() has waited so far for bytes to be unpacked, added up over all threads.
   double waited_ms() const;
 
   VolumeFile();

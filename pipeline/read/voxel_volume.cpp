@@ -39,7 +39,8 @@ std::string shear_text(const Eigen::Matrix3d& columns) {
 
 std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
                                             const std::array<double, 3>& pixdim_mm) {
-  // The margin for the rounding of 32-bit floats makes sides that differ by exactly 1 % agree.
+  // Sides that differ by exactly 1 % agree, because of the margin for the rounding of 32-bit
+  // floats.
   constexpr double kMaxRelative = 0.01 + 1e-6, kMaxCosine = 1e-3;
   std::array<double, 3> by_sform{}, by_pixdim{};
   bool differs = false;

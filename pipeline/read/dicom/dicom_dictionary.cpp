@@ -40,7 +40,7 @@ const Known kKnown[] = {
     {DCM_PixelRepresentation, EVR_US},
     {DCM_PixelSpacing, EVR_DS},
     {DCM_PixelValueTransformationSequence, EVR_SQ},
-    {DCM_PlanarConfiguration, EVR_US},  // by DCMTK's decoders
+    {DCM_PlanarConfiguration, EVR_US},  // used by DCMTK's decoders
     {DCM_PlaneOrientationSequence, EVR_SQ},
     {DCM_PlanePositionSequence, EVR_SQ},
     {DCM_ReferencedSegmentNumber, EVR_US},

@@ -16,8 +16,8 @@ namespace {
 
 using GivenSpacing = std::optional<std::array<double, 3>>;
 
-// The items that may hold an attribute of a frame, in this order: the frame's own functional group,
-// the shared one, the dataset itself (single-frame objects).
+// The items in which an attribute of a frame is searched, in this order: the frame's own functional
+// group, the shared one, and the dataset itself (single-frame objects).
 struct AttributeItems {
   DcmItem *per_frame, *shared, *dataset;
 
@@ -33,8 +33,9 @@ struct AttributeItems {
   }
 };
 
-// A missing slope is 1, a missing intercept 0. One that is present must be a number: with 1 and 0
-// instead, HU would be wrong by about a thousand. Returns what is wrong, or nothing.
+// Reads slope and intercept. A missing slope is 1, and a missing intercept is 0. A value that is
+// present must be a number: if it were replaced by 1 or 0, HU would be wrong by about a thousand.
+// Returns the problem, or std::nullopt.
 std::optional<std::string> read_rescale(const AttributeItems& at, DicomFrame& h) {
   DcmItem* item = at.find(DCM_PixelValueTransformationSequence, DCM_RescaleSlope);
   const bool has_slope = item->tagExists(DCM_RescaleSlope);
@@ -53,8 +54,8 @@ std::optional<std::string> read_rescale(const AttributeItems& at, DicomFrame& h)
   return {};
 }
 
-// Reads the pixel spacing; a frame without one gets the given spacing. Returns what is wrong, or
-// nothing.
+// Reads the pixel spacing. A frame that states none gets the given spacing. Returns the problem, or
+// std::nullopt.
 std::optional<std::string> read_spacing(const AttributeItems& at, const GivenSpacing& given,
                                         DicomFrame& h) {
   DcmItem* item = at.find(DCM_PixelMeasuresSequence, DCM_PixelSpacing);
@@ -74,7 +75,7 @@ std::optional<std::string> read_spacing(const AttributeItems& at, const GivenSpa
   return {};
 }
 
-// Reads plane and rescale of one frame. Returns what is wrong, or nothing.
+// Reads plane and rescale of one frame. Returns the problem, or std::nullopt.
 std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSpacing& given,
                                          DicomFrame& h) {
   double position[3], orientation[6];
@@ -100,15 +101,15 @@ std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSp
   return read_rescale(at, h);
 }
 
-// Reads size and sample format, the same for all frames of a file. Returns what is wrong, or
-// nothing. `is_binary`: one bit a pixel is possible, too.
+// Reads size and sample format, which are the same for all frames of a file. With `is_binary`, one
+// bit per pixel is allowed, too. Returns the problem, or std::nullopt.
 std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame& h) {
   h.rows = dicom_integer(&data, DCM_Rows, 0);
   h.columns = dicom_integer(&data, DCM_Columns, 0);
   if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1) {
     return std::to_string(samples) + " samples a pixel: colour, not CT";
   }
-  // The two differ in how to display them only: HU come from the rescale.
+  // The two differ only in how they are displayed. HU come from the rescale.
   const std::string photometric = dicom_text(&data, DCM_PhotometricInterpretation);
   if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2") {
     return "photometric interpretation '" + photometric + "'";
@@ -143,7 +144,7 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
     if (h.bits_allocated == 1) return "compressed pixels of one bit, which are not read";
     return {};
   }
-  // Frames of one bit a pixel follow each other without padding.
+  // Frames with one bit per pixel follow each other without padding.
   const double bits = static_cast<double>(h.rows) * h.columns * h.bits_allocated * h.frames;
   const double want = std::ceil(bits / 8);
   const double have = pixels->getLength(syntax);
@@ -151,7 +152,8 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
     return "truncated: " + std::to_string(static_cast<long>(have)) +
            " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
   }
-  // Faulty writers pad each frame, so that only the first would be where it is read.
+  // Some faulty programs pad each frame. Then only the first frame would be at the position where
+  // it is read.
   if (h.bits_allocated == 1 && have > want + 1) {
     return std::to_string(static_cast<long>(have)) + " bytes of pixels, more than the " +
            std::to_string(static_cast<long>(want)) +
@@ -160,7 +162,8 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   return {};
 }
 
-// A stored value, whose representation in the file (US or SS) may not be that of the pixels.
+// Reads a stored value. Its representation in the file (US or SS) may differ from that of the
+// pixels.
 std::optional<int> stored_value(DcmItem& data, const DcmTagKey& tag, const DicomFrame& h) {
   Uint16 bits = 0;
   if (Sint16 number = 0; data.findAndGetUint16(tag, bits).bad()) {
@@ -199,7 +202,7 @@ SeriesInfo read_series(DcmDataset& data) {
   return out;
 }
 
-// The segment's own label, else what it is.
+// The segment's label or, if it has none, the description of its type.
 std::string segment_name(DcmDataset& data, DcmItem& segment) {
   std::string label = dicom_utf8(data, DCM_SegmentLabel, &segment);
   if (!label.empty()) return label;
@@ -208,7 +211,7 @@ std::string segment_name(DcmDataset& data, DcmItem& segment) {
   return type == nullptr ? "" : dicom_utf8(data, DCM_CodeMeaning, type);
 }
 
-// Reads what a segmentation says of its segments. Returns what is wrong, or nothing.
+// Reads the description of the segments of a segmentation. Returns the problem, or std::nullopt.
 std::optional<std::string> read_segments(DcmDataset& data, DicomSegments& out) {
   const std::string type = dicom_text(&data, DCM_SegmentationType);
   if (type == "FRACTIONAL") {
@@ -231,7 +234,7 @@ std::optional<std::string> read_segments(DcmDataset& data, DicomSegments& out) {
   return {};
 }
 
-// Reads which segment the frame is of. Returns what is wrong, or nothing.
+// Reads to which segment the frame belongs. Returns the problem, or std::nullopt.
 std::optional<std::string> read_segment_of(const AttributeItems& at, const DicomSegments& segments,
                                            DicomFrame& h) {
   h.slope = 1;
@@ -244,7 +247,7 @@ std::optional<std::string> read_segment_of(const AttributeItems& at, const Dicom
   return {};
 }
 
-// Reads all frames of a file that has pixels. Returns what is wrong, or nothing.
+// Reads all frames of a file that has pixels. Returns the problem, or std::nullopt.
 std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
                                        DicomExtent extent, DicomFile& out) {
   DcmDataset& data = *format.getDataset();
@@ -338,7 +341,8 @@ bool may_be_dicom(const std::filesystem::path& file) {
   char tag[2] = {};
   std::ifstream in(file, std::ios::binary);
   if (!in.read(tag, sizeof tag)) return false;
-  // 2: file meta information; 8: identification of the image, where there is none.
+  // Group 2 is file meta information. Group 8 is the identification of the image; it comes first if
+  // there is no group 2.
   const char group = tag[0] != 0 ? tag[0] : tag[1], other = tag[0] != 0 ? tag[1] : tag[0];
   return other == 0 && (group == 2 || group == 8);
 }
@@ -359,7 +363,7 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
     out.frames.clear();
   };
   if (loaded.bad()) {
-    // Other files beside the slices (text, for example) are skipped; damaged DICOM files are not.
+    // Files that are not DICOM (text, for example) are skipped, but damaged DICOM files are not.
     if (has_dicom_preamble(file) || !out.series.uid.empty()) {
       unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The headers of a DICOM file's images, with one entry for each frame, for single CT slices and for
-// enhanced (multi-frame) CT with its functional groups. Independent of DCMTK.
+// Reads the headers of the images in a DICOM file: single CT slices, and enhanced (multi-frame) CT
+// with its functional groups. The result has one entry for each frame and no types of DCMTK.
 // Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
@@ -20,31 +20,31 @@ namespace trocar::pipeline {
 /// One slice: a file, or one frame of a multi-frame file.
 struct DicomFrame {
   std::filesystem::path file;
-  int frame = 0, frames = 1;  ///< its index, and the number of frames in the file
+  int frame = 0, frames = 1;  ///< the index of the frame, and the number of frames in the file
   std::string sop_uid, frame_of_reference;
   Eigen::Vector3d position, u, v;  ///< LPS mm; u, v unit vectors at right angles
   double spacing_u_mm = 0, spacing_v_mm = 0;
-  bool has_spacing = false;         ///< whether the file states it
+  bool has_spacing = false;         ///< true: the file states the spacing
   double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
-  bool has_rescale = false;         ///< whether the file states both
-  int segment = 0;                  ///< Segment Number in a segmentation; else 0
+  bool has_rescale = false;         ///< true: the file states slope and intercept
+  int segment = 0;                  ///< Segment Number in a segmentation, otherwise 0
   int rows = 0, columns = 0;
   int bits_allocated = 16, bits_stored = 16, high_bit = 15;
   bool is_signed = false;
-  /// CT only: PixelPaddingValue and PixelPaddingRangeLimit (equal if there is no range) as stored
-  /// values, ascending. Pixels within them have no data.
+  /// CT only: PixelPaddingValue and PixelPaddingRangeLimit as stored values, ascending; they are
+  /// equal if the file states no range. Pixels with values in this range have no data.
   std::optional<std::array<int, 2>> padding;
   std::optional<double> stated_tilt_deg;  ///< GantryDetectorTilt
 
   double hu(int stored) const { return stored * slope + intercept; }
-  /// Whether padding has positive HU, so that it would be taken for tissue.
+  /// Does padding have positive HU, so that it would be taken for tissue?
   bool has_dense_padding() const {
     return padding && (hu((*padding)[0]) > 0 || hu((*padding)[1]) > 0);
   }
-  std::string name() const;  ///< the file, and the frame if there are several
+  std::string name() const;  ///< the file's name, and the frame's number if there are several
 };
 
-/// The plane of the frame moved to a position, with z_mm along its own normal.
+/// The plane of the frame, moved to `position`. Its z_mm is measured along its own normal.
 SlicePlane plane_of(const DicomFrame& frame, const Eigen::Vector3d& position);
 
 /// The segments of a segmentation (SEG).
@@ -57,39 +57,40 @@ struct DicomSegments {
 struct DicomFile {
   enum class Kind {
     kNotImage,   ///< not DICOM, or DICOM without pixels
-    kLocaliser,  ///< a scout view; `problem` says why it is no slice
+    kLocaliser,  ///< a scout view; `problem` states why it is not a slice
     kImages,
-    kSegmentation,  ///< a label map; `problem` says why it is no slice
-    kUnusable,      ///< `problem` says why
+    kSegmentation,  ///< a label map; `problem` states why it is not a slice
+    kUnusable,      ///< `problem` states the reason
   };
   std::filesystem::path file;
   Kind kind = Kind::kNotImage;
   SeriesInfo series;        ///< its UID is empty if missing
   std::string problem;      ///< one line, with the file's name
-  bool is_capture = false;  ///< whether it is, for example, a picture of a screen and never a slice
+  bool is_capture = false;  ///< true: it can never be a slice, like a picture of a screen
   ImageContent content;
   std::vector<DicomFrame> frames;
   DicomSegments segments;  ///< kSegmentation only
 };
 
-/// The text with ? for its control characters, so that messages and tables keep their lines.
+/// Replaces the control characters of a text by ?, so that lines of messages and tables are not
+/// broken.
 std::string without_control(std::string text);
 
-/// Whether the first 132 bytes are those of a DICOM file. Its name does not matter.
+/// Are the first 132 bytes those of a DICOM file? The file's name does not matter.
 bool has_dicom_preamble(const std::filesystem::path& file);
 
-/// Whether a file in a folder is worth parsing: it has the preamble, or, without one, begins with
-/// the tag of a group that DICOM files begin with.
+/// Should a file in a folder be parsed? It should if it has the preamble or if, without one, it
+/// begins with the tag of a group with which DICOM files begin.
 bool may_be_dicom(const std::filesystem::path& file);
 
 enum class DicomExtent {
   kWhole,   ///< pixels are not decoded, but must be complete
-  kHeader,  ///< nothing behind the header is read, and may be missing
+  kHeader,  ///< data behind the header are not read, and may be missing
 };
 
-/// Never fails: problems are in the result. `spacing_mm`, if given, applies to frames without a
-/// pixel spacing of their own. Images of another modality than CT are kUnusable, and localisers
-/// have no frames, unless `any_modality`; segmentations are kSegmentation either way.
+/// Never fails: problems are part of the result. `spacing_mm`, if given, applies to frames that
+/// state no pixel spacing. Unless `any_modality` is set, images of another modality than CT are
+/// kUnusable, and localisers have no frames. Segmentations are kSegmentation in any case.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
                              bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);

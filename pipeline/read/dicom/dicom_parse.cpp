@@ -19,7 +19,8 @@ namespace trocar::pipeline {
 namespace {
 
 // DCMTK parses nested sequences by recursion. The stream is our only code inside that recursion, so
-// it checks the depth of the stack. Real files nest a dozen levels, a kilobyte each.
+// it checks the depth of the stack. Real files have about a dozen levels, which take a kilobyte
+// each.
 constexpr std::ptrdiff_t kMaxParserStack = 512 << 10;
 // Values stay in the file, except those of a deflated file: these are held in memory and may be a
 // thousand times as large as the file.

@@ -16,32 +16,32 @@ namespace trocar::pipeline {
 /// Thread-safe; only the first call has an effect.
 void set_up_dcmtk();
 
-/// Loads `file`; values longer than some kilobytes stay in the file until they are needed (except
-/// in a deflated file). What could be read is in `format` even if the result is bad. Also bad:
-/// nested sequences that need more than 512 KiB of stack, and more than 512 MiB of values (as a
-/// small deflated file may have). DCMTK itself has no such limits.
+/// Loads `file`. Values longer than some kilobytes stay in the file until they are needed, except
+/// in a deflated file. Even if the result is bad, `format` has what could be read. The result is
+/// also bad if nested sequences need more than 512 KiB of stack, or if there are more than 512 MiB
+/// of values (which even a small deflated file may have). DCMTK itself has no such limits.
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
 
 /// The same up to the pixel data, which is not read and may be missing.
 OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format);
 
-/// The element's text, empty if there is none. `item` may be null in all that take one.
+/// The element's text; empty if there is none. `item` may be null here and in the functions below.
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag);
-/// The text of an element of the dataset, or of one of its items, as UTF-8 without spaces around
-/// it. It may have letters beyond ASCII.
+/// The text of an element of the dataset, or of one of its items, converted to UTF-8, without
+/// spaces around it. Use it for texts that may contain letters beyond ASCII.
 std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item = nullptr);
 /// Reads `count` finite numbers; false if the element does not have them.
 bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count);
 int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);
 
-/// The pixel data element, null if there is none.
+/// The pixel data element; null if there is none.
 DcmPixelData* dicom_pixel_data(DcmFileFormat& format);
 
-/// True if pixels of this transfer syntax stand in fragments, as compressed ones do.
+/// Does this transfer syntax store pixels in fragments, as for compressed pixels?
 bool dicom_encapsulated(E_TransferSyntax syntax);
 
-/// The size in bytes of one frame of uncompressed pixels, without padding; 0 if the dataset does not say it.
-/// `compressed` tells how the pixels stand in the file.
+/// The size in bytes of one frame of uncompressed pixels, without padding; 0 if the dataset does
+/// not state it. `compressed`: the file stores the pixels in compressed form.
 Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed);
 
 }  // namespace trocar::pipeline

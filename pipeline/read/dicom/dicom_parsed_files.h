@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Multi-frame files that stay parsed while their frames are read.
+// A cache of parsed multi-frame files, which stay parsed while their frames are read.
 // Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
@@ -15,9 +15,9 @@
 
 namespace trocar::pipeline {
 
-/// A cache of parsed multi-frame files that no thread is using, so that a file is not parsed again
-/// for each of its frames. take() hands a file to the calling thread, so there are never more files
-/// than threads.
+/// Keeps parsed multi-frame files that no thread is using, so that a file is not parsed again for
+/// each of its frames. take() gives a file to the calling thread, so there are never more parsed
+/// files than threads.
 class ParsedFiles {
  public:
   Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {

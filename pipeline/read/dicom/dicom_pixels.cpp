@@ -22,7 +22,7 @@ void release_fragments(DcmPixelSequence& sequence) {
   }
 }
 
-// The encapsulated bytes of one frame, its fragments joined.
+// The encapsulated bytes of one frame, made by joining its fragments.
 Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSequence& sequence) {
   Uint32 first = 0, end = static_cast<Uint32>(sequence.card());
   const Uint32 frame = static_cast<Uint32>(h.frame);
@@ -45,8 +45,8 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
   return out;
 }
 
-// The sample precision in a JPEG's frame header, 0 if the header is not where it must be.
-// (ISO 10918-1, B.1: all segments before it give their length.)
+// The sample precision in a JPEG's frame header; 0 if the header is not at the position where it
+// must be. (ISO 10918-1, B.1: all segments before it state their length.)
 int jpeg_precision(std::span<const std::uint8_t> jpeg) {
   if (jpeg.size() < 4 || jpeg[0] != 0xff || jpeg[1] != 0xd8) return 0;
   for (std::size_t at = 2; at + 5 < jpeg.size();) {
@@ -80,8 +80,8 @@ Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
   return {};
 }
 
-// The samples as stored words. Lossy coding may exceed the range of the stored bits: such values
-// are clamped, since masking them would turn white into black.
+// The samples as stored words. With lossy coding, values may exceed the range of the stored bits.
+// They are clamped, since masking them would turn white into black.
 Result<std::vector<std::uint16_t>> decode_jpeg2000_words(
     const DicomFrame& h, const std::vector<std::uint8_t>& codestream) {
   const auto decoded = decode_jpeg2000(codestream, h.columns, h.rows, h.name());
@@ -98,8 +98,8 @@ Result<std::vector<std::uint16_t>> decode_jpeg2000_words(
   return words;
 }
 
-// One segment for each byte of a word, the high byte first (DICOM PS3.5, annex G). DCMTK's own
-// codec silently fills in what is missing from a damaged segment; here it is an error.
+// There is one segment for each byte of a word, the high byte first (DICOM PS3.5, annex G). DCMTK's
+// own codec silently fills in the missing part of a damaged segment. Here it is an error.
 Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
                                               const std::vector<std::uint8_t>& bytes) {
   const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
@@ -163,7 +163,7 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
     return refused(h.name() + ": its frames are not of " + std::to_string(bytes) + " bytes");
   }
   words.resize(std::max(count, (static_cast<std::size_t>(frame_size) + 1) / 2));
-  // DCMTK wants an even size, also for a frame of an odd one.
+  // DCMTK needs a buffer of even size, even for a frame with an odd number of bytes.
   const auto buffer_size = static_cast<Uint32>(words.size() * sizeof(std::uint16_t));
   const OFCondition done = pixels->getUncompressedFrame(
       &data, static_cast<Uint32>(h.frame), fragment, words.data(), buffer_size, colour_model);

@@ -10,11 +10,11 @@
 
 namespace trocar::pipeline {
 
-/// Decodes the frame `h` of its loaded file: uncompressed of any byte order, deflated, RLE, JPEG
-/// baseline, extended and lossless, JPEG-LS (DCMTK) and JPEG 2000 (OpenJPEG). Only this frame is
-/// read from an uncompressed or encapsulated file, and nothing of it is kept in `format`. Dense
-/// padding (DicomFrame::has_dense_padding()) becomes kNoData_HU.
-/// Errors (refused): damaged, truncated, another transfer syntax.
+/// Decodes the frame `h` of its loaded file. Supported are uncompressed pixels in either byte
+/// order, deflated files, RLE, JPEG baseline, extended and lossless, JPEG-LS (DCMTK) and JPEG 2000
+/// (OpenJPEG). From an uncompressed or encapsulated file only this frame is read, and `format`
+/// keeps nothing of it. Dense padding (DicomFrame::has_dense_padding()) becomes kNoData_HU. Errors
+/// (refused): the pixels are damaged or truncated, or have another transfer syntax.
 Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format);
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The frames of a segmentation (PS3.3, A.51), one for each segment and slice, come in any order,
-// and those without a pixel of the segment are often missing.
+// A segmentation (PS3.3, A.51) has one frame for each segment and slice, in any order. Frames
+// without a pixel of the segment are often missing.
 #include "pipeline/read/dicom/dicom_segmentation.h"
 
 #include <Eigen/Geometry>
@@ -50,7 +50,7 @@ class SegmentationStack final : public SliceStack {
     if (frames.empty()) return out;
     auto format = parsed_.take(frames[0]);
     if (!format) return format.error();
-    // Wanted segments come last, so that overlaps with others do not matter.
+    // Wanted segments are written last, so overlaps with other segments do not matter.
     Result<void> done;
     for (const bool wanted : {false, true}) {
       for (const DicomFrame& frame : frames) {
@@ -81,7 +81,8 @@ class SegmentationStack final : public SliceStack {
     return {};
   }
 
-  // The pixels in the segment: those whose bit is set, or that have at least half of the fraction.
+  // The pixels in the segment: those whose bit is set, or whose fraction is at least half of the
+  // largest one.
   Result<std::vector<std::size_t>> pixels(const DicomFrame& frame, DcmFileFormat& format) const {
     const std::size_t count = static_cast<std::size_t>(frame.rows) * frame.columns;
     std::vector<std::size_t> out;
@@ -99,7 +100,7 @@ class SegmentationStack final : public SliceStack {
       }
       return out;
     }
-    // The bits of all frames follow each other, the lowest of a byte first.
+    // The bits of all frames follow each other. Within a byte, the lowest bit comes first.
     const std::size_t first = static_cast<std::size_t>(frame.frame) * count, end = first + count;
     const std::size_t from = first / 8, to = (end + 7) / 8;
     std::vector<std::uint8_t> bytes(to - from);
@@ -111,7 +112,7 @@ class SegmentationStack final : public SliceStack {
       return refused(frame.name() + ": its pixels cannot be read");
     }
     for (std::size_t k = 0; k < bytes.size(); ++k) {
-      if (bytes[k] == 0) continue;  // as most are
+      if (bytes[k] == 0) continue;  // like most bytes
       for (std::size_t j = 0; j < 8; ++j) {
         const std::size_t bit = (from + k) * 8 + j;
         if ((bytes[k] >> j & 1) != 0 && bit >= first && bit < end) out.push_back(bit - first);
@@ -169,7 +170,7 @@ Result<std::vector<SliceFrames>> slices_of_frames(const DicomFile& file) {
   return out;
 }
 
-// Each gap as a number of steps; empty if the gaps are not multiples of the step.
+// Each gap as a number of steps; empty if a gap is not a multiple of the step.
 std::vector<int> multiples(const std::vector<double>& gaps_mm, double step_mm) {
   std::vector<int> out;
   for (const double gap : gaps_mm) {
@@ -181,8 +182,9 @@ std::vector<int> multiples(const std::vector<double>& gaps_mm, double step_mm) {
   return out;
 }
 
-// Takes the slices from the first frame's to the last one's, at the step that the file states, else
-// at the smallest distance of two frames. Uneven slices keep their positions.
+// Makes slices from the first frame to the last one. Their distance is the step that the file
+// states or, if it states none or the frames do not fit it, the smallest distance between frames.
+// If the frames do not fit that either, the slices have the positions of the frames.
 Result<void> use_slices_of_frames(std::vector<SliceFrames> slices, SegmentationStack& stack) {
   std::vector<double> gaps;
   const DicomFrame first = slices[0][0];
@@ -222,7 +224,7 @@ Result<void> use_slices_of_frames(std::vector<SliceFrames> slices, SegmentationS
   return {};
 }
 
-// Takes the slices of the CT. Each frame must lie on one of them.
+// Uses the slices of the CT. Each frame must lie on one of them.
 Result<void> use_slices_of_ct(const SliceStack& ct, std::vector<SliceFrames> slices,
                               SegmentationStack& stack) {
   stack.frames_.resize(static_cast<std::size_t>(ct.size()));
@@ -254,7 +256,7 @@ Result<void> use_slices_of_ct(const SliceStack& ct, std::vector<SliceFrames> sli
   return {};
 }
 
-// The slices without a frame, as "slices 0-3, 7"; empty if there are none.
+// The slices without a frame, such as "slices 0-3, 7"; empty if there are none.
 std::string empty_slices(const std::vector<SliceFrames>& frames) {
   constexpr int kMaxRuns = 12;
   std::set<int> empty;

@@ -11,10 +11,10 @@
 
 namespace trocar::pipeline {
 
-/// The labels are the numbers of the segments. `file` is a result of read_dicom_headers(). Slices
-/// without a frame are empty. Errors (refused): frames that do not fit each other or
-/// options.segmented_ct; on reading, wanted segments that overlap. Warnings: frames_left_out,
-/// uneven_spacing.
+/// Opens a segmentation. Its labels are the numbers of the segments. `file` must come from
+/// read_dicom_headers(). Slices without a frame are empty. Errors (refused): frames do not fit each
+/// other or options.segmented_ct; when a slice is read, wanted segments overlap. Warnings:
+/// frames_left_out, uneven_spacing.
 Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
                                                       const OpenOptions& options);
 

@@ -22,7 +22,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// Replaces a missing series UID. It is equal for images that may belong to one scan.
+// A text that replaces a missing series UID. Images that may belong to one scan get the same text.
 std::string substitute_uid(const DicomFile& file) {
   if (file.frames.empty()) return "(no UID)";
   const DicomFrame& h = file.frames[0];
@@ -77,7 +77,7 @@ std::string shared_description(const DicomSeries& s) {
          plural(s.slices.size() + s.unusable, "file") + ")";
 }
 
-// The first eight series by their `text`, and the number of the others.
+// Lists the first eight series by their `text`, and the number of the others.
 std::string listed(const std::vector<const DicomSeries*>& series,
                    std::string (*text)(const DicomSeries&)) {
   constexpr std::size_t kMax = 8;
@@ -138,7 +138,7 @@ std::vector<const DicomSeries*> matches(const std::vector<DicomSeries>& series,
   return out;
 }
 
-// Series of lower rank are taken before others.
+// The rank of a series. Series of lower rank are preferred.
 int rank(const DicomSeries& s) {
   if (s.content.kind == ImageContent::Kind::kCt) return 0;
   return s.content.kind == ImageContent::Kind::kUnknown ? 1 : 2;
@@ -186,7 +186,7 @@ void warn_of_gaps(const std::vector<DicomFrame>& slices, std::vector<Warning>& w
   }
 }
 
-// Warns of slices whose planes are not tilted as their scanner was.
+// Warns if the tilt of the slices' planes contradicts the gantry tilt that their headers state.
 void warn_of_tilt(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
   constexpr double kNearlyAxial = 0.7, kTolerance_deg = 1;
   const DicomFrame& h = slices[0];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads the headers first (dicom_headers), then chooses the series and orders its slices
-// (dicom_series), and decodes the pixels when a slice is read (dicom_pixels).
+// The headers are read first (dicom_headers). Then the series is chosen and its slices are ordered
+// (dicom_series). Pixels are decoded when a slice is read (dicom_pixels).
 #include "pipeline/read/dicom/dicom_stack.h"
 
 #include <Eigen/Geometry>

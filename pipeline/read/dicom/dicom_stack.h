@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// DICOM files as a stack of slices: one series, or a segmentation for labels.
+// Opens DICOM files as a stack of slices: one series or, if labels are wanted, a segmentation.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -14,15 +14,15 @@
 
 namespace trocar::pipeline {
 
-/// Takes the series of options.series, else the one that choose_series() prefers; with
-/// options.as_labels a segmentation if there is one. Errors (refused): no usable slice, those of
-/// the series (dicom_series.h), of open_segmentation() and of resliced(). `where` names the input
-/// in messages.
+/// Opens the series that options.series names or, if it is empty, the one that choose_series()
+/// prefers. With options.as_labels, opens a segmentation if there is one. `where` names the input
+/// in messages. Errors: (refused) there is no usable slice; those of dicom_series.h,
+/// open_segmentation() and resliced().
 Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);
 
-/// Reads the headers of the files first.
+/// The same, but reads the headers of the files first.
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options);
 

@@ -85,7 +85,7 @@ std::string image_type_with(DcmItem& data, const std::array<std::string_view, N>
 }
 
 // The unit of a CT's values after the rescale if it is not HU: optical density, electron density,
-// effective atomic number and others. US means unspecified.
+// effective atomic number and others. (The RescaleType US means unspecified.)
 std::string other_rescale(DcmItem& data) {
   OFString type;
   if (data.findAndGetOFString(DCM_RescaleType, type, 0, true).bad()) return {};
@@ -108,7 +108,7 @@ ImageContent image_content(DcmItem& data) {
     return is(Kind::kLocaliser, scout);
   if (const std::string mosaic = image_type_with(data, kMosaic); !mosaic.empty())
     return is(Kind::kOther, mosaic);
-  // Pictures of a screen carry the modality of what they show.
+  // Pictures of a screen state the modality of what they show.
   const std::string sop_class = dicom_text(&data, DCM_SOPClassUID);
   const bool is_capture = sop_class == std::string(kStorage) + "7" ||
                           sop_class.starts_with(std::string(kStorage) + "7.");

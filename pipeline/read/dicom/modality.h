@@ -29,11 +29,12 @@ struct Warning;
 struct ImageContent {
   enum class Kind { kCt, kUnknown, kLocaliser, kOther };
   Kind kind = Kind::kUnknown;
-  /// The modality, then the value of ImageType that decided: "CT", "MR MOSAIC", "CT LOCALIZER".
-  /// Empty if unknown. At most 33 characters: A to Z, 0 to 9, _, spaces, and ? for others.
+  /// The modality, followed by the value of ImageType that decided the kind, if one did: "CT", "MR
+  /// MOSAIC", "CT LOCALIZER". Empty if unknown. At most 33 characters: A to Z, 0 to 9, _ and
+  /// spaces; ? replaces any other character.
   std::string name;
 
-  /// Whether it is a DICOM segmentation (SEG).
+  /// Is it a DICOM segmentation (SEG)?
   bool is_segmentation() const { return kind == Kind::kOther && name == "SEG"; }
 };
 
@@ -42,14 +43,15 @@ ImageContent image_content(DcmItem& data);
 /// The reason why a kLocaliser or kOther is not meshed, with advice and without the file's name.
 std::string why_not_ct(const ImageContent& content);
 
-/// Leaves localisers out of a scan unless there is no other image in `files`, or in the series
-/// `wanted` if that is not empty. In that case `any_modality` turns them into images like others.
-/// Errors: (refused) without `any_modality`, with the name of the first localiser.
+/// Leaves localisers out of a scan if there are other images in `files` (or, if `wanted` is not
+/// empty, in the series `wanted`). If there are only localisers, `any_modality` turns them into
+/// ordinary images. Errors: (refused) there are only localisers and `any_modality` is not set; the
+/// message names the first one.
 Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string& wanted,
                                bool any_modality);
 
-/// The modality of the files in `used` if it is not CT, else empty. Warnings: not_hu if it is not
-/// CT; no_modality if a file does not state one.
+/// The modality of the files in `used` if it is not CT, otherwise empty. Warnings: not_hu if it is
+/// not CT; no_modality if a file does not state one.
 std::string other_modality(const std::vector<DicomFile>& files,
                            const std::set<std::filesystem::path>& used,
                            std::vector<Warning>& warnings);

@@ -26,7 +26,7 @@ Result<void> check_size(std::int64_t width, std::int64_t height, const std::stri
   return {};
 }
 
-// The buffer for a decoder's output. It is reused from file to file unless it is large, because
+// A buffer for a decoder's output. Unless it is large, it is reused for the next file, because
 // allocating it takes longer than using it.
 cv::Mat decode_buffer(int height, int width, int type) {
   constexpr std::size_t kMaxReusedBytes = std::size_t{1} << 24;
@@ -47,8 +47,8 @@ bool has_colours(const cv::Mat& pixels) {
   return false;
 }
 
-// Unpacks samples of less than 8 bits to one byte each. In a packed row, which starts at a byte,
-// the first sample has the highest bits.
+// Unpacks samples of less than 8 bits to one byte each. A packed row begins at a byte, and the
+// highest bits are the first sample.
 cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
   cv::Mat samples(packed.rows, width, CV_8UC1);
   for (int y = 0; y < packed.rows; ++y) {
@@ -62,7 +62,7 @@ cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
 }
 
 // Converts pixels of 1, 3 or 4 channels to grey levels; `to_grey` (of cv::cvtColor) gives the order
-// of the channels. Works on some rows at a time, so that they stay in the cache.
+// of the channels. Converts a few rows at a time, so that they stay in the cache.
 Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const std::string& name) {
   if (wanted == Levels::kStored && pixels.channels() > 1 && has_colours(pixels))
     return refused(name + ": colours cannot be labels; use grey levels or a palette's indices");
@@ -97,7 +97,7 @@ Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string
   if (int e = spng_set_png_buffer(png.get(), bytes.data(), bytes.size()); e != 0) return broken(e);
   if (int e = spng_get_ihdr(png.get(), &header); e != 0) return broken(e);
   if (auto ok = check_size(header.width, header.height, name); !ok) return ok.error();
-  // If OpenCV has a type for the file's own format, it is decoded as stored (in the host's byte
+  // If OpenCV has a type for the file's own format, the file is decoded to that (in the host's byte
   // order). Transparency is ignored.
   const int width = static_cast<int>(header.width), height = static_cast<int>(header.height);
   int format = SPNG_FMT_PNG, type = CV_8UC3, columns = width;
@@ -174,8 +174,8 @@ struct TiffClose {
   void operator()(TIFF* tiff) const { TIFFClose(tiff); }
 };
 
-// Reads the stored samples row by row: 16 bits a channel, which libtiff's own conversion would
-// reduce to 8, or labels of 1 or 8 bits.
+// Reads the stored samples row by row. It is used for 16 bits per channel, which libtiff's own
+// conversion would reduce to 8, and for labels of 1 or 8 bits.
 Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int channels,
                              const std::string& name, Levels wanted) {
   std::uint16_t planar = PLANARCONFIG_CONTIG;
@@ -241,8 +241,8 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
 }
 
-// Width and height are at fixed offsets; whether they have 16 or 32 bits follows from
-// the header's size.
+// Width and height are at fixed offsets. The header's size determines whether they have 16 or 32
+// bits.
 Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std::uint8_t>& bytes,
                        const std::string& name, Levels wanted) {
   if (bytes.size() < 30) return refused(name + ": broken BMP");

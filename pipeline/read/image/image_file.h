@@ -12,14 +12,15 @@ namespace trocar::pipeline {
 
 enum class Levels {
   kTo255,   ///< 0..255; 16-bit levels are scaled and keep their fractions
-  kStored,  ///< labels: the numbers stored, 1 to 16 bits, or a palette's indices
+  kStored,  ///< the stored numbers, 1 to 16 bits, or the indices of a palette; for labels
 };
 
-/// PNG (ISA-L, libspng), JPEG and BMP (libjpeg-turbo), TIFF (libtiff), recognised by their first
-/// bytes; 8 or 16 bits a channel, grey or colour. The size is checked before anything is decoded.
-/// Errors (refused) name the file and the reason: unreadable, a TIFF of several pages, a decoder's
-/// warning (it substitutes missing pixels), and for labels colours or a JPEG. (OpenCV's imread is
-/// not used: it prints to stderr, accepts up to 2^30 pixels, and tries further formats.)
+/// Reads PNG (by ISA-L or libspng), JPEG and BMP (libjpeg-turbo) and TIFF (libtiff). The format is
+/// recognised by the first bytes. Images have 8 or 16 bits per channel and are grey or coloured.
+/// The size is checked before anything is decoded. Errors (refused) name the file and the reason:
+/// it cannot be read, a TIFF has several pages, the decoder warns (it has then substituted missing
+/// pixels), or labels are wanted from colours or a JPEG. (OpenCV's imread is not used: it prints to
+/// stderr, accepts up to 2^30 pixels, and tries further formats.)
 Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted = Levels::kTo255);
 
 }  // namespace trocar::pipeline

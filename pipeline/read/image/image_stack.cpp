@@ -37,7 +37,7 @@ class ImageStack final : public SliceStack {
   Image first_;  // read on opening
 };
 
-// The difference of the numbers in two names; no value if the names differ in anything else.
+// The difference of the numbers in two names; std::nullopt if the names differ in anything else.
 std::optional<long> step_between(const std::string& a, const std::string& b) {
   const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
   std::size_t first = 0, last_a = a.size(), last_b = b.size();
@@ -61,14 +61,14 @@ std::optional<long> step_between(const std::string& a, const std::string& b) {
   return *to - *from;
 }
 
-// Warns of numbers missing from a sequence of names: probably a slice is lost, and all later slices
-// are displaced.
+// Warns of numbers that are missing in a sequence of names. Probably a slice is lost, so that all
+// later slices are displaced.
 void warn_of_missing(const std::vector<std::filesystem::path>& files, double step_mm,
                      std::vector<Warning>& warnings) {
   std::vector<long> steps;
   for (std::size_t i = 1; i < files.size(); ++i) {
     const auto step = step_between(files[i - 1].filename().string(), files[i].filename().string());
-    if (!step) return;  // not one sequence
+    if (!step) return;  // the names are not one sequence
     steps.push_back(*step);
   }
   if (steps.size() < 2) return;

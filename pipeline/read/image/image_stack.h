@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Image files as a stack of slices.
+// Opens image files as a stack of slices.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -12,8 +12,9 @@
 
 namespace trocar::pipeline {
 
-/// One slice for each file, in their order, options.spacing_mm apart. Errors: (usage) no spacing;
-/// (refused) those of read_image_file(); images of different sizes.
+/// The stack has one slice for each file, in the order of `files`, with the distances of
+/// options.spacing_mm. Errors: (usage) the spacing is missing; (refused) those of
+/// read_image_file(); images have different sizes.
 Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
                                                 const OpenOptions& options);
 

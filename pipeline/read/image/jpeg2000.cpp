@@ -15,7 +15,7 @@ struct Deleter {
   void operator()(opj_image_t* image) const { opj_image_destroy(image); }
 };
 
-// OpenJPEG's stream over bytes in memory.
+// The state of an OpenJPEG stream over bytes in memory.
 struct Memory {
   std::span<const std::uint8_t> bytes;
   std::size_t at = 0;
@@ -46,8 +46,9 @@ struct StreamDeleter {
   void operator()(opj_stream_t* stream) const { opj_stream_destroy(stream); }
 };
 
-// OpenJPEG allocates tiles from the header alone, so their number is checked before. SIZ is always
-// the first marker segment, its fields at fixed offsets (ISO 15444-1, A.5.1).
+// OpenJPEG allocates tiles as soon as it has read the header, so their number is checked before
+// that. SIZ is always the first marker segment, and its fields are at fixed offsets (ISO 15444-1,
+// A.5.1).
 bool has_expected_size(std::span<const std::uint8_t> c, int width, int height) {
   const auto u32 = [&c](std::size_t at) {
     return static_cast<std::uint32_t>(c[at]) << 24 | static_cast<std::uint32_t>(c[at + 1]) << 16 |

@@ -17,8 +17,9 @@ struct Jpeg2000 {
   bool is_signed = false;
 };
 
-/// The samples of a codestream of one component of up to 16 bits. `name` is used in messages.
-/// Errors (refused): not a bare codestream, another size than width x height, damaged.
+/// Decodes a codestream with one component of up to 16 bits. `name` is used in messages. Errors
+/// (refused): the bytes are not a bare codestream, the size is not width x height, or the
+/// codestream is damaged.
 Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
                                  const std::string& name);
 

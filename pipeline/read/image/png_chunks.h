@@ -12,12 +12,13 @@
 
 namespace trocar::pipeline {
 
-/// A PNG's chunks, one after the other. Each is: length, name, data, checksum of name and data.
+/// Iterates over the chunks of a PNG file. A chunk consists of length, name, data, and the checksum
+/// of name and data.
 class PngChunks {
  public:
   using Bytes = std::span<const std::uint8_t>;
 
-  /// `file` begins with the signature, which is not checked.
+  /// `file` must begin with the signature, which is not checked.
   explicit PngChunks(Bytes file) : left_(file.subspan(std::min<std::size_t>(file.size(), 8))) {}
   /// Goes to the next chunk; false if there is no more complete chunk.
   bool next() {

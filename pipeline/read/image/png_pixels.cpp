@@ -19,7 +19,7 @@ namespace {
 
 using Bytes = std::span<const std::uint8_t>;
 
-// Unpacks the data of all IDAT chunks; false unless they fill `to` exactly.
+// Unpacks the data of all IDAT chunks. Returns false if they do not fill `to` exactly.
 bool unpack(Bytes file, std::span<std::uint8_t> to) {
   thread_local const auto state = std::make_unique<inflate_state>();  // 88 kB
   inflate_state& s = *state;
@@ -31,7 +31,7 @@ bool unpack(Bytes file, std::span<std::uint8_t> to) {
   bool has_begun = false;
   while (chunks.next()) {
     if (!chunks.is("IDAT")) {
-      if (has_begun) return false;  // they follow each other
+      if (has_begun) return false;  // IDAT chunks must follow each other
       continue;
     }
     has_begun = true;
@@ -48,8 +48,8 @@ bool unpack(Bytes file, std::span<std::uint8_t> to) {
   return false;
 }
 
-// The predictor of filter 4: the one of left, above and above left that is nearest to left + above
-// - above left.
+// The predictor of filter 4: the one of left, above and above_left that is nearest to
+// left + above - above_left.
 std::uint8_t paeth(int left, int above, int above_left) {
   const int to_left = std::abs(above - above_left), to_above = std::abs(left - above_left);
   const int to_both = std::abs(left + above - 2 * above_left);
@@ -137,7 +137,7 @@ bool decode_png_pixels(Bytes file, const PngRows& rows, std::span<std::uint8_t> 
       pixels.size() / rows.row_bytes != count || pixels.size() % rows.row_bytes != 0 ||
       packed_row > kMaxBytes / count)
     return false;
-  // The buffer is kept from file to file unless it is large, since fresh pages take time.
+  // Unless it is large, the buffer is kept for the next file, since fresh pages take time.
   thread_local std::vector<std::uint8_t> kept;
   std::vector<std::uint8_t> own;
   std::vector<std::uint8_t>& filtered = packed_row * count > kMaxReusedBytes ? own : kept;
@@ -148,7 +148,7 @@ bool decode_png_pixels(Bytes file, const PngRows& rows, std::span<std::uint8_t> 
   for (std::size_t y = 0; y < count; ++y) {
     std::uint8_t* out = pixels.data() + y * rows.row_bytes;
     if (!unfilter_row(filtered.data() + y * packed_row, above, out, rows.row_bytes)) return false;
-    // A row keeps its byte order until the next one is decoded.
+    // A row keeps the file's byte order until the next row has been decoded.
     if (rows.sample_bytes == 2 && y > 0)
       to_host_order(pixels.subspan((y - 1) * rows.row_bytes, rows.row_bytes));
     above = out;

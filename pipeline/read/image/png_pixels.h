@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The pixels of a plain PNG (W3C recommendation, third edition), unpacked by ISA-L: more than twice
-// as fast as by zlib.
+// Decodes the pixels of a plain PNG (W3C recommendation, third edition). They are unpacked by
+// ISA-L, which is more than twice as fast as zlib.
 // Tests: tests/pipeline/read/image/png_pixels_test.cpp
 #pragma once
 
@@ -17,12 +17,12 @@ struct PngRows {
   int sample_bytes = 0;       ///< 1 or 2
 };
 
-/// Decodes the pixels of a PNG without interlacing, whose samples have 8 or 16 bits, to `pixels`:
-/// row after row, channels interleaved, samples of 16 bits in the host's byte order. `file` has all
-/// bytes of the file, `rows` describes the rows by its header, and `pixels` has count * row_bytes
-/// bytes. Returns false and leaves `pixels` undefined if anything in the data is damaged or
-/// unusual; a complete decoder then finds the error, or is more lenient. Checks the checksums of
-/// the data.
+/// Decodes the pixels of a PNG without interlacing, with samples of 8 or 16 bits, to `pixels`: row
+/// after row, with interleaved channels, and samples of 16 bits in the host's byte order. `file`
+/// has all bytes of the file, `rows` describes the rows according to the header, and `pixels` must
+/// have count * row_bytes bytes. The checksums of the data are checked. If anything in the data is
+/// damaged or unusual, returns false and leaves `pixels` undefined. The caller then uses a complete
+/// decoder, which finds the error or is more lenient.
 bool decode_png_pixels(std::span<const std::uint8_t> file, const PngRows& rows,
                        std::span<std::uint8_t> pixels);
 

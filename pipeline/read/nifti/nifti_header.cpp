@@ -19,8 +19,8 @@ using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
 
 constexpr std::int64_t kMaxVolumes = 1 << 20;
 
-// 0: not supported. That includes 128-bit floats: quadruple precision in the standard, 80-bit in
-// most files.
+// Bytes of a voxel; 0: not supported. 128-bit floats are not supported, because they are quadruple
+// precision in the standard but have 80 bits in most files.
 int bytes_of(int datatype) {
   switch (datatype) {
     case NIFTI_TYPE_UINT8:
@@ -42,8 +42,9 @@ int bytes_of(int datatype) {
   }
 }
 
-// The sform's matrix contains the voxel size; without an sform, pixdim gives it. libnifti2 replaces
-// missing sizes by 1, and with a qform negative ones too. (dim[0] has been checked.)
+// Does the header state the voxel size? The sform's matrix contains it; without an sform, pixdim
+// states it. (libnifti2 replaces missing sizes by 1, and with a qform also negative ones.) dim[0]
+// must have been checked.
 template <typename Header>
 bool has_voxel_size(const Header& h) {
   if (h.sform_code > 0) return true;
@@ -54,7 +55,7 @@ bool has_voxel_size(const Header& h) {
 }
 
 // Converts the header to this machine's byte order and lets libnifti2 interpret it. Sizes are
-// checked here, on the header itself: the library multiplies them unchecked.
+// checked here, on the header itself, because the library multiplies them without a check.
 template <typename Header>
 Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
                            const std::string& file, NiftiHeader& out) {
@@ -113,7 +114,8 @@ Result<void> check_volume(const std::string& file, std::int64_t volumes,
   return {};
 }
 
-// The voxel-to-patient matrix in LPS mm, by sform, qform or, failing both, the voxel sizes.
+// The matrix from voxels to the patient in LPS mm. It comes from the sform or the qform or, if both
+// are missing, from the voxel sizes.
 Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
                              std::vector<Warning>& warnings) {
   Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
@@ -136,7 +138,8 @@ Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
   return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
 }
 
-// The file's unit of length in mm; files that name none are in mm. 0: unknown.
+// The file's unit of length, in mm. It is 1 for files that name no unit, and 0 if the unit is
+// unknown.
 double unit_mm(int xyz_units) {
   switch (xyz_units) {
     case NIFTI_UNITS_UNKNOWN:

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads NIfTI-1 and -2, plain or gzipped, with any order of axes. Slices are stacked along the
-// array axis that is nearest to the chosen anatomical axis. Rows and columns get the view's usual
-// directions by the order of reading, never by resampling. Voxels stay on disk.
+// array axis that is nearest to the chosen anatomical axis. Rows and columns get the usual
+// directions of the view by the order in which voxels are read, never by resampling. Voxels stay on
+// disk.
 #include "pipeline/read/nifti/nifti_stack.h"
 
 #include <nifti1.h>
@@ -21,7 +22,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// The directions of u, v and the slices in LPS, as in DICOM's images of each kind.
+// The directions of u, v and the slices in LPS, as they are usual in DICOM for this axis.
 std::array<Eigen::Vector3d, 3> view_directions(SliceAxis axis) {
   const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(),
                         z = Eigen::Vector3d::UnitZ();
@@ -60,13 +61,13 @@ class NiftiStack final : public SliceStack {
     Image out{width(), height(), {}};
     out.values.resize(static_cast<std::size_t>(n_[0] * n_[1]));
     const std::int64_t fixed = flipped_[2] ? n_[2] - 1 - slice : slice;
-    // If slices are stacked along the array's slowest axis, a slice is one block. Else it is a row
-    // or a column of each plane.
+    // If slices are stacked along the array's slowest axis, a slice is one block of the file.
+    // Otherwise it consists of a row or a column of each plane.
     const int slowest_used = axis_[2] == 2 ? 1 : 2;
     const std::int64_t runs = axis_[2] == 2 ? 1 : header_.n[2];
     const std::int64_t block =
         (axis_[2] == 1 ? header_.n[0] : header_.n[0] * header_.n[1]) * header_.bytes_per_voxel;
-    thread_local std::vector<char> bytes;  // kept from slice to slice: fresh pages take time
+    thread_local std::vector<char> bytes;  // kept for the next slice, because fresh pages take time
     bytes.resize(static_cast<std::size_t>(block));
     for (std::int64_t run = 0; run < runs; ++run) {
       const std::int64_t plane = axis_[2] == 2 ? fixed : run;
@@ -88,8 +89,8 @@ class NiftiStack final : public SliceStack {
   Result<void> finish() const override { return voxels_.finish(); }
   double waited_ms() const override { return voxels_.waited_ms(); }
 
-  // Converts one plane of the array, or one row of it, and writes it to its pixels. `plane` is the
-  // index along the slowest axis, -1 if slices are stacked along that axis.
+  // Converts one plane of the array, or one row or column of it, and writes it to its pixels.
+  // `plane` is the index along the slowest axis, or -1 if slices are stacked along that axis.
   void write_pixels(const std::vector<char>& bytes, std::int64_t fixed, std::int64_t plane,
                     Image& out) const {
     const std::int64_t columns = header_.n[0];
@@ -105,7 +106,8 @@ class NiftiStack final : public SliceStack {
     if (plane >= 0) first += plane * step[2];
     const bool column_only = axis_[2] == 0;
     const std::int64_t i0 = column_only ? fixed : 0, i1 = column_only ? fixed + 1 : columns;
-    // A small whole shift is exact in 32 bits, and its result in a float.
+    // If the shift is a small whole number, the sum is exact in 32 bits, and so is its conversion
+    // to float.
     const bool is_small_shift = header_.slope == 1 && std::abs(header_.intercept) < 1 << 20 &&
                                 header_.intercept == std::rint(header_.intercept);
     dispatch([&](auto zero) {
@@ -113,7 +115,7 @@ class NiftiStack final : public SliceStack {
       for (std::int64_t j = 0; j < rows; ++j) {
         const char* const from = bytes.data() + j * columns * static_cast<std::int64_t>(sizeof(T));
         float* const to = out.values.data() + first + j * step[1];
-        // Scans usually have steps of 1 and -1 and no more than a shift, for which the compiler
+        // Scans usually have steps of 1 or -1 and at most a shift. For these the compiler
         // vectorises the loops.
         const auto put = [&](auto number_at) {
           if (step[0] == 1) {
@@ -155,14 +157,14 @@ class NiftiStack final : public SliceStack {
     return std::bit_cast<T>(raw);
   }
   // A cast beyond the range of float is undefined, so the value becomes infinite; read() refuses
-  // it. Voxels that are not numbers stay so.
+  // it. Voxels that are not numbers stay unchanged.
   template <typename T>
   float number(T value) const {
     const double scaled = static_cast<double>(value) * header_.slope + header_.intercept;
     return std::abs(scaled) <= 3e38 || std::isnan(scaled) ? static_cast<float>(scaled) : INFINITY;
   }
 
-  // Calls f with a zero of the voxel type; parse_nifti_header() accepts no others.
+  // Calls f with a zero of the voxel type. parse_nifti_header() accepts no types other than these.
   template <typename F>
   void dispatch(F f) const {
     switch (header_.datatype) {
@@ -190,7 +192,7 @@ class NiftiStack final : public SliceStack {
   }
 
   std::string file_;
-  float background_ = kNoData_HU;  // in place of voxels that are not numbers
+  float background_ = kNoData_HU;  // value for voxels that are not numbers
   NiftiHeader header_;
   VolumeFile voxels_;
   std::array<std::int64_t, 3> n_{};  // sizes along u, v and the slices
@@ -199,7 +201,7 @@ class NiftiStack final : public SliceStack {
   std::vector<SlicePlane> planes_;
 };
 
-// The stack without its voxels: the assignment of the array's axes, and the planes.
+// Makes the stack without its voxels: assigns the array's axes and computes the planes.
 Result<std::unique_ptr<NiftiStack>> without_voxels(const std::string& file,
                                                    const NiftiHeader& header, SliceAxis view) {
   auto stack = std::make_unique<NiftiStack>();
@@ -207,7 +209,8 @@ Result<std::unique_ptr<NiftiStack>> without_voxels(const std::string& file,
   stack->header_ = header;
   const Eigen::Matrix4d& T = header.T_lps_voxel;
 
-  // Array axes for u, v, slices: the assignment whose unit vectors lie closest to the view's.
+  // The array axes for u, v and the slices: the assignment whose unit vectors lie closest to the
+  // directions of the view.
   const std::array<Eigen::Vector3d, 3> wanted = view_directions(view);
   std::array<int, 3> axis{0, 1, 2};
   double best_score = -1;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A NIfTI volume as a stack of slices along one of its axes.
+// Opens a NIfTI volume as a stack of slices along one of its axes.
 // Tests: tests/pipeline/read/nifti/nifti_orientation_test.py
 #pragma once
 
@@ -19,12 +19,13 @@ namespace trocar::pipeline {
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
                                                const OpenOptions& options);
 
-/// The same without its voxels: read() is refused.
+/// The same without the voxels: read() then returns an error.
 Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& file,
                                                       const OpenOptions& options);
 
-/// The slices along an axis of voxels on disk that this header describes. `name` is used in
-/// messages. Errors (refused): the planes' rows and columns are not at right angles, or too large.
+/// The slices along an axis. `voxels` has the voxels, which `header` describes. `name` is used in
+/// messages. Errors (refused): rows and columns of the planes are not at right angles, or the
+/// planes are too large.
 Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
                                                 VolumeFile voxels, SliceAxis axis);
 

@@ -17,7 +17,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// Errors (refused): the slices are no regular volume.
+// Errors (refused): the slices do not form a regular volume.
 Result<void> check_volume(const SliceStack& stack, const std::string& where) {
   const std::string reason = ": --axis needs a volume of evenly spaced slices without tilt; ";
   if (stack.size() < 2) return refused(where + reason + "it has one slice");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A stack of slices along another axis of its volume.
+// Slices a stack along another axis of its volume.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -11,9 +11,9 @@
 
 namespace trocar::pipeline {
 
-/// The volume of a stack, sliced along an axis as a NIfTI volume is. Its voxels are written to a
-/// temporary file. `where` names the input in messages. Errors (refused): the slices are tilted,
-/// not evenly spaced, or a single one.
+/// Slices the volume of a stack along `axis`, in the same way as a NIfTI volume. The voxels are
+/// written to a temporary file. `where` names the input in messages. Errors (refused): the slices
+/// are tilted or not evenly spaced, or there is only one.
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
                                              const std::string& where);
 
