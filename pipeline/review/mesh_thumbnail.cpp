@@ -12,7 +12,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// All colours are RGB. The picture is drawn larger and then made smaller, which smooths its lines.
+// All colours are RGB. The picture is drawn larger and then reduced, which makes its lines smooth.
 constexpr int kLarger = 3, kShift = 4;
 const cv::Scalar kBackground(20, 22, 25), kOutline(255, 165, 0);
 constexpr double kDarkest = 0.35, kEdge = 0.62, kMargin = 0.04;

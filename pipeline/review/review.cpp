@@ -32,7 +32,7 @@ using nlohmann::json;
 using Kind = ScanDifference::Kind;
 
 constexpr int kThumbnail_px = 168;
-constexpr std::size_t kMaxRows = 500;  // rows in the table of differences
+constexpr std::size_t kMaxRows = 500;  // largest number of rows in the table of differences
 constexpr const char* kMark = "<meta name=\"generator\" content=\"trocar-mesh review\">";
 
 Result<Store> open_store(const fs::path& folder) {
@@ -62,16 +62,16 @@ json difference_json(const ScanDifference& d) {
   return out;
 }
 
-// A scan as a page shows it.
+// The data of a scan that a page shows.
 struct Card {
   std::string name;
   std::optional<farm::Object> now, before;
-  std::string reason;  // why there is no picture of the asset
+  std::string reason;  // reason why there is no picture of the asset
   const ScanDifference* difference = nullptr;
 };
 
-// Picture and figures of an asset; only "error" if it is damaged, only "bytes" if it has no
-// triangles.
+// Picture and figures of an asset. If the asset is damaged, there is only "error"; if it has no
+// triangles, only "bytes".
 json asset_json(const Store& store, const farm::Object& object) {
   const auto asset = farm::read_stored_asset(store, object);
   if (!asset) return {{"error", asset.error().message}};
@@ -100,7 +100,7 @@ json card_json(const Store& now, const Store* before, const Card& card) {
   return out;
 }
 
-// Scans that differ, worst first, then those that are not done, then the others.
+// The scans that differ, most serious first, then those that are not done, then the others.
 std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
                            const std::map<std::string, farm::Object>& before,
                            const std::vector<ScanDifference>& differences) {
@@ -117,7 +117,7 @@ std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
   };
   for (const ScanDifference& d : differences) {
     const auto at = by_name.find(d.name);
-    if (at == by_name.end()) continue;  // gone: in the table only
+    if (at == by_name.end()) continue;  // a scan that is gone is only in the table
     add(*at->second, &d);
     by_name.erase(at);
   }

@@ -23,11 +23,12 @@ struct ReviewOptions {
   std::function<void(std::size_t done, std::size_t total)> progress = {};
 };
 
-/// Writes the pages and returns their numbers (`trocar.review/1`). Each page shows kScansPerPage
-/// scans: first those that differ, the worst first, then those that failed, then the others by
-/// name. A page needs no other file, and only one page is in memory at a time. Pages of an earlier,
-/// longer review with the same name are removed. A missing or damaged asset is reported on its
-/// card. Errors: (refused) a folder that is no store, or a store without scans; (unwritable).
+/// Writes the pages and returns the numbers shown in them as JSON (`trocar.review/1`). Each page
+/// shows up to kScansPerPage scans: first those that differ, the most serious differences first,
+/// then those that failed, then the others by name. A page needs no other file, and only one page
+/// is in memory at a time. Pages of an earlier, longer review with the same name are removed. A
+/// missing or damaged asset is reported on its card. Errors: (refused) the folder is not a store,
+/// or the store has no scans; (unwritable).
 Result<nlohmann::json> write_review(const ReviewOptions& options);
 
 }  // namespace trocar::pipeline

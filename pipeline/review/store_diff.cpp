@@ -42,7 +42,7 @@ std::uint64_t triangles_of(const Asset& asset) {
   return out;
 }
 
-// The rings in the plane that `T` maps to, in mm, and the largest distance from this plane.
+// The rings in mm in the plane to which `T` maps, and their largest distance from this plane.
 std::pair<std::vector<OutlineRing>, double> rings_in(const Eigen::Affine3d& T,
                                                      const AssetSlice& slice,
                                                      const Lattice& lattice) {
@@ -61,7 +61,7 @@ std::pair<std::vector<OutlineRing>, double> rings_in(const Eigen::Affine3d& T,
 
 double distance_mm(const AssetSlice& now, const Lattice& lattice_now, const AssetSlice& before,
                    const Lattice& lattice_before) {
-  // Rounding would move a plane that is the same.
+  // If the planes are equal, nothing is transformed, because rounding would move the outline.
   const bool is_same_plane = now.T_lps_plane.matrix() == before.T_lps_plane.matrix();
   const Eigen::Affine3d T_now_before =
       is_same_plane ? Eigen::Affine3d::Identity()
@@ -92,7 +92,8 @@ bool is_worse(const ScanDifference& a, const ScanDifference& b) {
   return a.name < b.name;
 }
 
-// The difference that follows from two entries without their assets; nothing if there is none.
+// Sets the difference that follows from two entries without reading their assets. Returns false if
+// there is none.
 bool differ(const IndexedScan& now, const IndexedScan& before, ScanDifference& out) {
   out.bytes = {now.asset.bytes, before.asset.bytes};
   if (now.status == Status::kDamaged) {
@@ -109,7 +110,7 @@ bool differ(const IndexedScan& now, const IndexedScan& before, ScanDifference& o
 }
 
 struct Pair {
-  std::size_t index = 0;  // in the differences
+  std::size_t index = 0;  // index in the differences
   Object now, before;
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The differences between the assets of two stores, the worst first.
+// The differences between the assets of two stores, the most serious first.
 // Tests: tests/e2e/review_test.py
 #pragma once
 
@@ -19,11 +19,11 @@ struct Both {
 };
 
 struct AssetDifference {
-  /// Largest two-sided Hausdorff distance between the outlines of a slice, over the slices with
-  /// material in both assets. If their planes differ, the later asset's plane counts. Accurate to
-  /// 0.001 mm.
+  /// The largest two-sided Hausdorff distance between the outlines of a slice in the two assets,
+  /// over the slices with material in both. If the planes of a slice differ, the outlines are
+  /// compared in the plane of the newer asset. Accurate to 0.001 mm.
   double hausdorff_mm = 0;
-  int worst_slice = -1;  ///< slice of that distance; -1 if no slice has material in both
+  int worst_slice = -1;  ///< slice with this distance; -1 if no slice has material in both
   int slices_changed = 0;
   Both<int> slices_alone;  ///< slices with material in only one of the assets
   Both<double> area_mm2;
@@ -33,7 +33,7 @@ struct AssetDifference {
 AssetDifference compare_assets(const Asset& now, const Asset& before);
 
 struct ScanDifference {
-  /// Kinds of difference, the worst first.
+  /// Kinds of difference, the most serious first.
   enum class Kind { kDamaged, kFailed, kGone, kChanged, kRepaired, kNew };
   std::string name;
   Kind kind = Kind::kChanged;
@@ -41,17 +41,18 @@ struct ScanDifference {
   AssetDifference geometry;  ///< differences of kChanged
   Both<std::uint64_t> bytes;
 };
-/// "damaged", "failed" (and before it had not), "gone" (no entry any more), "changed", "repaired"
-/// (failed before), "new".
+/// "damaged", "failed" (it had not failed before), "gone" (it has no entry any more), "changed",
+/// "repaired" (it had failed before), "new".
 const char* name_of(ScanDifference::Kind kind);
 
 struct StoreDiff {
-  std::size_t same = 0;  ///< scans with byte-identical assets, or that failed in both
+  std::size_t same = 0;  ///< number of scans whose assets are byte-identical or that failed in both
   std::vector<ScanDifference> differences;
 };
-/// Compares two stores, reading only assets whose digests differ. The differences are ordered by
-/// kind; slices with material in one asset only; distance; difference of area, of triangles, of
-/// bytes; name. `stop`, if given, ends the comparison early (unwritable).
+/// Compares two stores. Reads only assets whose digests differ. The differences are ordered by
+/// kind, then by the number of slices with material in only one asset, then by distance, then by
+/// the difference of area, of triangles and of bytes, then by name. If `stop` is given and set, the
+/// comparison ends early with the error (unwritable).
 Result<StoreDiff> compare_stores(const farm::Store& now, const farm::Store& before,
                                  const std::atomic<bool>* stop = nullptr);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The assets of a store, read and checked.
+// Reads and checks the assets of a store.
 // Tests: tests/e2e/review_test.py
 #pragma once
 
@@ -12,20 +12,21 @@
 
 namespace trocar::farm {
 
-/// The index's record of a scan; small enough that those of all scans fit in memory.
+/// The data of a scan in the index. They are small, so that the records of all scans fit into
+/// memory.
 struct IndexedScan {
   enum class Status { kDone, kFailed, kDamaged };
   std::string name;
   Status status = Status::kDamaged;
-  Object asset;        ///< asset, if the status is kDone
-  std::string reason;  ///< reason, if the status is not kDone
+  Object asset;        ///< set if the status is kDone
+  std::string reason;  ///< set if the status is not kDone
 };
 
 /// All scans of the index, sorted by name. An entry that cannot be read has the status kDamaged.
 std::vector<IndexedScan> indexed_scans(const Store& store);
 
-/// Reads an asset. Errors (refused): the file is missing, does not have its digest, or is no asset;
-/// they name the file and the remedy.
+/// Reads an asset. Errors: (refused) the file is missing, does not have its digest, or is not an
+/// asset; the message names the file and the remedy.
 Result<Asset> read_stored_asset(const Store& store, const Object& object);
 
 }  // namespace trocar::farm
