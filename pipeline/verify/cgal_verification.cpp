@@ -21,7 +21,8 @@
 namespace trocar::pipeline {
 namespace {
 
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;  // integers are exact in it
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;  // integers are represented
+                                                                     // exactly
 using Point = Kernel::Point_2;
 /// The depth of a face is the number of outline edges between it and the outside; -1: not yet
 /// known.
@@ -54,7 +55,7 @@ Result<void> check_rings(const Pslg& outline) {
   return {};
 }
 
-// A CGAL triangulation of the mesh's vertices with the outline's edges as constraints.
+// CGAL's triangulation of the mesh's vertices, with the outline's edges as constraints.
 class Triangulated {
  public:
   Result<void> build(const AssetSlice& slice) {
@@ -131,7 +132,8 @@ class Triangulated {
         Cdt::Face_handle left;
         int k = 0;
         cdt_.is_edge(vertex_.at({a.x, a.y}), vertex_.at({b.x, b.y}), left, k);
-        // In a face, counter-clockwise, the edge opposite to k goes from vertex k + 1 to k + 2.
+        // Faces are counter-clockwise, so the edge opposite to vertex k goes from vertex k + 1 to
+        // vertex k + 2.
         if (left->vertex(Cdt::ccw(k))->point() != point_of(a)) left = left->neighbor(k);
         if (left->info() % 2 != 1)
           return refused("no material on the left of the outline's edge from " + text_of(a));
@@ -173,7 +175,7 @@ Result<std::map<Edge, std::uint32_t>> edges_of(const SliceMesh& mesh) {
   return opposite;
 }
 
-// Checks that every edge is the outline's or Delaunay.
+// Checks that every edge is an edge of the outline or is Delaunay.
 Result<void> check_edges(const SliceMesh& mesh, const std::map<Edge, std::uint32_t>& opposite,
                          const Triangulated& triangulated) {
   for (const auto& [edge, corner] : opposite) {
@@ -254,8 +256,9 @@ Result<void> confirm_together(std::span<const AssetSlice> materials) {
   if (static_cast<std::size_t>(constrained) != edges.size())
     return refused("the outlines of its materials have " + std::to_string(edges.size()) +
                    " edges together, of which CGAL makes " + std::to_string(constrained));
-  // The material on the left of an edge is that of the outline that has the edge in this direction,
-  // or none. All edges around a region without inner edges must agree on it.
+  // The material on the left of an edge belongs to the outline that has the edge in this direction;
+  // if there is no such outline, nothing is material there. All edges around a region must agree on
+  // its material.
   constexpr int kNone = -1, kUnknown = -2;
   for (const Cdt::Face_handle f : cdt.all_face_handles())
     f->info() = kUnknown;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// CGAL verification of an asset: confirms the properties that formats/geometry/mesh_validity.h
-// proves with CGAL's exact predicates and its constrained Delaunay triangulation. It shares no code
-// with that proof.
+// CGAL verification of an asset. CGAL's exact predicates and its constrained Delaunay triangulation
+// confirm the properties that formats/geometry/mesh_validity.h proves. The two share no code.
 #pragma once
 
 #include <string>
@@ -10,7 +9,8 @@
 
 namespace trocar::pipeline {
 
-/// Confirms for every slice, or names the slice and the first difference:
+/// Confirms the following for every slice, or names the slice and the first property that does not
+/// hold:
 ///  - Every ring of the outline is a simple polygon, and no two of its edges cross or overlap.
 ///  - CGAL's triangulation of the outline, with the mesh's vertices, covers the same area with the
 ///    same number of triangles.
@@ -18,11 +18,11 @@ namespace trocar::pipeline {
 ///    use every vertex.
 ///  - They are CGAL's triangles, or differ from them only where four or more vertices lie on one
 ///    circle, so that there are several constrained Delaunay triangulations.
-/// The outlines of a slice's materials neither cross nor overlap, and every region is assigned to
-/// at most one material, consistently from all of its edges. A surface for display has no
-/// self-intersection (surface_proof.h); verify_asset() has proved that it is closed and manifold.
-/// Coordinates are integers of the lattice, so nothing is rounded. Errors (refused): a property
-/// does not hold. O(n log n) for most slices.
+/// Also confirms that the outlines of a slice's materials neither cross nor overlap, that every
+/// region belongs to at most one material, for which all of its edges agree, and that a surface for
+/// display does not intersect itself (surface_proof.h). verify_asset() must have proved before that
+/// the surface is closed and manifold. Coordinates are integers of the lattice, so nothing is
+/// rounded. Errors: (refused) a property does not hold. O(n log n) for most slices.
 Result<void> confirm_by_cgal(const Asset& asset, const std::string& name);
 
 }  // namespace trocar::pipeline
