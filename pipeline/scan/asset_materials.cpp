@@ -6,7 +6,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// The set of labels that the label is joined with; null: none.
+// The set of joined labels that contains the label; null if the label is not joined.
 const std::set<int>* joined_with(const Labels& wanted, int label) {
   const auto found =
       std::find_if(wanted.joined.begin(), wanted.joined.end(),
@@ -22,7 +22,7 @@ std::string material_name(const LabelNames& names, const Labels& wanted, int fir
   std::string out;
   std::size_t left = joined->size();
   for (const int label : *joined) {
-    constexpr std::size_t kForMore = 16;  // " + 65535 more"
+    constexpr std::size_t kForMore = 16;  // space for " + 65535 more"
     const std::string name = (out.empty() ? "" : " + ") + names.name_of(label);
     if (!out.empty() && out.size() + name.size() + (left > 1 ? kForMore : 0) > kMaxNameBytes)
       return out + " + " + std::to_string(left) + " more";

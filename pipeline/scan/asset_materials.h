@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The materials of an asset that is made from a label map: their names and their labels.
+// The names and labels of the materials of an asset that is made from a label map.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -14,22 +14,23 @@
 
 namespace trocar::pipeline {
 
-/// The materials of an asset: MeshedMaterial::first_label -> index in Asset::materials.
+/// The materials of an asset. The map leads from MeshedMaterial::first_label to the index in
+/// Asset::materials.
 using MaterialIndices = std::map<int, int>;
 
-/// The name of the label, or of a joined material the names of its labels, as far as they fit into
-/// kMaxNameBytes.
+/// The name of the label. For a material of several joined labels, it consists of their names, as
+/// far as these fit into kMaxNameBytes.
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label);
 
 /// Asset::materials, in the order of `indices`.
 std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels& wanted,
                                            const MaterialIndices& indices);
 
-/// The segmentations that select the materials of the asset one by one.
+/// One segmentation for each material of the asset, which selects only this material.
 std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
                                                  const MaterialIndices& indices);
 
-/// The subset of `labels` whose material is not in the asset.
+/// Those of `labels` whose material is not in the asset.
 std::set<int> labels_without_material(const std::set<int>& labels, const Labels& wanted,
                                       const MaterialIndices& indices);
 

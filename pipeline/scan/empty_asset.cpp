@@ -13,10 +13,10 @@ namespace {
 // The values of the slices within the crop.
 struct Values {
   ValueTally tally;
-  bool has_material = false;  // before small regions are dropped
+  bool has_material = false;  // whether there was material before small regions were dropped
 
   bool is_label_map() const { return !tally.has_fractions && tally.values.size() <= kMaxLabels; }
-  // Valid for a label map.
+  // The labels, if the values are those of a label map.
   std::set<int> labels() const {
     std::set<int> out = tally.values;
     out.erase(0);
@@ -100,7 +100,8 @@ Error empty_asset_error(const SliceStack& stack, int first, int last, const Mesh
                         const LabelNames& names) {
   const auto found = read_values(stack, first, last, options);
   if (!found) return found.error();
-  // A scan without --labels can only be a label map if it has no value below 0, unlike a CT.
+  // Without --labels, a scan counts as a label map only if it has no value below 0; a CT has such
+  // values.
   const bool as_labels = found->is_label_map() &&
                          (std::holds_alternative<Labels>(options.segmentation) ||
                           (stack.pixel_unit() == PixelUnit::kHounsfield && found->tally.low >= 0));

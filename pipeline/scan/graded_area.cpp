@@ -8,7 +8,7 @@
 namespace trocar::pipeline {
 namespace {
 
-constexpr double kGrowth = 0.5;  // of the edge for each unit of distance
+constexpr double kGrowth = 0.5;  // growth of the edge length per distance
 constexpr double kAreaOfEdge2 = std::numbers::sqrt3 / 4;
 
 }  // namespace
@@ -41,7 +41,8 @@ GradedArea::GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edg
           static_cast<float>(std::clamp(hu_per_edge / std::max(hu_per_mm, 1e-9), min_edge, 1e6));
     }
   }
-  // Two sweeps over the image bound each pixel by four neighbours.
+  // In two sweeps over the image, each pixel's edge length is limited according to four of its
+  // neighbours.
   const auto limit = [&](int x, int y, int dx, int dy) {
     if (x + dx < 0 || x + dx >= width_ || y + dy < 0 || y + dy >= height_) return;
     const auto max_edge =

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A bound on the area of triangles as a function of position, for smaller triangles where HU
-// change.
+// A bound on the area of triangles that depends on the position, so that triangles are smaller
+// where HU change.
 #pragma once
 
 #include <vector>
@@ -9,16 +9,16 @@
 
 namespace trocar::pipeline {
 
-/// The bound at a position is the area of an equilateral triangle along whose edges HU change by at
-/// most the wanted number, according to the gradient of the image (Sobel's, which averages noise
-/// over nine pixels). It is never less than kMinArea_px2. The edge grows by at most half of the
-/// distance from a position with a shorter edge, so that every triangle that is large enough to
-/// contain such a position is refined.
+/// The bound at a position is the area of an equilateral triangle. Its edge length is such that HU
+/// change by at most `hu_per_edge` along an edge, according to the gradient of the image (Sobel's,
+/// which averages noise over nine pixels). The bound is never below kMinArea_px2. With the distance
+/// from a position with a shorter edge, the edge length grows by at most half of this distance. So
+/// every triangle that is large enough to contain such a position is refined.
 class GradedArea {
  public:
   static constexpr double kMinArea_px2 = 1;
 
-  /// `hu_per_edge` > 0.
+  /// `hu_per_edge` must be positive.
   GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edge);
   /// The bound at the nearest pixel.
   double mm2_at(LatticePoint p) const;
@@ -28,7 +28,7 @@ class GradedArea {
   PixelGrid grid_;
   int width_, height_;
   double min_mm2_;
-  std::vector<float> edge_mm_;  // edge length by pixel
+  std::vector<float> edge_mm_;  // edge length for each pixel
 };
 
 }  // namespace trocar::pipeline

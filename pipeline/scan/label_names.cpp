@@ -144,7 +144,8 @@ constexpr auto kTotalSegmentator = std::to_array<std::string_view>({"spleen",
                                                                     "sternum",
                                                                     "costal_cartilages"});
 
-// The code point that begins at `at`, which moves behind it; no value if the bytes are not UTF-8.
+// The code point that begins at `at`. Moves `at` behind it. std::nullopt if the bytes are not
+// UTF-8.
 std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t& at) {
   const auto byte = [&text](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   const unsigned char first = byte(at);
@@ -166,7 +167,7 @@ std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t&
   return out;
 }
 
-// Whether it is a control character, or changes the direction or position of others.
+// Is it neither a control character nor one that changes the direction or position of others?
 bool is_printable(std::uint32_t c) {
   const auto within = [c](std::uint32_t low, std::uint32_t high) { return c >= low && c <= high; };
   return !(c < 0x20 || within(0x7f, 0x9f) || c == 0xad || within(0x200b, 0x200f) ||
@@ -188,7 +189,7 @@ std::optional<std::string> why_no_name(const std::string& text) {
   return {};
 }
 
-// Makes a name of foreign bytes: what cannot be printed becomes ?. Empty if nothing is left.
+// Makes a name from any bytes: those that cannot be printed become ?. Empty if nothing is left.
 std::string as_name(const std::string& text) {
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
@@ -204,7 +205,7 @@ std::string as_name(const std::string& text) {
   return out;
 }
 
-// A label, 1 to kMaxLabel, without sign or leading zeros.
+// Reads a label, 1 to kMaxLabel, without sign or leading zeros.
 std::optional<int> label_of(const std::string& text) {
   int out = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);

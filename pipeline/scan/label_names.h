@@ -20,21 +20,21 @@ inline constexpr int kMaxLabel = 999'999'999;
 
 class LabelNames {
  public:
-  /// The argument of --names: a table (verse, totalsegmentator) or a JSON file {"20": "L1", ...}.
-  /// Errors (refused): no such file, larger than 1 MiB, not JSON, a key that is not a label, an
-  /// invalid name, a duplicate label or name.
+  /// Reads the names that the argument of --names gives: a table (verse, totalsegmentator) or a
+  /// JSON file {"20": "L1", ...}. Errors (refused): there is no such file, it is larger than 1 MiB
+  /// or not JSON, a key is not a label, a name is invalid, or a label or name occurs twice.
   static Result<LabelNames> named(const std::string& what);
   static bool is_table(const std::string& what);
 
-  /// Adds the names that the input itself gives to labels without a name. Names already in use are
-  /// left out, and characters that a name cannot have become ?.
+  /// Adds the names that the input itself gives to labels that have no name yet. A name that is
+  /// already in use is left out, and characters that a name cannot have become ?.
   void add_defaults(const std::map<int, std::string>& of_input);
 
-  /// The name of a label, "label 20" if it has none.
+  /// The name of a label, or "label 20" if it has none.
   std::string name_of(int label) const;
 
-  /// The labels in a message: "labels 20-24", or with names "labels 20 (L1), 22 (L3)", of which the
-  /// first eight are listed.
+  /// Lists labels for a message: "labels 20-24" or, if they have names, "labels 20 (L1), 22 (L3)".
+  /// Of labels with names, only the first eight are listed.
   std::string list(const std::set<int>& labels) const;
 
  private:

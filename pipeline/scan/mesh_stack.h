@@ -21,7 +21,7 @@ namespace trocar::pipeline {
 struct StackOptions {
   MeshOptions mesh;
   SolidOptions solid;
-  LabelNames names;  ///< names of a label map's labels; the scan's own are added
+  LabelNames names;  ///< names of labels; other labels get the names in the scan
   std::optional<SurfaceOptions> surface;      ///< adds a surface for display
   std::optional<SliceAxis> axis;              ///< axis along which the stack was opened
   std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
@@ -29,7 +29,7 @@ struct StackOptions {
   std::vector<std::uint8_t> input_key;        ///< key of the input's digest; empty: no digest
   bool lines = false;                         ///< Asset::lines
   bool colours = false;                       ///< Asset::colours
-  std::optional<int> dump_slice;              ///< slice whose stages are kept for pictures
+  std::optional<int> dump_slice;              ///< slice whose StackResult::stages are wanted
   std::function<void(int done, int total)> progress;  ///< called by any thread, one call at a time
   const std::atomic<bool>* stop = nullptr;            ///< set by a signal handler to stop early
   /// Start of the report's total_ms, which includes opening the scan.
@@ -40,17 +40,18 @@ struct StackResult {
   std::string input_key_digest;  ///< empty without a key
   std::vector<std::uint8_t> glb;
   nlohmann::json report;
-  nlohmann::json stages;  ///< stages of slice dump_slice, or null
+  nlohmann::json stages;  ///< contours, outline and meshes of slice dump_slice, or null
 };
 
-/// Errors (usage): slices or crop outside the stack, colours or graded areas without HU.
+/// Checks the options against the stack. Errors (usage): slices or crop are outside the stack;
+/// vertex colours, or areas graded by HU (graded_area.h), are wanted but the values are not HU.
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
 /// The same stack and options give the same glb, with any number of threads. If values are not HU,
-/// report and asset state this (formats/asset/asset.md). warnings.h lists the report's warnings.
-/// Errors: those of check_ranges(); those of mesh_slice(), the lowest slice's first, so that one
-/// slice that fails stops the run without an asset; (refused) no slice has any material;
-/// (unwritable) stopped.
+/// report and asset state this (formats/asset/asset.md). warnings.h lists the warnings in the
+/// report. Errors: those of check_ranges(); those of mesh_slice(): if a slice fails, there is no
+/// asset, and if several fail, the error of the lowest one is returned; (refused) no slice has any
+/// material; (unwritable) the run was interrupted by StackOptions::stop.
 Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
                                const nlohmann::json& parameters);
 

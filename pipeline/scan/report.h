@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The report of a run (--report), the measures of a slice that the asset stores, and the stages of
-// one slice for pictures (--dump-stages).
+// Makes the report of a run (--report), the measures of a slice that the asset stores, and the
+// contours, outlines and meshes of one slice for pictures (--dump-stages).
 // Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
@@ -13,12 +13,12 @@
 
 namespace trocar::pipeline {
 
-/// An entry of `slices[]` without its times.
+/// An entry of the report's `slices[]`, without its times.
 nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& material,
                             double max_area_bound_mm2);
 nlohmann::json stage_times(const StageTimes& times);
 
-/// The part of an entry that the asset stores.
+/// The part of an entry of `slices[]` that the asset stores.
 nlohmann::json slice_measures(const MeshedMaterial& material);
 
 /// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm; those of
@@ -26,7 +26,8 @@ nlohmann::json slice_measures(const MeshedMaterial& material);
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 
-/// `asset` without the surface's part. `bytes` is the size of the file.
+/// The entry `asset` of the report, without the part about the surface. `bytes` is the size of the
+/// file.
 nlohmann::json asset_report(const AssetSizes& sizes, std::size_t bytes);
 
 /// Peak resident memory of this process so far.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The borders of the materials of one slice, from their contours to simplified outlines.
+// Computes the borders of the materials of one slice: first contours, then simplified outlines.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -15,18 +15,18 @@ namespace trocar::pipeline {
 /// The grid of the slice's cropped pixels.
 PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options);
 
-/// The contours of a slice's field, which comes from slice_field(), as one material.
+/// The contours of a slice's field as one material. The field must come from slice_field().
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field);
 
 struct SliceBorders {
   std::vector<Pslg> outlines;  ///< outline of each material
-  /// The borders that several materials share, of which `outlines` are the material_outlines().
+  /// The borders that several materials share. `outlines` are then their material_outlines().
   std::optional<LabelBorders> shared;
 };
 
-/// The contours of all materials of a slice. Merges small components in pixels.several and removes
-/// the materials that vanish from `materials`, which keeps at least one entry.
+/// The contours of all materials of a slice. Merges small components in pixels.several. If a
+/// material vanishes thereby, it is removed from `materials`, which keeps at least one entry.
 SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
                             SlicePixels& pixels, std::vector<MeshedMaterial>& materials);
 

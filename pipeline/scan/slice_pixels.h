@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The pixels of one slice, segmented, and which materials they belong to.
+// Segments the pixels of one slice and assigns them to materials.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -13,11 +13,13 @@ namespace trocar::pipeline {
 
 struct SlicePixels {
   Field field;                       ///< all materials together
-  std::optional<Image> original;     ///< the values before segmentation, where `field` lost them
-  std::optional<Image> ct;           ///< the CT beside a label map
-  bool needs_hu = false;             ///< whether the slice's own values are used as HU
+  std::optional<Image> original;     ///< the values before segmentation, if `field` no longer has
+                                     ///< them
+  std::optional<Image> ct;           ///< the CT of a label map
+  bool needs_hu = false;             ///< true: the slice's own values are used as HU
   std::optional<double> solid_mean;  ///< result of SolidBone::apply()
-  /// The materials' pixels if the slice has several; else no value, since `field` has the only one.
+  /// The pixels of each material if the slice has several. If it has one, this is empty, because
+  /// `field` has that material.
   MaterialImage several = {};
 
   /// The image of HU for the HU field and graded areas; null if there is none.
@@ -36,9 +38,9 @@ struct SliceImages {
 /// Errors: those of stack.read().
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
-/// Segments a slice. Sets of `out`: the materials with first_label and mean_hu (at least one),
-/// labels, values and all_material. Errors: (refused) too many materials; (usage) options that only
-/// one material can have.
+/// Segments a slice. Sets these members of `out`: materials (at least one entry, with first_label
+/// and mean_hu), labels, values and all_material. Errors: (refused) too many materials; (usage)
+/// options that only one material can have.
 Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
                                   SliceImages images, MeshedSlice& out);
 

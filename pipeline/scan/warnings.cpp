@@ -18,7 +18,7 @@ using nlohmann::json;
 // Skin and muscle have 20 to 80 HU.
 constexpr double kSkin_HU = 100;
 
-// A sentence and where it applies.
+// A sentence, and the slices or texts to which it applies.
 struct Statement {
   std::string sentence;
   std::set<int> slices;
@@ -105,7 +105,7 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
                                          const Segmentation& segmentation,
                                          const LabelNames& names) {
   std::vector<SliceWarning> out;
-  // The materials of a slice share bounds and outcome.
+  // All materials of a slice have the same bounds and the same outcome.
   const Refined& refined = meshed.materials[0].refined;
   if (refined.mesh.triangles.empty()) {
     out.push_back({"empty_slice", index, "without material"});

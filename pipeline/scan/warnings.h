@@ -19,22 +19,23 @@ struct SliceWarning {
   double value = 0;
 };
 
-/// The warnings about the mesh of slice `index`.
+/// The warnings about the mesh of the slice with this index.
 std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
                                          const Segmentation& segmentation, const LabelNames& names);
 
-/// `warnings[]` of the report. It has one entry for each code, in the order in which the codes
-/// first occur, with `code`, `where`, `sentence`, and all `slices` (numbers) or `places` (the texts
-/// of Warning::where). If the values of slices differ, the sentence has the lowest and the highest.
+/// Makes `warnings[]` of the report. It has one entry for each code, in the order in which the
+/// codes first occur. An entry has `code`, `where`, `sentence`, and all `slices` (numbers) or
+/// `places` (the texts of Warning::where). If the values of the slices differ, the sentence states
+/// the lowest and the highest.
 nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
                              const std::vector<SliceWarning>& of_slices);
 
 /// One warning for each code, as in warnings_json().
 std::vector<Warning> grouped(const std::vector<Warning>& warnings);
 
-/// `warnings[]` of a run. `values` and `area_mm2` are those of all meshed slices together. Adds the
-/// warnings of the stack, voxel_volume (read/voxel_volume.h), face, and those of
-/// label_map_detection.h to the warnings of the slices.
+/// `warnings[]` of a run: the warnings of the slices, the warnings of the stack, voxel_volume
+/// (read/voxel_volume.h), face, and those of label_map_detection.h. `values` and `area_mm2` are
+/// those of all meshed slices together.
 nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                             const ValueTally& values, double area_mm2,
                             const std::vector<SliceWarning>& of_slices);
