@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Atomic files: a file of a store appears complete or not at all. Its bytes are written to a
 // temporary file in the store's tmp/, synced, read back and checked. Then the file is renamed, and
-// its folder is synced. The rename commits the file, also over NFS. Each step has a failpoint (see
-// failpoint.h).
+// its folder is synced. The rename commits the file, also over NFS. Each step has a failpoint.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
