@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// list_slices ASSET.glb: the slices of an asset, a line each, as an example of how to read one.
+// list_slices ASSET.glb prints one line for each slice of an asset. It shows how to read an asset.
 // Tests: tests/install/install_test.py
 #include <cstdio>
 
@@ -15,7 +15,7 @@ int main(int count, char** arguments) {
     std::fprintf(stderr, "list_slices: %s\n", asset.error().message.c_str());
     return static_cast<int>(asset.error().code);
   }
-  // Positions are lattice integers; a step is a power of two in mm, so that products are exact.
+  // Positions are lattice integers. A step is a power of two in mm, so products with it are exact.
   const double step_mm = asset->lattice.step_mm();
   std::printf("lattice step %.9g mm\n", step_mm);
   for (const trocar::AssetSlice& slice : asset->slices)
