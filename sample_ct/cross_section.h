@@ -5,9 +5,9 @@
 // There are two:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
 //  - iso_section: the curve on which a noiseless scanner of the given geometry (pixel and slice
-//    apertures, point spread) reads the iso-value, also between pixel centres. A perfect contouring
-//    program would find this curve in the scan. At 226 HU it lies a few tenths of a mm outside the
-//    anatomy, because 226 HU is below the mean of bone and soft tissue.
+//    apertures, point spread) reads the iso-value, at pixel centres and between them. A perfect
+//    contouring program would find this curve in the scan. At 226 HU it lies a few tenths of a mm
+//    outside the anatomy, because 226 HU is below the mean of bone and soft tissue.
 //
 // Method: A quadtree discards squares that are too far from the bone's surface to meet the level
 // set. Marching squares traces the others. Every crossing is refined by bracketing root finding

@@ -133,8 +133,8 @@ struct RecordingRow {
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
 /// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The column origin holds
-/// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin says
-/// `force-law=cutting`, further columns precede it:
+/// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin
+/// contains `force-law=cutting`, further columns precede it:
 /// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
 /// tissue_stored_J,steps.
 const std::string& recording_header(bool with_cutting = false);

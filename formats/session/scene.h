@@ -24,8 +24,8 @@ inline constexpr std::size_t kMaxKeyframes = 4096;
 inline constexpr std::size_t kMaxTissues = 64;
 inline constexpr std::size_t kMaxZones = 32;
 inline constexpr std::size_t kMaxZoneCorners = 256;
-/// Smallest distance of two slices in height, so that their order is defined. A tolerance of 1 pm
-/// for the rounding of numbers admits slices whose written heights differ by exactly this.
+/// Smallest difference in height between two slices, so that their order is defined. A tolerance of
+/// 1 pm for the rounding of numbers admits slices whose written heights differ by exactly this.
 inline constexpr double kMinSliceGap_m = 1e-4;
 
 /// Forces of a punctured sheet on the shaft in its hole: dry and viscous friction along the shaft
@@ -76,13 +76,13 @@ struct Tissue {
   double threshold_N = 35;
   double damping_N_s_per_m = 0;  ///< adds this times dx' to the force K dx; the sum is at least 0
   ShaftTissue shaft;
-  /// If absent, stiffness and threshold apply to the scene's tool, also for the law `cutting`.
+  /// If absent, stiffness and threshold apply to the scene's tool, even with the law `cutting`.
   std::optional<CutTissue> cut;
   friend bool operator==(const Tissue&, const Tissue&) = default;
 };
 
-/// A named tissue. It applies to slices of an asset made from one of these labels, or to slices
-/// whose mean HU is in this range. Without both, it applies only to slices that name it.
+/// A named tissue. It applies to slices that were made from one of `labels`, or to slices whose
+/// mean HU is in the range `hu`. If both are missing, it applies only to slices that name it.
 struct NamedTissue {
   std::string name;
   std::vector<int> labels;
@@ -109,7 +109,7 @@ enum class ToolAxis : std::uint8_t {
   kRigid,    ///< the tool is fixed to the plate
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
-/// Whether the law `cutting` is evaluated at a predicted pose.
+/// The choice whether the law `cutting` is evaluated at a predicted pose.
 enum class PosePrediction : std::uint8_t {
   kAuto,  ///< evaluated one tick ahead if the device's damping is too small for the coupling
   kOn,
@@ -149,13 +149,14 @@ struct SceneBody {
   int from = 0, to = 0;     ///< AssetSlice::index, from <= to
   double top_z_m = 0;       ///< height in {B} of the highest of them
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
-  double shell_factor = 1;  ///< ratio of its strength to that of the bone at the slice's outline
+  double shell_factor = 1;  ///< shell's strength over that at the slice's 90th percentile of HU
 };
 
 struct SceneSlice {
   int index = 0;   ///< AssetSlice::index
   double z_m = 0;  ///< height in {B}
-  /// NamedTissue::name; if absent, the tissue is chosen by label or HU, else it is Scene::tissue.
+  /// NamedTissue::name. If absent, the tissue is chosen by label or HU; if none applies, it is
+  /// Scene::tissue.
   std::optional<std::string> tissue;
 };
 

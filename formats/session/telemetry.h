@@ -4,7 +4,7 @@
 //
 // Contract (tests/formats/session/telemetry_test.cpp):
 //  1. The writer never waits for a reader. It reads nothing back from the memory except the command
-//     counters, and only whether they changed. So no reader can stop or mislead it.
+//     counters, and uses only whether they changed. So no reader can stop or mislead it.
 //  2. A reader gets complete values only, and never an older value after a newer one. It gives up
 //     after a bounded number of attempts, even if the writer was killed in the middle of a write.
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
@@ -51,7 +51,7 @@ enum class TelemetryEventKind : std::uint8_t {
   kPuncture = 1,  ///< a sheet was punctured (sheet, slice, cut, positions and forces)
   kFault,         ///< a fault was detected (found)
   kNotRecovered,  ///< recovery failed (found; if its fault is kNone, the tool is still in material,
-                  ///< and retract_distance_m says how far to retract it)
+                  ///< and retract_distance_m is the distance to retract it)
   kRecovered,     ///< the session recovered (found: the fault that it recovered from)
   kCutShown,      ///< the published mesh of `sheet` (of `slice`) has `cut` holes
   kPaused,        ///< time stopped

@@ -231,7 +231,7 @@ void TelemetryWriter::lose_events(std::uint64_t count) noexcept {
 }
 
 // The sequence is odd while the mesh is being written. `values` has the coordinates of all
-// vertices, `hu` one number for each vertex or nothing.
+// vertices. `hu` has one number for each vertex, or is empty.
 void TelemetryWriter::write_mesh(Region& region, const MeshHead& head,
                                  std::span<const float> values, std::span<const float> hu,
                                  std::span<const std::uint32_t> triangles) noexcept {

@@ -34,7 +34,7 @@ struct Held {
   bool is_valid = false;
 };
 
-// The state of a lease; nothing if the file does not exist.
+// The state of a lease; std::nullopt if the file does not exist.
 std::optional<Held> read_lease(const Store& store, const fs::path& file) {
   struct stat status {};
   if (::stat(file.c_str(), &status) != 0) return std::nullopt;

@@ -46,7 +46,7 @@ void let_times_settle(const std::vector<ScanFile>& files);
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files);
 
 nlohmann::json files_json(const std::vector<ScanFile>& files);
-/// Reads the result of files_json(); nothing if it is damaged.
+/// Reads the result of files_json(); std::nullopt if it is damaged.
 std::optional<std::vector<ScanFile>> files_from(const nlohmann::json& files);
 
 }  // namespace trocar::farm

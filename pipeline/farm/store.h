@@ -49,7 +49,7 @@ struct ScanEntry {
   bool is_done() const { return outputs.has_value(); }
 };
 nlohmann::json entry_json(const ScanEntry& entry);
-/// Reads the result of entry_json(); nothing if it is damaged.
+/// Reads the result of entry_json(); std::nullopt if it is damaged.
 std::optional<ScanEntry> entry_from(std::string_view text);
 
 class Store {
@@ -83,7 +83,7 @@ class Store {
   Result<void> put_action(const std::string& key, const nlohmann::json& action,
                           const Outputs& outputs) const;
 
-  /// The index entry of a scan; nothing if it is missing or damaged.
+  /// The index entry of a scan; std::nullopt if it is missing or damaged.
   std::optional<ScanEntry> entry(const std::string& name) const;
   /// Do the links in assets/ and reports/ lead to the entry's outputs? If it has no outputs: are
   /// the links absent?

@@ -24,7 +24,7 @@ class Group {
         ->check(option_range(low, high).description(""))
         ->group(name_);
   }
-  // An option without a default; `form` says how its value is written.
+  // An option without a default. The help shows `form`, the form of its value.
   template <typename Value>
   CLI::Option* value(const char* name, Value& value, const char* form, const char* help) {
     return app_.add_option(name, value, help)->type_name(form)->group(name_);

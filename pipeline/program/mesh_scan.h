@@ -21,8 +21,8 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
 
 /// Checks whether the threshold makes sense for the scan's values. The default threshold has no
 /// meaning for grey levels, and a threshold outside 0..255 selects all of their pixels or none.
-/// Adds the warnings default_threshold and threshold_out_of_range. Errors (usage): images, and no
-/// threshold was given.
+/// Adds the warnings default_threshold and threshold_out_of_range. Errors (usage): the scan
+/// consists of images and no threshold was given.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack);
 
 }  // namespace trocar::pipeline

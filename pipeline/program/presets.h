@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Presets of trocar-mesh. A preset is a list of options, which `--explain` prints. Any of these
-// options can be given with another value, too.
+// Presets of trocar-mesh. A preset is a list of options, which `--explain` prints. An option of a
+// preset can also be given explicitly with another value.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
