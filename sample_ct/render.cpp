@@ -14,8 +14,8 @@ namespace {
 // The noise kernel along a row and along a column, before scaling: [1 4 1].
 constexpr double kKernelSide = 1, kKernelMiddle = 4;
 
-// The distance to the bone's inner surface can change by this factor times the point's motion,
-// because the shell's thickness varies.
+// The distance to the bone's inner surface changes by at most this factor times the motion of the
+// point; the factor is above 1 because the shell's thickness varies.
 constexpr double kInnerLipschitz = 1.4;
 
 /// Radius within which surfaces influence a pixel: aperture radius plus blur radius.

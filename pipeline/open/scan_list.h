@@ -31,7 +31,7 @@ Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
 /// The list as a table for people. `folder` is the folder or file that was listed.
 std::string scan_table(const nlohmann::json& list, const std::string& folder);
 
-/// Errors (refused): no scan of the list is usable.
+/// Checks that at least one scan of the list is usable. Errors (refused): none is.
 Result<void> check_any_usable(const nlohmann::json& list, const std::string& folder);
 
 }  // namespace trocar::pipeline

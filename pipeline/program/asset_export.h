@@ -24,8 +24,8 @@ Result<std::vector<std::string>> export_asset(const Asset& asset,
 
 /// Writes each surface as binary `.stl`, binary `.ply` and `.obj`: mm, in the patient's LPS frame,
 /// counter-clockwise seen from outside. The files are `surface.stl` and so on, or `surface_M.stl`
-/// for material M of several. Apart from that, it does the same as export_asset(). Errors:
-/// (refused) no surface.
+/// for material M of several. Apart from that, it does the same as export_asset(). Errors: those of
+/// export_asset(); (refused) the asset has no surface.
 Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
                              const std::atomic<bool>* stop = nullptr);
 

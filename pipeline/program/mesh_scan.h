@@ -13,7 +13,7 @@
 
 namespace trocar::pipeline {
 
-/// The scan, and with --hu the CT on the same grid.
+/// Opens the scan and, with --hu, the CT on the same grid.
 Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
 
 /// All files that are read. No output may overwrite one of them.

@@ -35,7 +35,7 @@ struct SliceImages {
   std::optional<Image> ct;
 };
 
-/// Errors: those of stack.read().
+/// Reads the image of a slice, and the CT of a label map. Errors: those of stack.read().
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 /// Segments a slice. Sets these members of `out`: materials (at least one entry, with first_label

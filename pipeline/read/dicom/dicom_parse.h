@@ -37,7 +37,7 @@ int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);
 /// The pixel data element; null if there is none.
 DcmPixelData* dicom_pixel_data(DcmFileFormat& format);
 
-/// Does this transfer syntax store pixels in fragments, as for compressed pixels?
+/// Does this transfer syntax store pixels in fragments, as compressed pixels are?
 bool dicom_encapsulated(E_TransferSyntax syntax);
 
 /// The size in bytes of one frame of uncompressed pixels, without padding; 0 if the dataset does

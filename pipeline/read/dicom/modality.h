@@ -17,7 +17,7 @@ namespace trocar::pipeline {
 struct DicomFile;
 struct Warning;
 
-/// The kind of a file's images:
+/// The kind of a file's images. It is the first of these that applies:
 /// 1. kLocaliser: a value of ImageType contains LOCALIZER, SURVIEW (as REF_SURVIEW does) or SCOUT.
 /// 2. kOther: the modality is not CT, or a value of ImageType is MOSAIC or SCREEN SAVE, or the file
 ///    is a Secondary Capture without a rescale, or a CT with a RescaleType other than HU, HU_MOD

@@ -14,8 +14,9 @@
 
 namespace trocar::pipeline {
 
-/// Errors: those of parse_nifti_header(), VolumeFile::open() and open_voxels(); (usage) the file
-/// states no voxel size and options.spacing_mm is missing. Warnings: no_modality, spacing_ignored.
+/// Opens the file. Errors: those of parse_nifti_header(), VolumeFile::open() and open_voxels();
+/// (usage) the file states no voxel size and options.spacing_mm is missing. Warnings: no_modality,
+/// spacing_ignored.
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
                                                const OpenOptions& options);
 
