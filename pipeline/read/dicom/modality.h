@@ -29,9 +29,10 @@ struct Warning;
 struct ImageContent {
   enum class Kind { kCt, kUnknown, kLocaliser, kOther };
   Kind kind = Kind::kUnknown;
-  /// The modality, followed by the value of ImageType that decided the kind, if one did: "CT", "MR
-  /// MOSAIC", "CT LOCALIZER". Empty if unknown. At most 33 characters: A to Z, 0 to 9, _ and
-  /// spaces; ? replaces any other character.
+  /// The modality, such as "CT". If it alone did not decide the kind, it is followed by what did: a
+  /// value of ImageType ("MR MOSAIC", "CT LOCALIZER"), SECONDARY CAPTURE or the RescaleType. Empty
+  /// if unknown. At most 33 characters: A to Z, 0 to 9, _ and spaces; ? replaces any other
+  /// character.
   std::string name;
 
   /// Is it a DICOM segmentation (SEG)?
