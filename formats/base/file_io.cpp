@@ -15,7 +15,6 @@
 #include "formats/base/system_message.h"
 
 namespace trocar {
-namespace {}  // namespace
 
 Result<void> ByteSource::read(std::uint64_t offset, std::span<std::uint8_t> into) {
   if (offset > size() || into.size() > size() - offset)

@@ -51,7 +51,7 @@ int run_verify(const VerifyArguments& a) {
   for (const fs::path& file : a.assets) {
     const auto slices = verify(file, a);
     out.push_back({{"file", file.string()}, {"valid", static_cast<bool>(slices)}});
-    if (a.with_cgal) out.back()["independent"] = true;
+    if (a.with_cgal) out.back()["independent"] = static_cast<bool>(slices);
     if (a.deidentified) out.back()["private"] = static_cast<bool>(slices);
     if (!slices) {
       out.back()["reason"] = slices.error().message;

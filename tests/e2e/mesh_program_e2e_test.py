@@ -173,6 +173,7 @@ def verifies_several(mesh, good, broken):
     assert "broken.glb" in said.stderr and "valid" in said.stdout, f"verify of two: {said.stdout} {said.stderr}"
     found = json.loads(run(mesh, "verify", good, broken, "--json", "--independent", expect=3).stdout)
     assert [f["valid"] for f in found] == [True, False] and "reason" in found[1], f"verify --json: {found}"
+    assert [f["independent"] for f in found] == [True, False], f"verify --json --independent: {found}"
 
 
 def test_presets_are_their_options(programs, scan, work):
