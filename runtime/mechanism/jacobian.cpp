@@ -13,8 +13,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Below this ratio of singular values, G^T G, which squares the ratio, is too inexact for the
-// smallest one.
+// Smallest ratio of singular values for which G^T G, which squares the ratio, gives the
+// smallest one accurately.
 constexpr double kSmallestSquared = 1e-3;
 
 KinematicsStatus singular(int leg, int joint) noexcept {
@@ -22,7 +22,8 @@ KinematicsStatus singular(int leg, int joint) noexcept {
           static_cast<std::int8_t>(joint)};
 }
 
-// The row whose product with the twist is w . C' for C' = v + omega x r.
+// Returns the row whose product with the twist is w . C', where C' = v + omega x r is the
+// velocity of C.
 Eigen::Matrix<double, 1, 6> point_row(const Vector3d& w, const Vector3d& r) noexcept {
   Eigen::Matrix<double, 1, 6> row;
   row << w.transpose(), r.cross(w).transpose();
@@ -62,7 +63,7 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
     return range;
   }
-  // This takes nearly 4 us more, but is needed near a singularity only.
+  // This takes nearly 4 us longer, but is needed only near a singularity.
   const Eigen::JacobiSVD<Jacobian> svd(scaled);
   if (svd.info() != Eigen::Success) return {};
   return {svd.singularValues()[5], svd.singularValues()[0]};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // First-order kinematics (paper, section III.C): motor rates = G twist, and by duality
-// wrench = G^T motor torques (Eq. 17). Twist and wrench are those of the plate's origin, in {B}:
-// [v; omega], [f; n]. Called from the haptic thread: no allocation, no exception.
+// wrench = G^T motor torques (Eq. 17). The twist [v; omega] and the wrench [f; n] are those of the
+// plate's origin, in {B}. The haptic thread calls these functions: no allocation, no exception.
 // tests/runtime/mechanism/jacobian_test.cpp compares it with central differences and with the
 // paper's influence coefficients (tests/reference/mechanism/influence_jacobian.h).
 #pragma once
@@ -13,25 +13,27 @@
 
 namespace trocar::runtime {
 
-/// Rows: motors, leg-major th1, th4; columns: v in m/s, omega in rad/s.
+/// Each row belongs to a motor, in the order of MotorVector. The columns belong to v in m/s and
+/// omega in rad/s.
 using Jacobian = Eigen::Matrix<double, kMotors, 6>;
 
 struct JacobianResult {
   KinematicsStatus status;  ///< kSingular names the leg and motor joint that is stretched or folded
-  Jacobian G = Jacobian::Zero();  ///< valid only if status holds
+  Jacobian G = Jacobian::Zero();  ///< valid only if status is kOk
 };
 
-/// Computes the Jacobian by differentiating |C - E| = l2 and |D - F| = l4. `joints` must be those
-/// of the pose (inverse_kinematics). About 200 multiplications.
+/// Computes the Jacobian by differentiating |C - E| = l2 and |D - F| = l4 (README.md). `joints`
+/// must be the joint angles of the pose (inverse_kinematics()). About 200 multiplications.
 JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                         const JointAngles& joints) noexcept;
 
-/// Length that makes a rotation in rad comparable with a translation, about the plate's radius.
+/// Length that makes a rotation in rad comparable with a translation. It is about
+/// the plate's radius.
 inline constexpr double kCharacteristicLength_m = 0.05;
 
-/// Smallest and largest singular value of G with its columns of omega divided by a characteristic
-/// length. Both are accurate to about 1e-13 of the largest, and 0 if G is not finite. singularity.h
-/// has further measures.
+/// Smallest and largest singular value of G, with its columns of omega divided by a characteristic
+/// length. The errors are about 1e-13 of the largest value. Both are 0 if G is not finite.
+/// singularity.h has further measures.
 struct SingularRange {
   double smallest = 0, largest = 0;
 };

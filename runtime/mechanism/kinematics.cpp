@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kUnitTolerance = 1e-9;  // error of a unit quaternion's squared length
+constexpr double kUnitTolerance = 1e-9;  // allowed error of a unit quaternion's squared length
 constexpr double kMaxStep_m = 0.02;      // trust region of Gauss-Newton
 
 KinematicsStatus failure(KinematicsFailure why, int leg, int joint) noexcept {
@@ -28,7 +28,8 @@ bool inside(const JointLimit& limit, double angle) noexcept {
   return angle >= limit.min_rad && angle <= limit.max_rad;  // false for NaN
 }
 
-// kOk if the pose that the iteration found is on the assembly branch of the last one.
+// Returns kOk if the pose that the iteration found is on the description's assembly branches, is near
+// the last pose, and fits the angles.
 KinematicsStatus same_branch(const DeviceDescription& device, const MotorVector& motor_rad,
                              const Pose& T_last, const GaussNewtonOptions& options,
                              const ForwardResult& found) noexcept {
@@ -154,7 +155,8 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
   M.col(1) = C[1] - C[3];
   const Eigen::Matrix2d S = M.transpose() * M;
   const double determinant = S.determinant();
-  // Below this the four points lie on a line, about which the rotation is undefined.
+  // If the determinant is smaller, the four points are almost on a line, about which the
+  // rotation is undefined.
   if (!(determinant > 1e-6 * S(0, 0) * S(1, 1)) || !(S.trace() > 1e-4 * g.R_T_m * g.R_T_m)) {
     result.status.failure = KinematicsFailure::kSingular;
     return result;
@@ -196,7 +198,7 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
   T = T_device_plate_last;
   result.status.failure = KinematicsFailure::kNotConverged;
   for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
-    Eigen::Matrix<double, kMotors, 6> J;  // rotation's columns scaled to metres
+    Eigen::Matrix<double, kMotors, 6> J;  // the columns of rotation are scaled to metres
     MotorVector error_m;
     for (int m = 0; m < kLegs; ++m) {
       const Vector3d r = T.q * leg::plate_joint(g, m);

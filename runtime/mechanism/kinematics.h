@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Position kinematics of the four-legged device (paper, section III.B; README.md defines the points
-// and lengths). Functions may be called from the haptic thread: no allocation, no exception,
-// bounded loops.
+// Position kinematics of the four-legged device (paper, section III.B; README.md defines the
+// points and lengths). The haptic thread may call all functions: no allocation, no
+// exception, bounded loops.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,11 +14,11 @@
 
 namespace trocar::runtime {
 
-/// One value per motor, leg-major: th1, th4 of leg 1, then of leg 2, ... (as in DeviceCommand).
+/// One value per motor: th1 and th4 of leg 1, then of leg 2, and so on (as in DeviceCommand).
 using MotorVector = Eigen::Matrix<double, kMotors, 1>;
 
-/// Indices into MotorVector and into the encoders' array. Legs count from 0; which = 0 for th1 and
-/// 1 for th4; joint = 0..3 for th1..th4.
+/// Indices into MotorVector and into the array of encoders. `leg` counts from 0; `which` is 0 for
+/// th1 and 1 for th4; `joint` is 0..3 for th1..th4.
 constexpr int motor_index(int leg, int which) noexcept {
   return 2 * leg + which;
 }
@@ -32,10 +32,10 @@ enum class KinematicsFailure : std::uint8_t {
   kOutOfReach,    ///< the pose is outside the workspace: the joint's links cannot span the distance
   kSingular,      ///< the joint's direction or rate is not determined
   kBeyondLimit,   ///< outside the description's joint limits
-  kNotConverged,  ///< the iteration reached its limit
-  kOtherBranch,   ///< the iteration ended on another assembly branch, or may have
+  kNotConverged,  ///< the iteration did not converge in the allowed number of steps
+  kOtherBranch,   ///< the pose is on another assembly branch, or this cannot be excluded
 };
-/// A name for logs and messages, such as "out of reach".
+/// Name for logs and messages, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
 
 struct KinematicsStatus {
@@ -45,7 +45,7 @@ struct KinematicsStatus {
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
-/// theta_rad[leg][joint], counted from 0.
+/// The joint angles theta_rad[leg][joint], with leg and joint counted from 0.
 struct JointAngles {
   std::array<std::array<double, kJointsPerLeg>, kLegs> theta_rad{};
 };
@@ -58,13 +58,13 @@ MotorVector motor_angles(const std::array<double, kEncoders>& encoder_rad) noexc
 
 struct InverseResult {
   KinematicsStatus status;
-  /// Valid only if status holds. Each angle is within half a turn of the middle of its limits.
+  /// Valid only if status is kOk. Each angle is within half a turn of the middle of its limits.
   JointAngles joints;
 };
 
-/// Computes all 24 joint angles of a pose, in closed form, on the description's branches. It does
-/// not check the joint limits; see check_joint_limits. A failure names the first leg and joint
-/// without a solution.
+/// Computes all 24 joint angles of a pose, in closed form, on the assembly branches that the
+/// description specifies. Joint limits are not checked; see check_joint_limits(). A failure names
+/// the first leg and joint without a solution.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
@@ -80,37 +80,40 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
 
 struct ForwardResult {
   KinematicsStatus status;
-  Pose T_device_plate;    ///< valid only if status holds
-  double residual_m = 0;  ///< consistency of the encoders; see the functions
+  Pose T_device_plate;    ///< valid only if status is kOk
+  double residual_m = 0;  ///< measures how well the encoders agree; see the functions
   int iterations = 0;
 };
 
-/// Computes the pose from th1, th2, th3 of every leg (th4 is not used). The angles determine the
-/// ball joints C_m, and the least-squares rigid fit to these is the pose (Kabsch; in closed form,
-/// since the C_m form a square on the plate). residual_m is the root mean square distance between
-/// measured and fitted C_m, which is zero if the encoders agree.
+/// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). The angles determine the
+/// ball joints C_m. The pose is the least-squares rigid fit to these points (Kabsch), which has a
+/// closed form because the C_m form a square on the plate. residual_m is the root mean square
+/// distance between measured and fitted C_m. It is zero if the encoders agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct GaussNewtonOptions {
   int max_iterations = 20;
   double step_m = 1e-12;  ///< the iteration has converged if no component moves farther than this
-  /// Beyond either of these the result is kOtherBranch. With the defaults every wrong solution is
-  /// detected from starts up to 100 mm and 60 deg away
-  /// (tests/runtime/mechanism/kinematics_test.cpp). To search from farther away, raise the first.
+  /// If the plate moved more than travel_max_m, or if the residual exceeds residual_max_m, the
+  /// result is kOtherBranch. With the defaults every wrong solution is detected if the iteration
+  /// starts up to 100 mm and 60 deg from the pose (tests/runtime/mechanism/kinematics_test.cpp). To
+  /// allow larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< plate motion since the last pose; a radian counts as 0.05 m
   double residual_max_m = 3e-4;
 };
 /// Computes the pose from the eight motor angles alone, for a device without passive encoders, by
-/// Gauss-Newton on the eight constraints |C - E| = l2, |D - F| = l4. The iteration starts at the
-/// last pose, which selects one of the mechanism's several solutions. Eight angles for six degrees
-/// of freedom leave few exact solutions but many near ones, in which an iteration that starts far
-/// away can end. kOtherBranch means that it did, or may have. The pose is returned then too:
-///  - With leg and joint, that chain is on the branch that is not the description's.
-///  - With leg 0, the plate has travelled too far since the last pose, or the angles fit the pose
-///    too badly (an encoder may be wrong).
+/// Gauss-Newton on the eight constraints |C - E| = l2 and |D - F| = l4. The iteration starts at the
+/// last pose, which selects one of the several solutions. The system is overdetermined (eight
+/// equations, six unknowns): it has few exact solutions but many near-solutions, and an iteration
+/// from a distant start may converge to one of them. kOtherBranch means that this happened or
+/// cannot be excluded. The pose is then still the result of the iteration:
+///  - If status.leg and status.joint are not 0, that chain is not on the branch that
+///    the description specifies.
+///  - If status.leg is 0, the plate has moved too far since the last pose, or the angles fit the
+///    pose too badly (an encoder may be wrong).
 /// residual_m is the root mean square of the constraints' errors at the end. Each iteration moves
-/// at most 20 mm and 0.4 rad per axis.
+/// the pose by at most 20 mm and 0.4 rad per axis.
 ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
                                              const MotorVector& motor_rad,
                                              const Pose& T_device_plate_last,

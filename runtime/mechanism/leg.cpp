@@ -10,7 +10,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kTurn = 2 * std::numbers::pi;
-// A chain counts as stretched or folded below this sine of the angle between its links.
+// A chain counts as stretched or folded if the sine of the angle between its links is below this.
 constexpr double kMinSine = 1e-6;
 
 double wrapped_near(double angle, double centre) noexcept {
@@ -25,9 +25,10 @@ int sign(double x) noexcept {
   return (x > 0) - (x < 0);
 }
 
-// The angles of a two-link chain. The first link (length a) turns in the plane of coordinates (px,
-// py), the second one (length b) may also leave it, by pn along the normal. `first` is the first
-// joint's angle, `second` the second's relative to it, `lift` the angle out of the plane.
+// The angles of a chain of two links. The first link (length a) turns in the plane with coordinates
+// (px, py). The second link (length b) may also leave this plane, by pn along its normal. `first`
+// is the angle of the first joint, `second` the angle of the second joint relative to it, and
+// `lift` the angle out of the plane.
 struct ChainAngles {
   double first = 0, second = 0, lift = 0;
 };
@@ -47,8 +48,9 @@ KinematicsFailure solve_chain(double px, double py, double pn, double a, double 
   return KinematicsFailure::kOk;
 }
 
-// Lever arm of each motor's link on the link that it drives: link . E', with E' the motion per rad
-// of the end of the motor's link. It is zero if the chain is stretched or folded.
+// Lever arm of each motor's link on the link that it drives: the scalar product of that link
+// and the motion per rad of the end of the motor's link. It is zero if the chain is
+// stretched or folded.
 struct Arms {
   Vector3d upper, lower;  // E to C, F to D
   Vector3d E_th1;         // dE / dth1

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// One leg of the mechanism in its own frame: x radially outward, y tangential, z up, origin at {B}.
-// README.md defines the points A, B, C, D, E, F. Internal to the kinematics and the simulation.
-// Called from the haptic thread: no allocation, no exception. The device's legs are at kAzimuth;
-// the functions take any azimuth, for comparison with other numbers of legs
-// (tests/reference/mechanism/leg_ring.h).
+// One leg of the mechanism in its own frame: x points radially outward, y is tangential, z points
+// up, and the origin is that of {B}. README.md defines the points A, B, C, D, E and F. Only
+// kinematics and simulation use this header. The haptic thread calls its functions: no allocation,
+// no exception. The device's legs are at kAzimuth. The functions take any azimuth, so that tests
+// can compare other numbers of legs (tests/reference/mechanism/leg_ring.h).
 // Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
@@ -17,7 +17,8 @@
 
 namespace trocar::runtime::leg {
 
-/// The direction of a shorter span is undefined.
+/// If the distance between the ends of a chain is less than this, its direction is undefined
+/// (kSingular).
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {
@@ -89,35 +90,38 @@ inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d
   return E + (g.l5_m / g.l2_m) * (C - E);
 }
 
-/// The failure of one leg, and its joint (1..6, theta's index).
+/// Result for one leg: kOk, or the failure and the joint at which it occurred (1..6, the
+/// index of theta).
 struct LegStatus {
   KinematicsFailure failure = KinematicsFailure::kOk;
   int joint = 0;
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
-/// Computes theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`, each
-/// within half a turn of the middle of its limits.
+/// Computes theta1..theta6 for the ball joint at C (in the leg's frame) on the assembly branch
+/// `branch`. Each angle is within half a turn of the middle of its limits.
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// The branch on which each chain is assembled, from the positions of its links: the branch for
-/// which inverse() returns these th1 and th4. It is 0 if the chain is stretched or folded, so that
-/// both branches meet.
+/// Finds on which branch each chain is assembled, from the positions of its links. inverse() with
+/// this branch returns these th1 and th4. The branch is 0 if the chain is stretched or folded, so
+/// that both branches coincide.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 
-/// The motor rates of one leg: th1' = w1 . C' and th4' = w4 . C', all in the leg's frame. Fails
-/// with kSingular if the chain is stretched or folded.
+/// Computes w1 and w4, with which the motor rates of one leg are th1' = w1 . C' and th4' = w4 . C'.
+/// The prime is the time derivative; all vectors are in the leg's frame. Fails with kSingular if
+/// the chain is stretched or folded.
 LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
                       Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
-/// Distance in m of a chain's end point to the nearest point at which its branches meet (the acos
-/// saturates). The end point is given relative to the motor's axis: (px, py) in the first link's
-/// plane, pn along its normal. a and b are the links' lengths. The second link's end moves on a
-/// sphere about the first link's end. In the half plane of (radius, pn), the chain's workspace is
-/// therefore the region inside the circle of radius b about (a, 0) and outside the one about
-/// (-a, 0), and the branches meet on these circles. The distance is negative outside the workspace.
+/// Returns the distance in m of a chain's end point to the nearest point at which its two branches
+/// coincide (where the argument of acos is 1 or -1). The end point is given relative to the motor's
+/// axis: (px, py) in the first link's plane, pn along its normal. a and b are the lengths of the
+/// links. The end of the second link moves on a sphere about the end of the first link. In the half
+/// plane with coordinates (radius, pn), the end point can therefore lie inside the circle of radius
+/// b about (a, 0) and outside the circle of radius b about (-a, 0). The branches coincide on these
+/// two circles. The distance is negative outside the workspace.
 inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
   const double span = std::hypot(px, py);
   return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);

@@ -12,7 +12,7 @@ MotorVector capacity_A2s(const MotorModel& model) noexcept {
   return (model.peak_A.cwiseAbs2() - model.continuous_A.cwiseAbs2()) * model.peak_time_s;
 }
 
-// The fraction of the range between continuous and peak current that is available: 1 while the peak
+// Returns the available fraction of the range between continuous and peak current: 1 while the peak
 // is available, 0 when the i2t capacity is used up.
 double peak_fraction(double excess_A2s, double capacity_A2s) noexcept {
   if (!(capacity_A2s > 0)) return 0;
@@ -114,7 +114,7 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
   AllocationResult result =
       allocate_torques(G, wrench_device, MotorVector(limit_Nm - bias_Nm.cwiseAbs()));
   if (result.kind == AllocationKind::kRefused) return result;
-  // Only rounding can exceed the limits here.
+  // Here the limits can be exceeded by rounding only.
   result.tau_motor_Nm = (result.tau_motor_Nm + bias_Nm).cwiseMin(limit_Nm).cwiseMax(-limit_Nm);
   return result;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rigid transforms, twists and wrenches of the device, in SI units, of fixed size and without
-// allocation. A pose's name says its frames: T_device_plate maps coordinates in the plate's frame
-// {T} to the device's frame {B}.
+// allocation. The name of a pose states its frames: T_device_plate maps coordinates in the plate's
+// frame {T} to the device's frame {B}.
 // Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
@@ -11,21 +11,21 @@
 
 namespace trocar::runtime {
 
-/// [v; omega]: velocity in m/s of a frame's origin, angular velocity in rad/s.
+/// A twist [v; omega]: velocity of a frame's origin in m/s, and angular velocity in rad/s.
 using Twist = Eigen::Matrix<double, 6, 1>;
-/// [f; n]: force in N, moment in N*m about a frame's origin.
+/// A wrench [f; n]: force in N, and moment about a frame's origin in N*m.
 using Wrench = Eigen::Matrix<double, 6, 1>;
 
 struct Pose {
   Eigen::Vector3d p_m = Eigen::Vector3d::Zero();
-  Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit
+  Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit quaternion
 };
 
-/// The earlier pose from which the velocity is measured (runtime/control/velocity_window.h): a
-/// steady motion with the present velocity would have led from it to the present pose.
+/// An earlier pose from which the velocity is computed (runtime/control/velocity_window.h). A
+/// motion with the present velocity would have led from it to the present pose.
 struct PreviousPose {
   Pose T_device_plate;
-  double ago_s = 0;  ///< time since this pose; 0 if there is none, then the last new pose is used
+  double ago_s = 0;  ///< time since this pose; 0: there is none, and the last new pose is used
 };
 
 /// Composition: T_a_c = T_a_b * T_b_c.
@@ -43,7 +43,7 @@ inline bool is_finite(const Pose& T) noexcept {
   return T.p_m.allFinite() && T.q.coeffs().allFinite();
 }
 
-/// Axis times angle of a unit quaternion, angle in [0, pi].
+/// Returns the rotation vector of a unit quaternion: axis times angle, with the angle in [0, pi].
 inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   const double sign = q.w() < 0 ? -1 : 1;
   const Eigen::Vector3d v = sign * q.vec();
@@ -52,15 +52,16 @@ inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   return factor * v;
 }
 
-/// [translation of the frame's origin; rotation vector] from one pose to the next, in {B}. A wrench
-/// that is constant during this motion does the work wrench * displacement.
+/// Returns [translation of the frame's origin; rotation vector] from one pose to another, in {B}. A
+/// wrench that is constant during this motion does the work wrench * displacement.
 inline Twist displacement(const Pose& from, const Pose& to) noexcept {
   Twist step;
   step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
   return step;
 }
 
-/// The unit quaternion of a rotation about r by |r|; the inverse of rotation_vector().
+/// Returns the unit quaternion of a rotation about r by the angle |r|. This is the
+/// inverse of rotation_vector().
 inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
   const double angle = r.norm();
   const double factor = angle < 1e-6 ? 0.5 - angle * angle / 48 : std::sin(angle / 2) / angle;
@@ -70,7 +71,8 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   return q.normalized();
 }
 
-/// The same wrench with its moment about another point, where new point + lever_m = old point.
+/// Returns the same wrench with its moment about another point, where new point + lever_m
+/// = old point.
 inline Wrench moved_by(const Wrench& wrench, const Eigen::Vector3d& lever_m) noexcept {
   Wrench moved = wrench;
   moved.tail<3>() += lever_m.cross(Eigen::Vector3d(wrench.head<3>()));

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measures the distance of a pose from the mechanism's two kinds of singularity (Gosselin and
-// Angeles). Called from the haptic thread: no allocation, no exception, bounded time.
+// Angeles). The haptic thread calls these functions: no allocation, no exception, bounded time.
 //  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
 //    value of the Jacobian goes to 0.
-//  - Limit of a leg's workspace: the motor's row of the Jacobian grows without bound and the two
-//    assembly branches of the chain meet. The distance from this limit is measured in metres.
+//  - Limit of a leg's workspace: the motor's row of the Jacobian grows without bound, and the two
+//    assembly branches of the chain coincide. The distance from this limit is measured in metres.
 #pragma once
 
 #include <array>
@@ -15,19 +15,20 @@ namespace trocar::runtime {
 
 struct BranchDistance {
   /// theta1_m is the distance of the ball joint C to the nearest point at which th1's branches
-  /// meet, theta4_m the distance of D to the nearest point at which th4's branches meet. While the
-  /// point moves by less, in any direction, the branch cannot switch. A negative distance is
-  /// outside the workspace.
+  /// coincide, and theta4_m the distance of D to the nearest point at which th4's branches
+  /// coincide. While the point moves by less than that, in any direction, the branch cannot change.
+  /// A negative distance means that the point is outside the workspace.
   double theta1_m = 0, theta4_m = 0;
 };
 
 struct Singularity {
   /// Smallest motor rate in rad/s of any plate motion of 1 m/s, where a radian counts as the
-  /// characteristic length. By duality it is also the force in N that a torque vector of length
-  /// 1 N*m resists in the weakest direction. It is 0 at a loss of stiffness and if G is not finite,
-  /// and accurate to about 1e-13 of the largest singular value.
+  /// characteristic length. By duality it is also the force in N that a torque vector of length 1
+  /// N*m can resist in the weakest direction. It is 0 at a loss of stiffness and if G is not
+  /// finite. Its error is about 1e-13 of the largest singular value.
   double smallest_singular_value_per_m = 0;
-  /// Smallest over largest singular value: at most 1; 0 at a singularity and if G is not finite.
+  /// Smallest singular value divided by the largest one: at most 1; 0 at a singularity and if G
+  /// is not finite.
   double inverse_condition = 0;
   std::array<BranchDistance, kLegs> branch;
   double nearest_branch_m = 0;    ///< the smallest of these distances

@@ -15,17 +15,18 @@ using NullSpace = Eigen::Matrix<double, kMotors, 2>;  // orthonormal columns: G^
 constexpr double kParallel = 1e-8;
 constexpr int kMaxSteps = 50;
 constexpr int kMaxHalvings = 30;
-constexpr double kMinRank = 1e-9;  // relative size of R's diagonal below which G lacks rank
+constexpr double kMinRank = 1e-9;  // G lacks rank if R's diagonal is relatively smaller
 
 double cross(const Vector2d& a, const Vector2d& b) noexcept {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// min over z of max_i |tau_i + n_i . z| / limit_i: the smallest load of the most loaded motor that
-// the null space allows. Three terms determine a minimax over two unknowns. For three rows, the
-// combination that eliminates z, lambda = (n_j x n_k, n_k x n_i, n_i x n_j), bounds the load from
-// below by |lambda . tau| / (|lambda| . limit), with equality at the optimum of these three
-// (de la Vallee-Poussin; also the dual vertices of this linear programme). The result is exact.
+// Returns min over z of max_i |tau_i + n_i . z| / limit_i, the smallest load of the most loaded
+// motor that the null space allows. In a minimax over two unknowns, three terms determine the
+// optimum. For three rows i, j, k, the combination lambda = (n_j x n_k, n_k x n_i, n_i x n_j)
+// eliminates z. It bounds the load from below by |lambda . tau| / (|lambda| . limit), with equality
+// at the optimum of these three rows (de la Vallee-Poussin; these are the dual vertices of this
+// linear programme). The result is exact.
 double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector& limit) noexcept {
   double load = 0;
   for (int i = 0; i < kMotors; ++i) {
@@ -37,8 +38,8 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
         const double weight = std::abs(lambda_i) * limit[i] + std::abs(lambda_j) * limit[j] +
                               std::abs(lambda_k) * limit[k];
         const double demand = std::abs(lambda_i * tau[i] + lambda_j * tau[j] + lambda_k * tau[k]);
-        // Three nearly parallel rows give an ill-conditioned bound; other triples give a better
-        // one.
+        // Three nearly parallel rows give an ill-conditioned bound. Other triples give
+        // a better bound.
         if (weight > kParallel * (limit[i] + limit[j] + limit[k]))
           load = std::max(load, demand / weight);
       }
@@ -47,15 +48,15 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
   return load;
 }
 
-// The minimisation of law 5 in null-space coordinates: tau = c + N y, cost |y|^2 + penalty. The
-// cost is a convex, piecewise quadratic function of two unknowns.
+// The minimisation of law 5 in null-space coordinates y: tau = c + N y, and the cost is |y|^2 +
+// penalty. The cost is a convex, piecewise quadratic function of two unknowns.
 struct Penalty {
   const MotorVector& c;
   const NullSpace& N;
   const MotorVector& working;
   const MotorVector& stiffness;
 
-  // Signed excess of every torque over its working limit.
+  // Returns the signed excess of every torque over its working limit.
   MotorVector excess(const Vector2d& y) const noexcept {
     const MotorVector tau = c + N * y;
     return tau - tau.cwiseMin(working).cwiseMax(-working);
@@ -63,9 +64,10 @@ struct Penalty {
   double cost(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
     return y.squaredNorm() + stiffness.dot(excess_Nm.cwiseAbs2());
   }
-  // Newton's step from y, exact if no torque crosses its working limit on the way: -H^-1 slope with
-  // H = 1 + sum s n n^T and slope = y + sum s e n. Penalties are up to (|limit| / (reserve
-  // limit_min))^2 stiffer than the rest, so both are expanded into terms that do not cancel:
+  // Returns Newton's step from y, which is exact if no torque crosses its working limit on the way:
+  // -H^-1 slope with H = 1 + sum s n n^T and slope = y + sum s e n. Penalties are up to (|limit| /
+  // (reserve limit_min))^2 times as stiff as the rest. Therefore determinant and numerator are
+  // expanded into terms that do not cancel:
   //   det H = 1 + sum s |n|^2 + sum over pairs s_i s_j (n_i x n_j)^2,
   //   adj H slope = slope + sum over i of s_i p_i (p_i . y + sum over j of s_j e_j p_i . n_j),
   // with p_i = n_i rotated by a right angle, so that p_i . n_i is exactly 0.
@@ -94,8 +96,9 @@ bool same_signs(const MotorVector& a, const MotorVector& b) noexcept {
   return ((a.array() > 0) == (b.array() > 0)).all() && ((a.array() < 0) == (b.array() < 0)).all();
 }
 
-// Finds the minimum by Newton's method: a full step within one quadratic region reaches it; a step
-// that would not lower the cost is halved. Random trials take at most a dozen steps.
+// Finds the minimum by Newton's method. A full step within one quadratic region reaches
+// the minimum. A step that would not lower the cost is halved. Random trials took at most
+// a dozen steps.
 Vector2d least_cost(const Penalty& penalty) noexcept {
   Vector2d y = Vector2d::Zero();
   MotorVector excess = penalty.excess(y);
@@ -128,9 +131,9 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
     return result;
   }
 
-  // S scales the columns of rotation to metres, which affects only the rounding, not the result.
-  // G S = Q [R; 0] gives both parts of Eq. 18: the pseudo-inverse solution
-  // Q1 R^-T S w and, in Q's last two columns, the null space.
+  // S scales the columns of rotation to metres, which affects only the rounding, not the result. G
+  // S = Q [R; 0] gives both parts of Eq. 18: the pseudo-inverse solution Q1 R^-T S w and, in Q's
+  // last two columns, the null space.
   Jacobian scaled = G;
   scaled.rightCols<3>() /= kCharacteristicLength_m;
   Wrench wanted = wrench_device;
@@ -152,7 +155,7 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
     tau = minimum_norm;
   } else {
     const NullSpace N = Q.rightCols<2>();
-    const double load = least_load(minimum_norm, N, working);  // exact: 1 is just feasible
+    const double load = least_load(minimum_norm, N, working);  // exact; 1 is just feasible
     result.kind = load <= 1 ? AllocationKind::kNullSpace : AllocationKind::kScaled;
     if (load > 1) result.scale = 1 / load;
     const MotorVector part = result.scale * minimum_norm;

@@ -1,28 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes eight motor torques from a wanted wrench: paper Eq. 17-18 within the motors' limits.
-// Called from the haptic thread: no allocation, no exception, bounded time.
+// Computes eight motor torques from a wanted wrench (paper, Eq. 17-18), within the motors' limits.
+// The haptic thread calls these functions: no allocation, no exception, bounded time.
 //
-// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). The working limits are
-// (1 - kTorqueReserve) limit; c = (G^T)^+ wanted are the minimum-norm torques; P projects torques
-// onto the null space of G^T; |limit| and limit_min are the norm and the smallest of the limits.
+// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). Let tau be the torques. The working
+// limits are (1 - kTorqueReserve) limit. c = (G^T)^+ wanted are the minimum-norm torques. P
+// projects torques onto the null space of G^T. |limit| and limit_min are the norm and the smallest
+// of the limits.
 //  1. |tau_i| <= limit_i, always.
 //  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench keeps its direction.
-//  3. If c keeps the working limits, tau = c and scale = 1.
-//  4. Otherwise, if any torques within the working limits produce `wanted`, scale = 1; if none do,
-//     scale is the largest for which some produce scale * wanted.
-//  5. tau minimises |tau|^2 + sum_i stiffness_i max(0, |tau_i| - working_i)^2 among the torques
-//     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. Along any path tau changes no faster than K (|dc| + |limit| |dP|), at any pose, with
-//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the pose is
-//     constant, it changes no faster than sqrt(1 + max stiffness / 4) |dc|, a factor of 142 for
-//     eight equal motors.
+//  3. If c is within the working limits, tau = c and scale = 1.
+//  4. Otherwise, if any torques within the working limits produce `wanted`, then scale = 1. If none
+//     do, scale is the largest factor for which some torques within the working limits produce
+//     scale * wanted.
+//  5. Among the torques that produce scale * wanted, tau minimises |tau|^2 + sum_i stiffness_i
+//     max(0, |tau_i| - working_i)^2, where working_i is a working limit and stiffness_i = (|limit|
+//     / (kTorqueReserve limit_i))^2.
+//  6. Along any path of wrench and pose, tau changes no faster than K (|dc| + |limit| |dP|), at any
+//     pose, with K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
+//     pose is constant, tau changes no faster than sqrt(1 + max stiffness / 4) |dc|; for eight
+//     equal motors this factor is 142.
 //
-// The reserve is needed because at the boundary of the feasible wrenches a single torque vector
-// produces the wrench. If several rows of the null space are nearly parallel (all four upper motors
-// at any upright, centred pose), that vector changes arbitrarily fast with the pose. A bound on the
-// rate needs a reserve, and is inversely proportional to it. Law 1 follows from law 5: some y0 with
-// |y0| < |limit| keeps the working limits at no penalty, so at the optimum
-// stiffness_i excess_i^2 <= |y0|^2, hence excess_i < kTorqueReserve limit_i.
+// The reserve is needed because, at the boundary of the feasible wrenches, only a single torque
+// vector produces the wrench. If several rows of the null space are nearly parallel (such as those
+// of the four upper motors at any upright, centred pose), this vector changes arbitrarily fast with
+// the pose. So a bound on the rate needs a reserve, and is inversely proportional to it. Law 1
+// follows from law 5: some torques y0 with |y0| < |limit| are within the working limits, without
+// penalty. So at the optimum stiffness_i excess_i^2 <= |y0|^2, where excess_i = |tau_i| -
+// working_i, and therefore excess_i < kTorqueReserve limit_i.
 #pragma once
 
 #include <cstdint>
@@ -33,13 +37,14 @@
 
 namespace trocar::runtime {
 
-/// Fraction of every limit held in reserve so that torques change at a bounded rate (laws 4 to 6).
+/// Fraction of every limit that is held in reserve, so that torques change at a bounded rate (laws
+/// 4 to 6).
 inline constexpr double kTorqueReserve = 0.01;
 
 enum class AllocationKind : std::uint8_t {
-  kMinimumNorm,  ///< law 3
-  kNullSpace,    ///< law 4, scale = 1
-  kScaled,       ///< law 4, scale < 1: the device cannot render the full wrench
+  kMinimumNorm,  ///< case of law 3
+  kNullSpace,    ///< case of law 4 with scale = 1
+  kScaled,       ///< case of law 4 with scale < 1: the device cannot render the full wrench
   /// G or the wrench is not finite, a limit is not positive and finite, or G lacks full rank. The
   /// torques are zero.
   kRefused,
@@ -49,16 +54,16 @@ struct AllocationResult {
   AllocationKind kind = AllocationKind::kRefused;
   MotorVector tau_motor_Nm = MotorVector::Zero();
   Wrench wrench_device = Wrench::Zero();  ///< the delivered wrench G^T tau
-  double scale = 0;                       ///< delivered wrench over wanted wrench
+  double scale = 0;                       ///< delivered wrench / wanted wrench
   bool limited() const noexcept { return kind >= AllocationKind::kScaled; }
 };
 
-/// Allocates the torques. `wrench_device` is the wanted [f; n] on the plate about its origin in
-/// {B}, `G` the Jacobian at the current pose; each motor has one positive limit.
+/// Allocates the torques. `wrench_device` is the wanted wrench [f; n] on the plate, about its
+/// origin, in {B}. `G` is the Jacobian at the current pose. Each motor has one positive limit.
 AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
                                   const MotorVector& limit_Nm) noexcept;
 
-/// The same with one limit for all motors.
+/// Like the function above, with one limit for all motors.
 AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
                                   double limit_Nm) noexcept;
 
