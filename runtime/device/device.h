@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and a device: the simulated device in the process, a drive
-// behind UDP, a recording that is replayed, or a test's device. runtime/session/open_device.h opens
-// a device by its URI.
+// The interface between the haptic loop and a device. A device is the simulated device in the
+// process, a drive behind UDP, a recording that is replayed, or a device of a test.
+// runtime/session/open_device.h opens a device by its URI.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
@@ -16,11 +16,11 @@
 namespace trocar::runtime {
 
 inline constexpr int kLegs = 4;
-inline constexpr int kMotors = 2 * kLegs;    ///< leg-major: th1, th4 of leg 1, of leg 2, ...
-inline constexpr int kEncoders = 4 * kLegs;  ///< leg-major: th1, th2, th3, th4 of leg 1, ...
+inline constexpr int kMotors = 2 * kLegs;    ///< order: th1, th4 of leg 1, th1, th4 of leg 2, ...
+inline constexpr int kEncoders = 4 * kLegs;  ///< order: th1, th2, th3, th4 of leg 1, ...
 
 struct DeviceState {
-  double t_s = 0;  ///< time of the encoders' reading on the device's clock; ascending
+  double t_s = 0;  ///< time at which the encoders were read, on the device's clock; ascending
   std::array<double, kEncoders> encoder_rad{};
 };
 
@@ -32,39 +32,41 @@ struct DeviceCommand {
 struct LinkReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
-  /// States that were sent in these sessions after the first torques, but lost or overtaken.
+  /// Number of states that the device sent in these sessions after the first torques, but that were
+  /// lost or overtaken.
   std::uint64_t states_missed = 0;
   std::optional<Error> restore_error;  ///< failure of the last attempt to restore the session
 };
 
-/// A session calls start() once, then in each tick read(), write() and advance(), and close() at
-/// its end. read(), write() and restore() are called from the haptic thread: they never allocate,
-/// lock, throw or block.
+/// A session calls start() once, then read(), write() and advance() in each tick, and close() at
+/// its end. The haptic thread calls read(), write() and restore(): they never allocate, lock,
+/// throw or block.
 class Device {
  public:
   virtual ~Device() = default;
 
-  /// Begins a session with the device, which may expect ticks from then on. May block. Called once.
+  /// Begins a session with the device. From then on the device may expect ticks. May
+  /// block. Called once.
   virtual Result<void> start() { return {}; }
   /// Reads the latest state. `state` changes only on kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
   /// Sets the torques to hold until the next write. Never returns kEndOfData.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
-  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque. 0
-  /// means that the faulty motors are not known.
+  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
+  /// The value 0 means that the faulty motors are not known.
   virtual std::uint8_t motor_faults() const noexcept { return 0; }
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() {}
-  /// Ends a tick of `dt_s` and advances the time of a device that is paced by the loop. Called on
-  /// the thread of read() and write(); may block only if is_paced_by_loop().
+  /// Ends a tick of `dt_s`, and advances the time of a device that is paced by the loop. Called on
+  /// the thread of read() and write(). May block only if is_paced_by_loop() is true.
   virtual void advance(double /*dt_s*/) {}
   /// Ends the session.
   virtual void close() {}
 
-  /// If true, the device's time advances in advance() only, so a late tick does no harm.
+  /// True if the device's time advances only in advance(), so that a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// The counts of the link, after close(); none for a device without a link.
+  /// Returns the counts of the link, after close(); none for a device without a link.
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 
