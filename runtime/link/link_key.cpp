@@ -23,7 +23,7 @@ int value_of(char digit) noexcept {
   return -1;
 }
 
-/// Reads an open key file. Returns the reason why it is refused, or an empty string. `is_open` is
+/// Reads an opened key file. Returns the reason why it is refused, or an empty string. `is_open` is
 /// set if other users have access to the file.
 std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes,
                          bool& is_open) {
@@ -59,8 +59,7 @@ Result<LinkKey> read_link_key(const std::filesystem::path& file) {
     key.bytes[i] = static_cast<std::uint8_t>(16 * high + low);
   }
   if (!ends) return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
-  // This check is the last one, so that no user is asked to change the mode of a file that is no
-  // key.
+  // This check comes last, so that no user is asked to change the mode of a file that is not a key.
   if (is_open) return refused(file.string() + ": other users have access to it; chmod 600 it");
   return key;
 }
@@ -73,8 +72,8 @@ Result<LinkKey> make_link_key(const std::filesystem::path& file) {
     text += "0123456789abcdef"[byte & 15];
   }
   text += '\n';
-  // The key is never readable by others: it goes to a temporary file of mode 0600, which gets its
-  // name when it is complete, and only if no file has that name.
+  // The key must never be readable by others. It is written to a temporary file of mode 0600, which
+  // is renamed when it is complete, and only if no file has the final name.
   std::string temporary = file.string() + ".XXXXXX";
   const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
   if (fd < 0) return unwritable(file.string() + ": " + system_message(errno));

@@ -76,7 +76,7 @@ void UdpDevice::restore_when_requested() {
       if (shake_hands_again()) {
         restoring_.store(false, std::memory_order_release);
       } else {
-        // The attempt may have failed at once.
+        // The pause is needed because an attempt may fail at once.
         std::this_thread::sleep_for(std::chrono::duration<double>(kHelloPeriod_s));
       }
     } else {
@@ -89,21 +89,21 @@ bool UdpDevice::shake_hands_again() {
   const Result<void> done = shake_hands(false);
   if (done) {
     restore_error_.reset();
-  } else if (!closing_.load()) {  // an attempt that close() interrupts is no error
+  } else if (!closing_.load()) {  // it is no error if close() interrupts an attempt
     restore_error_ = done.error();
   }
   return static_cast<bool>(done);
 }
 
-/// The observations of an attempt to reach the drive, for the message if it fails.
+/// Observations in an attempt to reach the drive. The error message is made from them.
 struct UdpDevice::Attempt {
   LinkNonce nonce{};
   bool welcomed = false, wrong_key = false, busy = false;
   bool other_program = false, other_version = false;
 
-  /// Evaluates a datagram that is no welcome.
+  /// Evaluates a datagram that is not a welcome.
   void note(std::span<const std::uint8_t> datagram) noexcept {
-    constexpr std::size_t kVersionAt = 4;  // after the magic
+    constexpr std::size_t kVersionAt = 4;  // the version follows the magic
     DenialPacket denial;
     if (decode(datagram, nonce, denial) == LinkRefusal::kNone) {
       wrong_key = wrong_key || denial.reason == DenialReason::kKey;
@@ -114,7 +114,7 @@ struct UdpDevice::Attempt {
     const bool is_link = datagram.size() > kVersionAt &&
                          std::equal(kLinkMagic.begin(), kLinkMagic.end(), datagram.begin());
     other_version = other_version || (is_link && datagram[kVersionAt] != kLinkVersion);
-    // A program that echoes sends back the hello.
+    // A program that echoes datagrams sends back the hello.
     other_program = other_program || !is_link || hello_nonce(datagram, ignored);
   }
 
@@ -198,7 +198,7 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   last_command_ = last_state_ = 0;
   newest_ = {};
   fresh_state_ = has_written_ = counts_missed_ = false;
-  // The first command begins the session. It is repeated, since it may be lost.
+  // The first command begins the session. It is repeated, because it may be lost.
   for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
     if (!in_time()) return no_answer();
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
@@ -245,7 +245,7 @@ bool UdpDevice::drain() noexcept {
       counts_.add(LinkRefusal::kSize);
       continue;
     }
-    // This denial answers a hello that was repeated while its welcome was in transit.
+    // A denial here answers a hello that was repeated while its welcome was in transit.
     if (claimed_kind(std::span(buffer).first(bytes)) == PacketKind::kDenial) continue;
     const std::uint64_t before = last_state_;
     const LinkRefusal refusal =

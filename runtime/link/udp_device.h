@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A drive behind the device link (formats/session/device_link.md) as a Device of the loop. On the
 // haptic thread it only makes non-blocking receive and send calls: no allocation, lock or
-// exception. Packets that are not authentic, or old, are counted and otherwise ignored.
+// exception. Packets that are old or not authentic are counted and otherwise ignored.
 //
-// restore() requests a new session after the old one is lost. With the real clock a separate thread
-// establishes it, and is the only user of the socket meanwhile. In lock-step the drive's time does
-// not advance, so advance() establishes it.
+// After a session is lost, restore() requests a new one. With the real clock a separate thread
+// establishes the session, and is meanwhile the only user of the socket. In lock-step the drive's
+// time does not advance, so advance() establishes the session.
 #pragma once
 
 #include <atomic>
@@ -26,17 +26,18 @@ struct UdpDeviceOptions {
   LinkKey key;
   double period_s = 1e-3;              ///< period of the loop; in lock-step also the drive's step
   LinkClock clock = LinkClock::kReal;  ///< must be the same as the drive's
-  bool fresh = true;                   ///< a simulated world is reset
+  bool fresh = true;                   ///< start() resets the simulated world
   double connect_timeout_s = 5;
   double no_state_s = 0.01;  ///< real clock: the link is lost after this time without a state
-  /// Lock-step: longest wait for an answer. After a missed answer, no_state_s applies until the
-  /// next answer arrives.
+  /// Lock-step: longest wait for an answer. After a missed answer, the longest wait is no_state_s
+  /// until the next answer arrives.
   double answer_s = 2;
 };
 
 class UdpDevice final : public Device {
  public:
-  /// Opens the socket. No packet is sent before start(). Errors: device fault.
+  /// Opens the socket. No packet is sent before start(). Errors: (device fault) the socket
+  /// cannot be opened.
   static Result<std::unique_ptr<UdpDevice>> make(const UdpDeviceOptions& options);
   /// Calls make() and start().
   static Result<std::unique_ptr<UdpDevice>> connect(const UdpDeviceOptions& options);
@@ -49,19 +50,19 @@ class UdpDevice final : public Device {
   /// Errors: device fault (no answer, another key, another host or another program); usage (the
   /// drive has another clock).
   Result<void> start() override;
-  /// Ends the session at the drive, and a restore() under way. The counts can still be read.
+  /// Ends the session at the drive, and any restore() in progress. The counts can still be read.
   void close() override;
 
   /// Reads the newest state since the last call.
-  ///  - kNoData: there has been no new state for less than no_state_s; or, after a slow start of
-  ///    the loop, so many states are queued that the socket may have dropped the newest.
+  ///  - kNoData: there is no new state, but for less than no_state_s; or, after a slow start of the
+  ///    loop, so many states are queued that the socket may have dropped the newest.
   ///  - kLinkLost: there has been no state for no_state_s; the other end is closed; the drive has
-  ///    received none of the torques of the last no_state_s (2.5 periods if that is longer); or its
-  ///    watchdog tripped.
+  ///    received none of the torques of the last no_state_s (or of the last 2.5 periods if that is
+  ///    longer); or the drive's watchdog tripped.
   ///  - kEmergencyStop, kMotorFault: the drive reports it.
   DeviceStatus read(DeviceState& state) noexcept override;
-  /// Sends torques. kLinkLost: the other end is closed. kNoData: they were not sent, because a
-  /// torque is not finite or too large, or the socket's buffer is full.
+  /// Sends torques. kLinkLost: the other end is closed. kNoData: the torques were not sent, because
+  /// one is not finite or too large, or because the socket's buffer is full.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
   /// In lock-step, calls wait_for_answer().
   void advance(double /*dt_s*/) noexcept override {
@@ -70,18 +71,19 @@ class UdpDevice final : public Device {
   std::uint8_t motor_faults() const noexcept override { return newest_.motor_faults; }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
-  /// Lock-step: waits at most answer_s for the answer to the last write. The next read() returns
-  /// it, or kLinkLost. Blocks. False if there is no answer.
+  /// Lock-step: waits at most answer_s for the answer to the last write(). Returns false if there
+  /// is no answer. The next read() returns the answer, or kLinkLost. Blocks.
   bool wait_for_answer() noexcept;
 
-  /// Requests a new session with the same drive, or with one started in its place; the session
-  /// joins the simulated world in its present state. With the real clock it is tried until it
-  /// succeeds, with a pause after each attempt; in lock-step it is tried for connect_timeout_s and
-  /// then given up. Until then torques are zero, and read() and write() return kLinkLost. Acts only
-  /// if the last read() returned kLinkLost or kMotorFault, which a drive keeps for a session.
+  /// Requests a new session with the same drive, or with a drive that was started in its place. The
+  /// session continues the simulated world in its present state. With the real clock, attempts are
+  /// repeated until one succeeds, with a pause after each; in lock-step, attempts end after
+  /// connect_timeout_s. Until there is a session, torques are zero, and read() and write() return
+  /// kLinkLost. The request has an effect only if the last read() returned kLinkLost, or
+  /// kMotorFault (which a drive reports until its session ends).
   void restore() noexcept override;
 
-  // The following may be called only while no restore() is under way, or after close().
+  // The following functions may be called only while no restore() is in progress, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
   std::uint64_t states_missed() const noexcept { return states_missed_; }
@@ -95,18 +97,18 @@ class UdpDevice final : public Device {
       : options_(options), socket_(std::move(socket)) {}
   struct Attempt;
   Result<void> shake_hands(bool fresh);
-  /// The same as part of restore(); stores the error in restore_error_.
+  /// Calls shake_hands() as a part of restore(), and stores the error in restore_error_.
   bool shake_hands_again();
   void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;
-  /// Takes the waiting datagrams, at most kMaxDatagrams. False if the other end is closed.
+  /// Takes the waiting datagrams, at most kMaxDatagrams. Returns false if the other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const DeviceCommand& command) noexcept;
 
   /// Largest number of datagrams taken in one tick, so that a flood cannot delay it.
   static constexpr int kMaxDatagrams = 512;
-  /// Number of queued states beyond which the socket may have dropped the newest; a socket's buffer
-  /// holds about 270.
+  /// If more states than this were queued, the socket may have dropped the newest. A socket's
+  /// buffer holds about 270.
   static constexpr int kLongQueue = 128;
 
   UdpDeviceOptions options_;
@@ -125,7 +127,8 @@ class UdpDevice final : public Device {
   bool is_lost_ = false;        ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;       ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
-  /// While it is set, the restoring thread owns all other members, otherwise the haptic thread.
+  /// While this is set, the restoring thread owns all other members; otherwise the
+  /// haptic thread does.
   std::atomic<bool> restoring_{false};
   std::atomic<bool> closing_{false};
   static_assert(std::atomic<bool>::is_always_lock_free);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A non-blocking IPv4 datagram socket and its addresses. Once it is made, no call but wait()
-// blocks, and none allocates or throws: each is one system call.
+// A non-blocking IPv4 datagram socket and its addresses. Once the socket is made, only wait()
+// blocks. No call allocates or throws: each is one system call.
 #pragma once
 
 #include <cstddef>
@@ -21,13 +21,14 @@ struct Endpoint {
 };
 std::string to_string(const Endpoint& endpoint);
 
-/// Parses HOST:PORT. HOST is a dotted address, or a name, which is looked up (IPv4). Usage errors
-/// quote `text`. `lowest_port` 0 allows port 0, with which the system chooses a port to listen on.
+/// Parses HOST:PORT. HOST is a dotted address or a name, which is looked up (IPv4). Usage errors
+/// quote `text`. If `lowest_port` is 0, port 0 is allowed, for which the system chooses a port
+/// to listen on.
 Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port);
 
 class UdpSocket {
  public:
-  /// Opens a socket bound to `local`. Errors: unwritable if the address is not available.
+  /// Opens a socket bound to `local`. Errors: (unwritable) the address is not available.
   static Result<UdpSocket> listen(const Endpoint& local);
   /// Opens a socket that sends to `peer` and receives from `peer` only.
   static Result<UdpSocket> connect(const Endpoint& peer);
@@ -40,12 +41,13 @@ class UdpSocket {
     kNothing,  ///< no datagram is waiting, or the send buffer is full
     kGone,     ///< the other end is closed, or the socket failed
   };
-  /// Receives one datagram into `buffer`; `bytes` is its full length even if the buffer is shorter.
+  /// Receives one datagram into `buffer`. `bytes` receives its full length even if the
+  /// buffer is shorter.
   Outcome receive(std::span<std::uint8_t> buffer, std::size_t& bytes, Endpoint& from) noexcept;
   /// Sends to the peer of connect().
   Outcome send(std::span<const std::uint8_t> datagram) noexcept;
   Outcome send_to(std::span<const std::uint8_t> datagram, const Endpoint& to) noexcept;
-  /// Waits for a datagram for at most `seconds`. False if none is waiting then.
+  /// Waits at most `seconds` for a datagram. Returns false if none has arrived.
   bool wait(double seconds) noexcept;
   Endpoint local() const noexcept;
   /// errno of the last Outcome::kGone; 0 if there was none.
