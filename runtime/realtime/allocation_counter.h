@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts the allocations of realtime code: calls of malloc, calloc, realloc, aligned_alloc,
-// posix_memalign and free (and so of new and delete) on a thread that is inside a
-// NoAllocationScope.
+// Counts the allocations of realtime code: calls of malloc, calloc, realloc,
+// aligned_alloc, posix_memalign and free (and so of new and delete) on a thread that is
+// inside a NoAllocationScope.
 //
-// Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count. The
-// shipped programs and sanitizer builds do not; a scope costs them one thread-local store.
+// Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
+// allocations. The shipped programs and sanitizer builds do not; in these a scope costs
+// one thread-local store.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -12,9 +13,10 @@
 
 namespace trocar::runtime {
 
-/// Does this program count allocations?
+/// Returns true if this program counts allocations.
 bool allocations_are_counted() noexcept;
-/// Number of allocations of all threads inside scopes since the start; 0 if they are not counted.
+/// Returns the number of allocations of all threads inside scopes since the start; 0 if they
+/// are not counted.
 std::uint64_t allocations_in_scopes() noexcept;
 
 /// While a scope exists, its thread's allocations are counted. Scopes may not nest.
@@ -26,12 +28,13 @@ class NoAllocationScope {
   NoAllocationScope& operator=(const NoAllocationScope&) = delete;
 };
 
-// The hooks call the following functions.
-/// Is the calling thread inside a scope?
+// The allocation hooks call the following functions.
+
+/// Returns true if the calling thread is inside a scope.
 bool in_no_allocation_scope() noexcept;
 /// Counts one allocation by the calling thread if it is inside a scope.
 void note_allocation() noexcept;
-/// Makes this program one that counts.
+/// Registers the hooks, so that allocations_are_counted() returns true.
 void announce_allocation_hooks() noexcept;
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A histogram of durations in logarithmic buckets of 1/64 octave (1.6 %) from 1 ns to 18 minutes,
-// of fixed size, without allocation, for any number of samples.
+// A histogram of durations in logarithmic buckets of 1/64 octave (1.6 %) from 1 ns to 18 minutes.
+// It has a fixed size, does not allocate, and takes any number of samples.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -22,8 +22,8 @@ class Histogram {
   std::uint64_t samples() const noexcept { return samples_; }
   double max_us() const noexcept { return static_cast<double>(max_ns_) * 1e-3; }
 
-  /// The upper end of the bucket that holds the sample of rank ceil(share * samples), but at most
-  /// max_us(); 0 without samples.
+  /// Returns the upper end of the bucket that holds the sample of rank ceil(fraction * samples),
+  /// but at most max_us(); 0 if there are no samples.
   double quantile_us(double fraction) const noexcept {
     if (samples_ == 0) return 0;
     const double wanted = fraction * static_cast<double>(samples_);
@@ -53,7 +53,7 @@ class Histogram {
   }
 
  private:
-  static constexpr unsigned kBits = 6;                            // 64 buckets an octave
+  static constexpr unsigned kBits = 6;                            // 64 buckets per octave
   static constexpr std::size_t kExact = std::size_t{2} << kBits;  // smaller values are exact
   static constexpr std::size_t kBuckets = kExact + (std::size_t{33} << kBits);
 

@@ -7,7 +7,7 @@
 
 namespace trocar::runtime {
 
-/// CLOCK_MONOTONIC, without a system call where the kernel offers that.
+/// Returns CLOCK_MONOTONIC in ns, without a system call if the kernel permits that.
 inline std::int64_t monotonic_ns() noexcept {
   timespec now{};
   ::clock_gettime(CLOCK_MONOTONIC, &now);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A background thread that calls a function at a fixed interval. Worker threads poll, because to
-// wake them the haptic thread would need a system call.
+// A background thread that calls a function at a fixed interval. Worker threads poll, because the
+// haptic thread would need a system call to wake them.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -19,7 +19,7 @@ class PollingThread {
   PollingThread(const PollingThread&) = delete;
   PollingThread& operator=(const PollingThread&) = delete;
 
-  /// Calls `serve` and then sleeps for `interval`, again and again until stop().
+  /// Starts the thread. It calls `serve` and then sleeps for `interval`, repeatedly until stop().
   void start(std::chrono::nanoseconds interval, std::function<void()> serve) {
     stopping_.store(false);
     thread_ = std::thread([this, interval, serve = std::move(serve)] {
@@ -29,8 +29,8 @@ class PollingThread {
       }
     });
   }
-  /// Waits until the thread has ended; does nothing if it was not started. What arrived after the
-  /// last call of `serve` is left to the caller.
+  /// Ends the thread and waits for it; does nothing if it was not started. The caller must handle
+  /// what arrived after the last call of `serve`.
   void stop() {
     if (!thread_.joinable()) return;
     stopping_.store(true, std::memory_order_release);

@@ -35,7 +35,7 @@ void sleep_until(std::int64_t time_ns) noexcept {
   }
 }
 
-/// Maps the pages of the stack that the loop will use, before it starts.
+/// Maps the pages of the stack that the loop will use. Called before the loop starts.
 __attribute__((noinline)) void touch_stack() noexcept {
   std::array<volatile unsigned char, kStackTouched> pages;
   for (std::size_t i = 0; i < kStackTouched; i += 4096)
@@ -52,7 +52,7 @@ void add_note(std::string& note, const std::string& what) {
   note += (note.empty() ? "" : "; ") + what;
 }
 
-/// The processors of a set as Linux lists them: "0-3,5".
+/// Returns the processors of a set in Linux's notation, such as "0-3,5".
 std::string list_of(const cpu_set_t& set) {
   std::string list;
   for (int first = 0; first < CPU_SETSIZE; ++first) {
@@ -102,8 +102,8 @@ void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
 }
 
 void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
-  // Future memory is locked only if locked memory is unlimited: under a limit the first allocation
-  // beyond it would fail.
+  // Future memory is locked only if locked memory is unlimited, because the first allocation beyond
+  // a limit would fail.
   rlimit limit{};
   const bool unlimited =
       ::getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// A ring buffer of the latest values of one writing thread, which never waits and overwrites the
-// oldest. One reading thread copies values out and detects whether the writer overwrote them
-// meanwhile (a sequence lock, after H.-J. Boehm, "Can seqlocks get along with programming language
-// memory models?", 2012).
+// A ring buffer with the latest values of one writing thread. The writer never waits; it overwrites
+// the oldest value. One reading thread copies values out, and detects if the writer overwrote them
+// meanwhile. (This is a sequence lock, after H.-J. Boehm, "Can seqlocks get along with programming
+// language memory models?", 2012.)
 // Tests: tests/runtime/realtime/handover_test.cpp
 //
-// Values are stored as atomic words, so that reading one while it is overwritten is no data race;
-// on x86 these cost as much as plain words. A word is stored with release and loaded with acquire:
-// a reader that saw a word of value number c then reads a count of at least c.
+// Values are stored as atomic words, so that it is no data race to read a value while it is
+// overwritten. On x86 atomic words cost as much as plain words. A word is stored with release and
+// loaded with acquire. So a reader that has seen a word of value number c afterwards reads a count
+// of at least c.
 #pragma once
 
 #include <array>
@@ -29,7 +30,7 @@ class RingBuffer {
   /// Makes a buffer of `capacity` >= 1 values. Only this constructor and copy() allocate.
   explicit RingBuffer(std::size_t capacity) : capacity_(capacity), words_(capacity * kWords) {}
 
-  /// Writer: appends a value.
+  /// The writer calls this. Appends a value.
   void push(const T& value) noexcept {
     std::array<std::uint64_t, kWords> words;
     std::memcpy(words.data(), &value, sizeof value);
@@ -38,11 +39,12 @@ class RingBuffer {
       to[w].store(words[w], std::memory_order_release);
     count_.store(++pushed_, std::memory_order_release);
   }
-  /// Writer: number of values pushed.
+  /// The writer calls this. Returns the number of values pushed.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
-  /// Reader: appends the values first, ..., end - 1, counted from the first push, to `out`. All of
-  /// them must have been pushed. Returns false and appends nothing if one has been overwritten.
+  /// The reader calls this. Appends the values number first, ..., end - 1, counted from the first
+  /// push, to `out`. All of them must have been pushed. If one has been overwritten, returns false
+  /// and appends nothing.
   bool copy(std::uint64_t first, std::uint64_t end, std::vector<T>& out) const {
     const auto overwritten = [&] {
       // The writer may be writing value number `count` now.
@@ -74,7 +76,7 @@ class RingBuffer {
 
   std::size_t capacity_;
   std::vector<std::atomic<std::uint64_t>> words_;
-  std::uint64_t pushed_ = 0;  // used by the writer only
+  std::uint64_t pushed_ = 0;  // only the writer uses this
   std::atomic<std::uint64_t> count_{0};
 };
 

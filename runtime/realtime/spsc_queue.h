@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A bounded queue from one writing to one reading thread: no lock, no wait, no allocation after
-// construction (L. Lamport's ring; each side caches the other's index and reads the shared one only
-// when the queue seems full or empty).
+// construction. (This is L. Lamport's ring. Each side caches the other side's index, and reads the
+// shared index only if the queue seems full or empty.)
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -12,14 +12,16 @@
 
 namespace trocar::runtime {
 
-/// Holds up to `Capacity` elements, a power of two. Elements are copied in and out.
+/// Holds up to `Capacity` elements; `Capacity` must be a power of two. Elements are copied
+/// in and out.
 template <typename T, std::size_t Capacity>
 class SpscQueue {
   static_assert(Capacity >= 2 && (Capacity & (Capacity - 1)) == 0, "a power of two");
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Writer: appends a value. Returns false and changes nothing if the queue is full.
+  /// The writer calls this. Appends a value. If the queue is full, returns false and changes
+  /// nothing.
   bool push(const T& value) noexcept {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail - head_seen_ == Capacity) {
@@ -31,8 +33,8 @@ class SpscQueue {
     return true;
   }
 
-  /// Reader: takes the first value. Returns false and leaves `value` unchanged if the queue is
-  /// empty.
+  /// The reader calls this. Takes the first value. If the queue is empty, returns false and
+  /// leaves `value` unchanged.
   bool pop(T& value) noexcept {
     const std::size_t head = head_.load(std::memory_order_relaxed);
     if (head == tail_seen_) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Passes the latest value from one writing to one reading thread. Neither waits; the reader
-// receives complete values only, and never an older one after a newer one.
+// Passes the latest value from one writing to one reading thread. Neither waits. The reader
+// receives only complete values, and never an older value after a newer one.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -16,15 +16,15 @@ class TripleBuffer {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Writer: replaces the latest value.
+  /// The writer calls this. Replaces the latest value.
   void write(const T& value) noexcept {
     slots_[back_] = value;
     back_ = middle_.exchange(static_cast<std::uint8_t>(back_ | kFresh), std::memory_order_acq_rel) &
             kIndex;
   }
 
-  /// Reader: reads the latest value. Returns false and leaves `value` unchanged if no value was
-  /// written since the last read.
+  /// The reader calls this. Reads the latest value. If no value was written since the last read,
+  /// returns false and leaves `value` unchanged.
   bool read(T& value) noexcept {
     if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
     front_ = middle_.exchange(front_, std::memory_order_acq_rel) & kIndex;
