@@ -50,7 +50,7 @@ Remesher::~Remesher() {
 const Sheet* Remesher::current(std::size_t sheet) noexcept {
   ReplicaPair& pair = *pairs_[sheet];
   const Sheet* latest = pair.published.load(std::memory_order_acquire);
-  // Versions only get newer, so older ones are not read from here on.
+  // Versions only get newer, so the haptic thread does not read older ones from here on.
   pair.used_cuts.store(latest->cuts, std::memory_order_release);
   return latest;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The remesher cuts requested holes into sheets on a worker thread. The haptic thread takes no lock
-// and frees nothing: it pushes requests into a queue and reads atomic pointers.
+// and frees no memory: it only pushes requests into a queue and reads atomic pointers.
 // Tests: tests/runtime/workers/remesher_test.cpp
 #pragma once
 
@@ -25,15 +25,15 @@ namespace trocar::runtime {
 /// Outcome of one request for a hole.
 struct CutRecord {
   CutRequest request;
-  /// The cut failed: the sheet keeps its mesh, and the hole counts as open. Refused: the mesh's
-  /// capacity did not suffice; otherwise it is an internal error.
+  /// If set, the cut failed: the sheet keeps its mesh, and the hole still acts as open. Errors:
+  /// (refused) the capacity of the mesh did not suffice; anything else is an internal error.
   std::optional<Error> error;
-  CutReport cut;                            ///< obtuse_boundary_edges: after the quality pass
-  std::int64_t doubled_area_before = 0;     ///< steps^2
-  std::uint32_t quality_vertices = 0;       ///< added by the quality pass
-  std::uint32_t hole_vertices = 0;          ///< vertices of the rings around the removed material
+  CutReport cut;                            ///< obtuse_boundary_edges are those after refinement
+  std::int64_t doubled_area_before = 0;     ///< twice the sheet's area before the cut, steps^2
+  std::uint32_t quality_vertices = 0;       ///< number of vertices added by the quality pass
+  std::uint32_t hole_vertices = 0;          ///< number of vertices of the hole's rings
   std::uint32_t first_ring = 0, rings = 0;  ///< arguments of Remesher::hole()
-  double remesh_us = 0;  ///< wall time from the start of the cut to a sheet ready for use
+  double remesh_us = 0;  ///< wall time from the start of the cut until the sheet can be used
 };
 
 struct RemesherOptions {
@@ -45,17 +45,17 @@ struct RemesherOptions {
 /// cut is made in the other, and one atomic store swaps them. Once the haptic thread no longer uses
 /// the older replica, the same edit is applied to it. No mesh is copied as a whole, nothing is
 /// allocated after the constructor (except for error messages), and the time depends on the hole
-/// alone. There is one exception: when free slots run short, after some hundred holes or at a large
-/// one, slots are added to each replica while the haptic thread does not use it.
+/// alone. Exception: if free slots run short, after some hundred holes or at a large hole, slots
+/// are added to each replica while the haptic thread does not use it.
 ///
-/// Requests are served in order. If the older replica of a sheet is still in use, its request and
-/// all later ones wait, in real time for at most one tick.
+/// Requests are served in order. If the older replica of a sheet is still in use, a request for
+/// this sheet and all later requests wait; in real time they wait at most one tick.
 class Remesher {
  public:
-  static constexpr std::size_t kMaxRecords = 4096;          ///< the first ones are kept
-  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< points of their holes that are kept
+  static constexpr std::size_t kMaxRecords = 4096;          ///< only the first records are kept
+  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< number of hole points kept
 
-  /// `sheets` as from place_slices, at most kMaxSceneSlices.
+  /// `sheets`: the result of place_slices(), at most kMaxSceneSlices.
   explicit Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
                     const RemesherOptions& options = {});
   ~Remesher();
@@ -64,36 +64,38 @@ class Remesher {
 
   std::size_t size() const noexcept { return pairs_.size(); }
 
-  // Haptic thread.
+  // The haptic thread calls these functions.
 
-  /// False if the queue is full.
+  /// Requests a hole. Returns false if the queue is full.
   bool request(const CutRequest& request) noexcept { return requests_.push(request); }
-  /// The version in use; valid until the next call for the same sheet.
+  /// Returns the published version of a sheet. It is valid until the next call for the same sheet.
   const Sheet* current(std::size_t sheet) noexcept;
 
-  // One other thread: the one that start() creates, or the caller's.
+  // One other thread calls these functions: the thread that start() creates, or a thread
+  // of the caller.
 
-  /// Until stop(), serves requests as they come and publishes at once. `between` is called on the
-  /// same thread whenever the queue is empty.
+  /// Starts a thread that serves requests and publishes each version at once, until stop(). It
+  /// calls `between` whenever the queue is empty.
   void start(std::function<void()> between = {});
-  /// After the haptic thread's last tick: serves and publishes the remaining requests.
+  /// Call this after the haptic thread's last tick. Serves and publishes the remaining requests.
   void stop();
-  /// Serves the waiting requests without publishing; with a virtual clock the caller decides when
+  /// Serves the waiting requests without publishing: with a virtual clock the caller decides when
   /// to publish. A sheet has at most one unpublished version, so a request may have to wait.
   void serve();
-  /// Publishes the oldest unpublished version; false if there is none. A failed cut makes none.
+  /// Publishes the oldest unpublished version. Returns false if there is none. A failed cut
+  /// makes no version.
   bool publish_next();
-  /// The version that current() gives next.
+  /// Returns the version that current() returns next.
   const Sheet& published_version(std::size_t sheet) const noexcept {
     return *pairs_[sheet]->published.load(std::memory_order_relaxed);
   }
 
-  // After stop(), or on the thread that calls serve().
+  // These functions may be called after stop(), or on the thread that calls serve().
 
   const std::vector<CutRecord>& records() const noexcept { return records_; }
-  /// The rings of a CutRecord, as CutResult::hole; empty if kMaxHolePoints was reached.
+  /// Returns the rings of a CutRecord, like CutResult::hole; empty if kMaxHolePoints was reached.
   std::vector<Ring> hole(const CutRecord& record) const;
-  /// The sheet as placed, without free slots and without a grid.
+  /// Returns the sheet without holes, without free slots and without a grid.
   const Sheet& first_version(std::size_t sheet) const { return pairs_[sheet]->first; }
   const Sheet& last_version(std::size_t sheet) const {
     return pairs_[sheet]->replica[pairs_[sheet]->newer];
@@ -104,17 +106,17 @@ class Remesher {
     explicit ReplicaPair(const Sheet& sheet);
     Sheet first;
     std::array<Sheet, 2> replica;
-    std::uint32_t newer = 0;       ///< index of the newer one
-    bool older_is_behind = false;  ///< `edit` is still to be applied to the older one
-    bool unpublished = false;      ///< the newer one is not yet published
+    std::uint32_t newer = 0;       ///< index of the newer replica
+    bool older_is_behind = false;  ///< `edit` has not yet been applied to the older replica
+    bool unpublished = false;      ///< the newer replica is not yet published
     SheetEdit edit;
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
     std::atomic<std::uint32_t> used_cuts{
-        0};  ///< cuts of the version that the haptic thread last took
+        0};  ///< `cuts` of the version that the haptic thread took last
   };
 
-  /// Slots are added when fewer than these are free. A cut and its quality pass use free slots.
+  /// Slots are added if fewer than these are free. A cut and its quality pass use free slots.
   static constexpr std::size_t kMinFreeVertices = 1024, kMinFreeTriangles = 2048;
   static constexpr int kMaxAttempts = 3;  ///< attempts at a cut that exceeds the capacity
 
@@ -126,7 +128,7 @@ class Remesher {
   void improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
 
-  SpscQueue<CutRequest, 256> requests_;  ///< a snap through a bone volume makes many
+  SpscQueue<CutRequest, 256> requests_;  ///< a break-through in a bone volume makes many
   RemesherOptions options_;
   std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< capacity of the workspaces
   std::unique_ptr<CutWorkspace> work_;
@@ -136,7 +138,7 @@ class Remesher {
   std::vector<CutRecord> records_;
   std::vector<LatticePoint> hole_points_;
   std::vector<std::uint32_t> ring_end_;  ///< end of each ring in hole_points_
-  std::optional<CutRequest> waiting_;    ///< taken from the queue, waits for its replica
+  std::optional<CutRequest> waiting_;    ///< request taken from the queue, waits for its replica
   bool reader_stopped_ = false;
   PollingThread thread_;
 };
