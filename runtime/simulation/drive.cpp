@@ -11,7 +11,7 @@ namespace {
 // A motor is reported if its torque differs from its command by more than kFollows_Nm plus the
 // fraction kFollowsFraction of the command for kFollows_s.
 constexpr double kFollows_Nm = 0.1, kFollowsFraction = 0.1, kFollows_s = 5e-3;
-// A peak of the hand's force rises by at least this.
+// The hand's force must rise by at least this for a peak.
 constexpr double kMinPeak_N = 10;
 
 double seconds(std::int64_t ns) noexcept {
@@ -82,12 +82,13 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
   return refusal;
 }
 
-/// A denial is smaller than a hello and rare, so that a forged sender address is of no use.
+/// A denial is smaller than a hello, and denials are rare, so that an attacker gains nothing by a
+/// forged sender address.
 void Drive::deny(std::span<const std::uint8_t> hello, DenialReason reason, std::int64_t now_ns,
                  Answer& answer) noexcept {
   DenialPacket denial;
   if (!hello_nonce(hello, denial.host_nonce)) return;
-  // Each of several hosts that keep sending hellos gets its denial.
+  // If several hosts keep sending hellos, each of them gets its denial.
   const bool again = denied_nonce_ == denial.host_nonce;
   const double pause_s = again ? kRepeatedDenial_s : kDenialPeriod_s;
   if (denied_ns_ && seconds(now_ns - *denied_ns_) < pause_s) return;
@@ -99,11 +100,11 @@ void Drive::deny(std::span<const std::uint8_t> hello, DenialReason reason, std::
 }
 
 void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept {
-  // A repeated hello gets the same offer, since several answers may reach the host at once.
+  // A repeated hello gets the same offer, because several answers may reach the host at once.
   auto* const known = std::find_if(offers_.begin(), offers_.end(), [&](const auto& offered) {
     return offered && offered->host_nonce == hello.host_nonce;
   });
-  // Several offers are kept: a replayed hello must not replace the offer to the true host.
+  // Several offers are kept, because a replayed hello must not replace the offer to the true host.
   auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
   if (known == offers_.end()) {
     LinkSession made;
@@ -125,7 +126,7 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
   answer.size = encode(welcome, options_.key, answer.bytes);
 }
 
-/// `offered` is a copy, since this clears the offers.
+/// `offered` is a copy, because this function clears the offers.
 void Drive::begin(LinkSession offered) noexcept {
   session_ = offered;
   offers_.fill(std::nullopt);
@@ -152,7 +153,7 @@ void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answ
   session_->last_command_ns = now_ns;
   if (command.mode == CommandMode::kStop) return end_session();
   check_emergency_stop();
-  const auto& tau = command.tau_motor_Nm;  // zeros unless the mode is torque
+  const auto& tau = command.tau_motor_Nm;  // these are zero unless the mode is torque
   const bool acknowledges =
       command.state_seen >= session_->reported_from &&
       std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
@@ -170,7 +171,7 @@ void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answ
   send_state(answer);
 }
 
-/// Torques stay at zero until the host acknowledges (contract 1).
+/// Sets torques to zero. They stay zero until the host acknowledges this (contract 1).
 void Drive::zero_torques(DriveMode mode) noexcept {
   mode_ = mode;
   command_ = {};
@@ -180,7 +181,7 @@ void Drive::zero_torques(DriveMode mode) noexcept {
 void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
   answer.size = 0;
   catch_up(now_ns, periods);
-  check_watchdog(now_ns);  // even if no period has passed
+  check_watchdog(now_ns);  // the watchdog is checked even if no period has passed
   if (session_) send_state(answer);
 }
 
@@ -205,7 +206,8 @@ void Drive::check_watchdog(std::int64_t now_ns) noexcept {
   zero_torques(DriveMode::kWatchdog);
 }
 
-/// Applies the injected emergency stop. A session that begins while it is pressed is informed too.
+/// Applies the injected emergency stop. It is also reported to a session that begins while
+/// it is pressed.
 void Drive::check_emergency_stop() noexcept {
   const bool pressed = is_injected(FaultKind::kStop);
   if (pressed && !stop_pressed_) ++report_.emergency_stops;

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drive's side of the device link: session, watchdog and supervision in front of the simulated
-// device, with fault injection. It uses no socket: datagrams are received and returned as bytes.
+// The drive's side of the device link. It adds session, watchdog and supervision to the simulated
+// device, and can inject faults. It uses no socket: datagrams are received and returned as bytes.
 //
 // Contract (tests/runtime/simulation/drive_test.cpp):
-//  1. Torques are nonzero only while the newest accepted command has mode torque and is not older
+//  1. Torques are nonzero only while the newest accepted command has mode torque, it is not older
 //     than the watchdog's time (real clock), and no emergency stop is pressed. After the watchdog
-//     or the stop has set them to zero they stay at zero until the host acknowledges it, that is
-//     until it sends a command of zero torques after it received a state which reports the zeroing.
-//     Commands sent earlier, and nonzero torques of a host that ramps down, have no effect.
-//  2. A refused datagram only changes a count. A hello that is refused because of its key, or
-//     because a session is alive, is answered with a denial, at most once in kDenialPeriod_s, and
-//     once in kRepeatedDenial_s for the same nonce.
-//  3. While a session is alive no other session begins.
-//  4. In lock-step each torque command advances time by one period of the host; nothing else does.
+//     or the stop has set the torques to zero, they stay zero until the host acknowledges this. The
+//     host acknowledges by sending a command of zero torques after it has received a state that
+//     reports the zeroing. Commands sent earlier, and nonzero torques of a host that ramps down,
+//     have no effect.
+//  2. A refused datagram only changes a count. If a hello is refused because of its key, or because
+//     a session is alive, it is answered with a denial, at most once in kDenialPeriod_s, and once
+//     in kRepeatedDenial_s for the same nonce.
+//  3. While a session is alive, no other session begins.
+//  4. In lock-step each torque command advances time by one period of the host. Nothing
+//     else advances time.
 #pragma once
 
 #include <array>
@@ -31,10 +33,10 @@ struct DriveOptions {
   LinkKey key;
   LinkClock clock = LinkClock::kReal;
   double period_s = 2.5e-4;  ///< period of the drive's own clock
-  /// Time without a command after which torques are set to zero; 2.5 periods of the host if that is
-  /// longer.
+  /// Time without a command after which torques are set to zero. If 2.5 periods of the host are
+  /// longer, they are used.
   double watchdog_s = 0.01;
-  /// Time without a command after which a session is over and its host receives no more states. In
+  /// Time without a command after which a session is over, and its host receives no more states. In
   /// lock-step, the time after which another host may begin a session.
   double session_s = 1;
   FaultPlan faults;
@@ -43,7 +45,7 @@ struct DriveOptions {
 
 /// One simulation step of the drive.
 struct DriveStep {
-  std::uint64_t session = 0;  ///< number of the session, from 1
+  std::uint64_t session = 0;  ///< number of the session, counted from 1
   double t_s = 0;             ///< simulated time at the end of the step
   DriveMode mode = DriveMode::kReady;
   std::uint8_t motor_faults = 0;
@@ -65,14 +67,14 @@ struct ForcePeak {
 struct DriveReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
-  std::uint64_t commands_missed = 0;  ///< never accepted, because they were lost or overtaken
+  std::uint64_t commands_missed = 0;  ///< commands never accepted: lost or overtaken
   std::uint64_t watchdog_trips = 0;   ///< watchdog trips with nonzero torques
-  std::uint64_t stale_commands = 0;   ///< refused until the host's acknowledgement (contract 1)
+  std::uint64_t stale_commands = 0;   ///< refused until the acknowledgement of contract 1
   std::uint64_t emergency_stops = 0;
   double largest_torque_Nm = 0;     ///< largest applied torque
   double largest_hand_force_N = 0;  ///< norm of the hand's force on the tool's tip
-  std::vector<ForcePeak> peaks;     ///< the first kMaxPeaks
-  std::vector<DriveStep> steps;     ///< the first DriveOptions::record_steps
+  std::vector<ForcePeak> peaks;     ///< the first kMaxPeaks peaks
+  std::vector<DriveStep> steps;     ///< the first DriveOptions::record_steps steps
   static constexpr std::size_t kMaxPeaks = 4096;
 };
 
@@ -87,23 +89,24 @@ class Drive {
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
 
-  /// Processes one datagram; `answer` is for its sender. kNone means that it was accepted.
-  /// `from_host` is set if it was a command of the session, so that states go to its sender.
+  /// Processes one datagram. `answer` is for its sender. Returns kNone if the datagram was
+  /// accepted. `from_host` is set if the datagram was a command of the session; states are then
+  /// sent to its sender.
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
-  /// Real clock: simulates the `periods` up to `until_ns` that a delayed process missed, with the
-  /// present command. Call it before receiving the commands that have arrived meanwhile, so that a
-  /// fault of the link or the watchdog acts at its time.
+  /// Real clock: if the process was delayed, simulates the missed `periods` up to `until_ns`, with
+  /// the present command. Call this before receiving the commands that have arrived meanwhile, so
+  /// that a fault of the link or the watchdog acts at the right time.
   void catch_up(std::int64_t until_ns, int periods) noexcept;
-  /// Real clock: advances by `periods` of the drive's periods, of which the last ends now. `answer`
-  /// is the state for the host, if there is a session.
+  /// Real clock: advances time by `periods` periods of the drive, the last of which ends now.
+  /// `answer` is the state for the host, if there is a session.
   void tick(std::int64_t now_ns, int periods, Answer& answer) noexcept;
 
   bool in_session() const noexcept { return session_.has_value(); }
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
-  /// Is an injected `kill` due?
+  /// Returns true if an injected `kill` is due.
   bool kill_is_due() const noexcept;
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }
@@ -117,8 +120,8 @@ class Drive {
     double watchdog_s = 0;  ///< watchdog time for this period
     bool fresh = false;     ///< resets the simulated world
     std::uint64_t last_command = 0, last_state = 0;
-    /// Sequence number of the first state that reports zeroed torques (contract 1); 0 if there is
-    /// none to acknowledge.
+    /// Sequence number of the first state that reports zeroed torques (contract 1); 0:
+    /// nothing to acknowledge.
     std::uint64_t reported_from = 0;
     std::int64_t last_command_ns = 0;
   };

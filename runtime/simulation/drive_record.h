@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a drive's steps as CSV: a header that names every column and its unit, and numbers in
+// Writes a drive's steps as CSV. The header names every column with its unit. Numbers are in
 // shortest round-trip form.
 // Tests: tests/runtime/simulation/drive_test.cpp
 #pragma once
@@ -12,8 +12,9 @@
 namespace trocar::runtime {
 
 /// Columns: session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,
-/// packets_refused,tool_x_m,tool_y_m,tool_z_m,tool_x_m_per_s,tool_y_m_per_s,tool_z_m_per_s. Mode is
-/// ready, torque, watchdog or emergency_stop; the tool's true tip and its velocity are in {B}.
+/// packets_refused,tool_x_m,tool_y_m,tool_z_m,tool_x_m_per_s,tool_y_m_per_s,tool_z_m_per_s. The
+/// mode is ready, torque, watchdog or emergency_stop. The true position of the tip and its velocity
+/// are in {B}.
 std::string to_csv(std::span<const DriveStep> steps);
 
 }  // namespace trocar::runtime

@@ -12,7 +12,7 @@
 namespace trocar::runtime {
 namespace {
 
-// A packet that no other packet overtakes is delivered after this time.
+// If no other packet overtakes a reordered packet, it is delivered after this time.
 constexpr std::int64_t kMaxReorder_ns = 20'000'000;
 
 struct Grammar {
@@ -48,7 +48,7 @@ std::optional<double> number_in(std::string_view text, double lowest, double hig
   return value;
 }
 
-/// Cuts `text` at the first `mark`: returns the part before it; `text` keeps the part after it.
+/// Cuts `text` at the first `mark`. Returns the part before it; `text` becomes the part after it.
 std::string_view cut(std::string_view& text, std::string_view mark, bool& found) {
   const std::size_t at = text.find(mark);
   found = at != std::string_view::npos;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults to inject into a simulated drive and its link: kind, time and probability. Random choices
-// are seeded: the same plan, seed and packets give the same faults.
+// are seeded, so the same plan, seed and packets give the same faults.
 // Tests: tests/runtime/simulation/drive_test.cpp
 //
 // A plan is a text of items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]]. Times are
@@ -54,7 +54,7 @@ struct PlannedFault {
 };
 using FaultPlan = std::vector<PlannedFault>;
 
-/// Parses a plan. Usage errors quote the item. An empty text gives an empty plan.
+/// Parses a plan. Usage errors quote the item. If the text is empty, the plan is empty.
 Result<FaultPlan> parse_fault_plan(std::string_view text);
 
 /// One direction of a link with faults. It holds back at most kHeld packets; further packets that
@@ -71,15 +71,15 @@ class FaultyLink {
 
   FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
-  /// Passes `datagram` to `deliver` (called with a Datagram): once, twice, changed, later or never.
-  /// `t_s` is the session's time, `now_ns` that of a monotonic clock.
+  /// Passes `datagram` to `deliver`, which is called with a Datagram: once, twice, changed, later
+  /// or never. `t_s` is the session's time, and `now_ns` the time of a monotonic clock.
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;
     const Delivery delivery = decide(changed, t_s, now_ns);
     for (int i = 0; i < delivery.copies; ++i)
       deliver(changed);
-    // This datagram has overtaken those that wait until one does.
+    // This datagram has overtaken the datagrams that wait to be overtaken.
     if (delivery.copies > 0) release(now_ns, true, deliver);
   }
   /// Delivers the delayed datagrams that are due.
@@ -117,7 +117,7 @@ class FaultyLink {
 
   FaultPlan plan_;
   std::mt19937_64 random_;
-  std::vector<Held> held_;  ///< always of size kHeld
+  std::vector<Held> held_;  ///< the size is always kHeld
   std::size_t held_count_ = 0;
 };
 

@@ -10,7 +10,7 @@ using Eigen::Vector3d;
 using Row = Eigen::Matrix<double, 1, 6>;
 using PointJacobian = Eigen::Matrix<double, 3, 6>;
 
-/// The Jacobian of a point of the plate at r: p' = v + omega x r.
+/// Returns the Jacobian of a point of the plate at r, whose velocity is p' = v + omega x r.
 PointJacobian rigid_point(const Vector3d& r) noexcept {
   PointJacobian J;
   J << 1, 0, 0, 0, r.z(), -r.y(),  //

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device's equation of motion in the plate's twist V = [v; omega] of its origin in {B}:
+// The device's equation of motion for the twist V = [v; omega] of the plate's origin, in {B}:
 //   M(pose) V' + h(pose, V) = sum of the wrenches on the plate about its origin.
-// The plate is a rigid body; each link is two point masses, half of its mass at each end (a mass on
-// a motor's axis does not move); each motor is a rotor inertia at its joint; the hand's mass moves
-// with the tool's tip. With G the motors' Jacobian and J_i that of point i,
+// V' is the time derivative of V. The plate is a rigid body. Each link is two point masses, half of
+// its mass at each end (a mass on a motor's axis does not move). Each motor is a rotor inertia at
+// its joint. The hand's mass moves with the tool's tip. Let G be the motors' Jacobian, J_i the
+// Jacobian of point i and m_i its mass. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i,
 // where the accelerations a are those at V' = 0, in closed form. No allocation, no exception.
@@ -21,14 +22,14 @@
 namespace trocar::runtime {
 
 /// Properties that the paper does not give. Every default is assumed: aluminium links of about 10
-/// mm diameter, direct-drive motors with a bevel pair, drives with a current loop of 500 Hz.
+/// mm diameter, direct-drive motors with a bevel pair, and drives with a current loop of 500 Hz.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
-  double rotor_inertia_kg_m2 = 1.5e-4;  ///< inertia of each rotor at its joint (with gear squared)
+  double rotor_inertia_kg_m2 = 1.5e-4;  ///< inertia of each rotor at its joint, with gear squared
   double coulomb_friction_Nm = 0.004;   ///< Coulomb friction of each motor joint
   double presliding_rad = 5e-4;         ///< deflection of the friction's spring at Coulomb torque
-  double presliding_damping_s = 1e-3;   ///< damping of that spring over its stiffness
-  double current_lag_s = 3e-4;          ///< time constant of torque after command; 0 for no lag
+  double presliding_damping_s = 1e-3;   ///< damping of that spring divided by its stiffness
+  double current_lag_s = 3e-4;          ///< time constant of torque after command; 0: no lag
   double encoder_noise_rad = 0;         ///< standard deviation, before quantisation
   std::uint64_t seed = 1;               ///< seed of the noise
   /// Options without links, rotors, dry friction, lag and noise.
@@ -40,16 +41,16 @@ struct MechanicsOptions {
 using MassMatrix = Eigen::Matrix<double, 6, 6>;
 
 struct Mechanics {
-  KinematicsStatus status;        ///< status of the Jacobian; the rest is valid only if it holds
+  KinematicsStatus status;        ///< status of the Jacobian; the rest is valid only if it is kOk
   Jacobian G = Jacobian::Zero();  ///< motor rates per twist
   MassMatrix mass = MassMatrix::Zero();
   Wrench bias = Wrench::Zero();    ///< the term h
   Wrench weight = Wrench::Zero();  ///< weight of plate and links under the description's gravity
 };
 
-/// Evaluates the equation of motion. `joints` must be those of the pose. `tip_mass_kg` moves with
-/// the tip at `lever_m` from the plate's origin, in {B}; it has no weight, since it belongs to the
-/// hand.
+/// Evaluates the equation of motion. `joints` must be the joint angles of the pose. `tip_mass_kg`
+/// moves with the tip, at `lever_m` from the plate's origin, in {B}. It has no weight, because it
+/// belongs to the hand.
 Mechanics mechanics(const DeviceDescription& device, const MechanicsOptions& options,
                     const Pose& T_device_plate, const JointAngles& joints,
                     const Twist& twist_device, double tip_mass_kg,

@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kMaxSubsteps = 100000;  // kMaxStep_s over the shortest maximum_substep_s
+constexpr int kMaxSubsteps = 100000;  // kMaxStep_s / shortest maximum_substep_s
 
 Vector3d plate_inertia(const DeviceDescription& device) noexcept {
   return Vector3d(device.plate_inertia_kg_m2[0], device.plate_inertia_kg_m2[1],
@@ -27,8 +27,9 @@ double plate_energy(const DeviceDescription& device, const Pose& T, const Twist&
                 omega_plate.dot(plate_inertia(device).cwiseProduct(omega_plate)));
 }
 
-/// An approximately normal number with standard deviation 1: the sum of four uniform numbers from
-/// 64 random bits, at most 3.5. (std::normal_distribution differs between libraries.)
+/// Returns an approximately normal number with standard deviation 1. It is the sum of four
+/// uniform numbers from 64 random bits, and is at most 3.5. (std::normal_distribution
+/// differs between libraries.)
 double approximately_normal(std::uint64_t bits) noexcept {
   double sum = 0;
   for (int i = 0; i < 4; ++i)
@@ -146,8 +147,8 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Twist before = truth_.twist_device;
   const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
 
-  // Wrenches on the plate. At a singular pose those of motors and friction are undefined; such a
-  // pose counts as a limit of the workspace.
+  // Compute the wrenches on the plate. At a singular pose the wrenches of motors and friction are
+  // undefined; such a pose counts as a limit of the workspace.
   const JacobianResult motion = jacobian(device_, T, truth_.joints);
   const Jacobian G = motion.status ? motion.G : Jacobian::Zero();
   truth_.tau_applied_Nm = truth_.tau_motor_Nm;
@@ -201,7 +202,7 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   truth_.joints = reached.joints;
 }
 
-/// The forces at one stage of the midpoint rule.
+/// Forces at one stage of the midpoint rule.
 struct SimulatedDevice::Forces {
   Mechanics mechanics;
   MotorVector tau_Nm = MotorVector::Zero(), presliding_rad = MotorVector::Zero();
@@ -227,8 +228,8 @@ SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles
   result.tau_Nm = truth_.tau_motor_Nm + left * (truth_.tau_applied_Nm - truth_.tau_motor_Nm);
   result.motors = G.transpose() * result.tau_Nm;
 
-  // Dry friction is a spring that slips at the Coulomb torque, so it is defined, and holds, at
-  // rest.
+  // Dry friction is a spring that slips at the Coulomb torque, so it is defined at rest, and can
+  // hold the joint.
   const MotorVector rate = G * twist;
   result.presliding_rad = (presliding_rad_ + since_s * rate)
                               .cwiseMin(options.presliding_rad)

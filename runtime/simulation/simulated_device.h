@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of the haptic device in the process, moved by the motors' wrench G^T tau at its true
-// pose, the joints' friction and a simulated hand. There are two models. In the light one only the
-// plate has mass and friction is viscous. The full one of mechanics.h
+// A model of the haptic device in the process. It is moved by the motors' wrench G^T tau at its
+// true pose, by the joints' friction, and by a simulated hand. There are two models. In the light
+// model only the plate has mass, and friction is viscous. The full model of mechanics.h
 // (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
 // noise. The mechanism is assumed to be balanced (gravity 0) unless the description says otherwise.
 // The model is deterministic: the same calls give the same bits.
@@ -22,24 +22,24 @@ namespace trocar::runtime {
 
 struct SimulatedDeviceOptions {
   Pose T_plate_tool;  ///< pose of the tool's tip on the plate
-  /// Start pose. By default the tip starts at the hand's first keyframe or, without a hand, the
-  /// plate at kSimulatedHomeHeight_m.
+  /// Start pose. By default the tip starts at the hand's first keyframe; if there is no hand, the
+  /// plate starts at kSimulatedHomeHeight_m.
   std::optional<Pose> T_device_plate_start;
-  std::optional<MechanicsOptions> mechanics;  ///< properties of the full model; none for the light
+  std::optional<MechanicsOptions> mechanics;  ///< properties of the full model; none: light model
 };
-/// Without a hand the plate starts upright on the z axis at this height.
+/// If there is no hand, the plate starts upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, computed with midpoint velocities. The energy balance of the light model
-/// closes to rounding for translation, and to first order in the substep for rotation.
+/// Work since the start, computed with midpoint velocities. In the light model the energy balance
+/// has an error of rounding only for translation, and of first order in the substep for rotation.
 struct EnergyBalance {
-  double hand_J = 0;    ///< done by the hand on the plate
-  double motors_J = 0;  ///< done by the motors on the plate
-  /// Work done by joint friction on the plate. It is not positive, except for energy returned by
-  /// the springs of dry friction.
+  double hand_J = 0;    ///< work of the hand on the plate
+  double motors_J = 0;  ///< work of the motors on the plate
+  /// Work of joint friction on the plate. It is not positive, except for energy that the springs of
+  /// dry friction return.
   double friction_J = 0;
-  double gravity_J = 0;  ///< done by gravity
-  double stop_J = 0;     ///< lost by the plate at the limit of the workspace; not positive
+  double gravity_J = 0;  ///< work of gravity
+  double stop_J = 0;     ///< energy lost at the limit of the workspace; not positive
 };
 
 /// The true state of the model, which a real device does not provide.
@@ -49,7 +49,7 @@ struct SimulatedTruth {
   Twist twist_device = Twist::Zero();  ///< twist of the plate's origin, in {B}
   JointAngles joints;
   MotorVector tau_motor_Nm = MotorVector::Zero();    ///< commanded torques after the drives' limit
-  MotorVector tau_applied_Nm = MotorVector::Zero();  ///< the same after the current loop's lag
+  MotorVector tau_applied_Nm = MotorVector::Zero();  ///< torques after the current loop's lag
   Wrench wrench_motors = Wrench::Zero();  ///< on the plate about its origin, at the last substep
   Wrench wrench_hand = Wrench::Zero();    ///< on the tool about its tip, at the last substep
   double kinetic_J = 0;                   ///< energy of all moving masses, including the hand's
@@ -66,15 +66,16 @@ struct TrueTip {
 
 class SimulatedDevice final : public Device {
  public:
-  /// Makes a device. Errors: refused for a hand that check_hand() refuses, invalid mechanics, or a
-  /// start outside the workspace.
+  /// Makes a device. Errors: (refused) a hand that check_hand() refuses, invalid mechanics, or a
+  /// start pose outside the workspace.
   static Result<SimulatedDevice> make(const DeviceDescription& device,
                                       const HandTrajectory& trajectory,
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
-  /// Reads the time (whole nanoseconds, as over the link) and the encoders of the true pose, with
-  /// the noise of the mechanics (new in each call), quantised as the description says.
+  /// Reads the time (in whole nanoseconds, as over the link) and the encoder angles of the true
+  /// pose. They have the noise of the mechanics, which is new in each call, and are quantised as
+  /// the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
   /// Sets the torques that are held (zero-order hold) in the following steps.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
@@ -83,11 +84,11 @@ class SimulatedDevice final : public Device {
   void advance(double dt_s) noexcept override { step(dt_s); }
   bool is_paced_by_loop() const noexcept override { return true; }
 
-  /// Advances time by dt_s in (0, kMaxStep_s]; for any other dt_s it returns false and changes
-  /// nothing. The step has at least minimum_substeps of the description, none longer than its
-  /// maximum_substep_s. The integrator is semi-implicit Euler for the light model, and the midpoint
-  /// rule for the full one and for a hand with mass. At the limit of the workspace the plate stops:
-  /// it keeps its pose, and its velocity is zero. No allocation.
+  /// Advances time by dt_s, which must be in (0, kMaxStep_s]; for any other dt_s returns false and
+  /// changes nothing. The step is divided into at least minimum_substeps substeps, none longer than
+  /// maximum_substep_s (both in the description). The integrator is semi-implicit Euler for the
+  /// light model, and the midpoint rule for the full model and for a hand with mass. At the limit
+  /// of the workspace the plate stops: it keeps its pose, and its velocity is zero. No allocation.
   bool step(double dt_s) noexcept;
 
   const SimulatedTruth& truth() const noexcept { return truth_; }
