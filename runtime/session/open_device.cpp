@@ -34,7 +34,7 @@ OpenedDevice open_udp(std::string_view address, const OpenDeviceOptions& options
 }
 
 struct DeviceKind {
-  std::string_view uri;  ///< SCHEME or SCHEME:ADDRESS, the address as shown in the help text
+  std::string_view uri;  ///< SCHEME or SCHEME:ADDRESS, as shown in the help text
   std::string_view help;
   bool needs_key_file;
   OpenedDevice (*open)(std::string_view address, const OpenDeviceOptions& options);
@@ -55,7 +55,7 @@ UriParts split(std::string_view uri) {
   return {uri.substr(0, colon), uri.substr(colon + 1), true};
 }
 
-/// Null: no device has this URI.
+/// Returns the device with this URI; null: there is none.
 const DeviceKind* find_device(std::string_view uri) {
   const UriParts wanted = split(uri);
   for (const DeviceKind& kind : kDevices) {
@@ -65,7 +65,7 @@ const DeviceKind* find_device(std::string_view uri) {
   return nullptr;
 }
 
-/// The URIs of the chosen devices, as in "inproc or udp:HOST:PORT".
+/// Returns the URIs of the chosen devices, such as "inproc or udp:HOST:PORT".
 template <typename Choose>
 std::string uris(Choose&& choose) {
   std::string text;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that a session can use, by URI. A new device is one class derived from Device, in a
-// file of its own, and one entry in the table of open_device.cpp.
+// The devices that a session can use, and their URIs. A new device is one class derived from
+// Device, in a file of its own, and one entry in the table of open_device.cpp.
 #pragma once
 
 #include <filesystem>
@@ -19,21 +19,24 @@ namespace trocar::runtime {
 inline constexpr std::string_view kDefaultDevice = "inproc";
 
 struct OpenDeviceOptions {
-  const Scene& scene;      ///< its hand holds a simulated device
-  std::string scene_name;  ///< named in error messages
+  const Scene& scene;      ///< the scene's hand holds a simulated device
+  std::string scene_name;  ///< name of the scene in error messages
   const DeviceDescription& description;
   std::filesystem::path key_file;  ///< key of the link to a device process
   Clock clock = Clock::kReal;      ///< the session's clock
   double rate_Hz = 1000;           ///< the session's rate
 };
 
-/// Usage errors: no device has this URI; a key file is missing; a key file is given but not needed.
+/// Checks a URI. Errors: (usage) no device has this URI; a key file is missing; a key file is given
+/// but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
-/// The device of a URI, ready for start(). Errors are those of check_device_uri() and the device's.
+/// Returns the device of a URI, ready for start(). Errors: those of check_device_uri() and
+/// of the device.
 Result<std::unique_ptr<Device>> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
-/// The help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT: ...".
+/// Returns the help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT:
+/// ...".
 std::string device_uri_help();
 
 }  // namespace trocar::runtime

@@ -21,21 +21,23 @@ class OperatorCommands {
   OperatorCommands(RecoveryPolicy policy, std::atomic<bool>* recover)
       : policy_(policy), recover_(recover) {}
 
-  // Haptic thread.
+  // The haptic thread calls these functions.
 
-  /// `latched`: fault of the safety state machine.
+  /// Applies the commands given since the last tick. `latched`: fault latched by the
+  /// safety state machine.
   void apply(const TelemetryCommands& given, Fault latched) noexcept;
-  /// The fault to raise in each tick while a command is latched, or none.
+  /// Returns the fault to raise in each tick while a command is latched, or none.
   Fault latched_fault() const noexcept;
   bool is_paused() const noexcept { return is_paused_ && !is_stopped_; }
-  /// A session with RecoveryPolicy::kNever waits for the operator, instead of ending, if this is
-  /// true.
+  /// If this returns true, a session with RecoveryPolicy::kNever waits for the operator
+  /// instead of ending.
   bool waits_for_operator(Fault latched) const noexcept {
     return is_by_operator(latched) && !is_stopped_;
   }
-  /// Whether to request recovery in this tick; takes the operator's request.
+  /// Returns true if recovery is to be requested in this tick, and clears the operator's request.
   bool take_recovery() noexcept;
-  /// A request before a fault does not count for that fault.
+  /// Clears the operator's request. Called when a fault is latched, because an earlier request does
+  /// not count for it.
   void forget_recovery() noexcept;
 
  private:

@@ -17,16 +17,16 @@
 
 namespace trocar::runtime {
 
-/// Runs a session. `advance(dt_s)` is called after each tick on the same thread, to step a
+/// Runs a session. `advance(dt_s)` is called after each tick on the same thread, to advance a
 /// simulated device. At the end zero torques are written first; then the other threads end.
-/// `workers`: from make_workers() with these arguments.
+/// `workers`: result of make_workers() with the same arguments.
 SessionReport run_session(const Scene& scene, const DeviceDescription& description,
                           Remesher& remesher, Device& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers);
 
-/// The same with workers that it creates; errors are those of make_workers(). It does not suit a
-/// drive behind a link, which would end a session whose first tick comes late.
+/// Like the function above, but creates the workers itself. Errors: those of make_workers(). It is
+/// not suitable for a drive behind a link, which would end a session whose first tick comes late.
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
                                   Remesher& remesher, Device& device,
                                   const std::function<void(double dt_s)>& advance,

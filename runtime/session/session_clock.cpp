@@ -56,7 +56,8 @@ class RealClock final : public SessionClock {
   PrefetchWorker* prefetch_;
 };
 
-/// Ticks at once. A derived class decides when the workers' results come into use.
+/// Ticks follow each other without a pause. A derived class decides when the workers' results
+/// come into use.
 class ImmediateClock : public SessionClock {
  public:
   ImmediateClock(std::uint64_t ticks, const SessionOptions& options, Remesher& remesher)
@@ -80,9 +81,10 @@ class ImmediateClock : public SessionClock {
   }
 
  protected:
-  /// `ticks_done`: number of ticks so far, which is also the index of the next tick.
+  /// Called after a tick. `ticks_done`: number of ticks so far, which is also the index of
+  /// the next tick.
   virtual void after_tick(std::uint64_t ticks_done, const ContactOutput& contact) = 0;
-  /// Before a tick: puts into use what is due.
+  /// Called before a tick. Puts the results that are due into use.
   virtual void hand_over(std::uint64_t next_tick) = 0;
 
   const SessionOptions& options_;
@@ -121,7 +123,7 @@ class VirtualClock final : public ImmediateClock {
   }
 
   PrefetchWorker* prefetch_;
-  std::uint64_t prefetch_period_;         ///< ticks
+  std::uint64_t prefetch_period_;         ///< period of requests, in ticks
   std::deque<std::uint64_t> meshes_due_;  ///< ticks from which on the next meshes are used
   std::deque<std::pair<std::uint64_t, PrefetchedStiffness>> stiffness_due_;
 };

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // A clock decides when the ticks of a session happen, and from which tick on new meshes and
-// prefetched stiffness are used. There are three:
-//  real     ticks follow the wall clock; results of the workers are used as soon as they are ready.
-//  virtual  ticks follow each other at once; results are used a fixed number of ticks after the
+// prefetched stiffness are used. There are three clocks:
+//  real Ticks follow the wall clock. Results of the workers are used as soon as they are
+//  ready. virtual Ticks follow each other without a pause. Results are used a fixed number of
+//  ticks after the
 //           request, so that the same input gives the same recording.
-//  replay   as virtual, but results are used from the recorded ticks on (columns `cuts_published`,
-//           `response_*`), and commands and outside faults come from the recording too.
+//  replay Like virtual, but results are used from the recorded ticks on (columns `cuts_published`
+//  and
+//           `response_*`). Commands and outside faults come from the recording, too.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -31,17 +33,17 @@ class SessionClock {
   std::uint64_t ticks() const noexcept { return ticks_; }
   virtual bool is_real_time() const noexcept { return false; }
 
-  // Haptic thread, during a tick.
+  // The haptic thread calls these functions during a tick.
 
-  /// The recorded row of a tick that is replayed; null: it is not a replay.
+  /// Returns the recorded row of a tick that is replayed; null: the session is not a replay.
   virtual const RecordingRow* recorded(std::uint64_t) const noexcept { return nullptr; }
-  /// The prefetched stiffness to use in this tick.
+  /// Returns the prefetched stiffness to use in this tick.
   virtual const PrefetchedStiffness& stiffness() noexcept { return stiffness_; }
   /// Requests the stiffness that is to be prefetched after this tick.
   virtual void prefetch(const PrefetchRequest&) noexcept {}
 
-  /// Runs the session to its end and stops the remesher. The torques are set to zero directly after
-  /// the last tick, since motors would hold the last ones while the other threads end.
+  /// Runs the session to its end, and stops the remesher. Torques are set to zero directly after
+  /// the last tick, because motors would hold the last torques while the other threads end.
   virtual RealtimeReport run(SessionLoop& loop) = 0;
 
  protected:
@@ -52,7 +54,8 @@ class SessionClock {
   std::uint64_t ticks_;
 };
 
-/// The clock of these options. `prefetch` may be null; the arguments outlive the clock.
+/// Returns the clock for these options. `prefetch` may be null. The arguments must
+/// outlive the clock.
 std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher& remesher,
                                          PrefetchWorker* prefetch);
 

@@ -77,8 +77,9 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   return goes_on();
 }
 
-/// Whether time is paused in this period: the operator paused it, and torques are zero. A drive
-/// with a clock of its own gets zero torques meanwhile, since its watchdog waits for them.
+/// Returns true if time is paused in this period: the operator has paused the session, and torques
+/// are zero. A drive with a clock of its own meanwhile gets zero torques, because its watchdog
+/// waits for commands.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
   const bool is_idle = result_.at_rest || state_.safety.state == SafetyState::kRecovering;

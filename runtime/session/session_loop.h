@@ -23,34 +23,34 @@ namespace trocar::runtime {
 
 class SessionLoop {
  public:
-  /// All references outlive the loop.
+  /// All references must outlive the loop.
   SessionLoop(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
               Device& device, const std::function<void(double dt_s)>& advance,
               const SessionOptions& options, const SessionWorkers& workers, SessionClock& clock);
 
-  // Haptic thread.
+  // The haptic thread calls these functions.
 
-  /// One tick, or one period without a tick while the session is paused. False: the session is
-  /// over.
+  /// Runs one tick, or one period without a tick while the session is paused. Returns false if the
+  /// session is over.
   bool tick(const TickTiming& timing) noexcept;
   void write_zero_torques() noexcept { device_.write(DeviceCommand{}); }
 
-  // The thread that calls tick() in virtual time.
+  // In virtual time, the thread that calls tick() may call these functions after it.
 
   std::uint64_t ticks_done() const noexcept { return state_.tick; }
   bool is_paused() const noexcept { return is_paused_; }
   const ContactOutput& contact() const noexcept { return result_.contact; }
 
-  // The thread that publishes meshes.
+  // The thread that publishes meshes calls this function.
 
-  /// Shows new meshes to other processes.
+  /// Makes new meshes visible to other processes.
   void publish_sheets();
 
-  // The thread that runs the session.
+  // The thread that runs the session calls these functions.
 
   void start_observers();
   void serve_observers();
-  /// After the last tick.
+  /// Ends the observers and returns the report. Called after the last tick.
   SessionReport finish();
 
  private:
@@ -68,12 +68,12 @@ class SessionLoop {
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;
   SessionClock& clock_;
-  SessionPublisher* publisher_;  ///< gives the operator's commands; null: none
+  SessionPublisher* publisher_;  ///< source of the operator's commands; null: none
   OperatorCommands commands_;
   MessageSource messages_;
   SessionStatistics statistics_;
   std::vector<TickObserver*> observers_;
-  std::vector<const Sheet*> sheets_;  ///< meshes of this tick
+  std::vector<const Sheet*> sheets_;  ///< meshes used in this tick
   bool is_paused_ = false;            ///< time is paused
   Fault outside_ = Fault::kNone;      ///< fault to raise in the next tick
 };

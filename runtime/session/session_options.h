@@ -22,8 +22,8 @@
 namespace trocar::runtime {
 
 enum class Clock : std::uint8_t {
-  kReal,     ///< wall clock; new meshes are used as soon as they are ready
-  kVirtual,  ///< ticks follow each other at once; the same input gives the same recording
+  kReal,     ///< ticks follow the wall clock; new meshes are used as soon as they are ready
+  kVirtual,  ///< ticks follow without pause; the same input gives the same recording
 };
 
 enum class RecoveryPolicy : std::uint8_t {
@@ -43,37 +43,37 @@ struct SessionOptions {
   double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;
   RecordingOrigin origin;  ///< written into the recording and the black boxes
-  /// Called at once when the recording cannot be continued, never on the realtime haptic thread.
-  /// The session goes on without it.
+  /// Called as soon as the recording cannot be continued, never on the realtime haptic thread. The
+  /// session continues without a recording.
   std::function<void(const Error&)> on_recording_error;
-  /// Called at once with each message to the operator, never on the realtime haptic thread.
+  /// Called immediately with each message to the operator, never on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
   /// If not empty, the session is a replay: the clock is virtual, new meshes and prefetched
   /// stiffness are used from the recorded ticks on, and torques are compared with the recorded
-  /// ones. The device must be a ReplayDevice over these rows.
+  /// torques. The device must be a ReplayDevice for these rows.
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
   PassivityOptions passivity;
   CouplingOptions coupling;
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
-  /// kOnRequest: set by the operator, cleared when it takes effect.
+  /// The operator sets this with kOnRequest. It is cleared when it takes effect.
   std::atomic<bool>* recover = nullptr;
   /// Folder of the black boxes; none: they are not written.
   std::optional<std::filesystem::path> black_box;
   int cpu = -1;                             ///< RealtimeOptions::cpu
   const std::atomic<bool>* stop = nullptr;  ///< ends the session between two ticks
-  /// Publishes the session in memory that other processes read, and takes their commands
-  /// (formats/session/telemetry.md).
+  /// If set, the session is published in memory that other processes read, and their commands
+  /// are taken (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
   /// Called at the frame rate, never on the realtime haptic thread.
   FrameFunction on_frame;
   double frame_rate_Hz = 30;
   /// Called with every tick in order, never on the realtime haptic thread.
   std::function<void(const ObservedTick&)> on_tick;
-  std::vector<TickObserver*> observers;  ///< further observers; they outlive the session
+  std::vector<TickObserver*> observers;  ///< further observers; they must outlive the session
 
-  /// Whether ticks follow the wall clock.
+  /// True if ticks follow the wall clock.
   bool is_real_time() const noexcept { return clock == Clock::kReal && replay.empty(); }
 };
 

@@ -51,7 +51,7 @@ void SessionStatistics::on_tick(const TickView& tick) noexcept {
     report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
   const std::array<double, 6>& felt = row.wrench_delivered;
   report_.max_force_N = std::max(report_.max_force_N, std::hypot(felt[0], felt[1], felt[2]));
-  if (row.authority >= 1) measure_wrench(row);  // else forces are off or ramped up
+  if (row.authority >= 1) measure_wrench(row);  // otherwise forces are off or ramped up
 }
 
 void SessionStatistics::count_faults(const TickView& tick) noexcept {

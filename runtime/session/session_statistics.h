@@ -29,42 +29,43 @@ struct FaultEvent {
   Fault fault = Fault::kNone;
   FaultDetail detail;  ///< measured value and limit
   double t_s = 0;
-  double rest_t_s = -1;       ///< time at which torques were zero; -1: not before the end
+  double rest_t_s = -1;       ///< time from which torques were zero; -1: not before the end
   double recovered_t_s = -1;  ///< time at which `running` began again; -1: not before the end
 };
 
 struct SessionReport {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;
-  Fault fault = Fault::kNone;  ///< latched at the end
+  Fault fault = Fault::kNone;  ///< fault latched at the end
   double fault_t_s = 0;
-  std::vector<FaultEvent> faults;  ///< the first kMaxListedFaults
+  std::vector<FaultEvent> faults;  ///< the first kMaxListedFaults faults
   std::uint64_t faults_count = 0;
   std::optional<Error> recording_error;  ///< the recording is incomplete; the error names its file
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;
   double energy_released_max_J = 0;  ///< PassivityState::released_max_J
-  double damping_max_N_s_per_m = 0;  ///< added by the passivity controller
+  double damping_max_N_s_per_m = 0;  ///< largest damping of the passivity controller
   std::uint64_t damped_ticks = 0;
   RealtimeReport realtime;  ///< empty with a virtual clock
   Histogram tick;           ///< wall time of a tick, without the simulated device's step
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
-  /// Largest delivered force of everything that acts on the hand: sheet, shaft, rim, coupling,
-  /// damping. Compensation of the device's own forces does not count, because it is not felt.
+  /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim,
+  /// coupling and damping. Compensation of the device's own forces does not count, because it
+  /// is not felt.
   double max_force_N = 0;
   double torque_max_Nm = 0;
-  double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques over 0.05 m
+  double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques / 0.05 m
   std::uint64_t scaled_ticks = 0;  ///< ticks in which the motors could not render the whole wrench
-  std::vector<PunctureEvent> punctures;  ///< the first kMaxListedPunctures
+  std::vector<PunctureEvent> punctures;  ///< the first kMaxListedPunctures punctures
   std::uint64_t punctures_not_listed = 0;
-  std::uint64_t ticks_not_observed = 0;  ///< ticks that on_tick missed, because it was too slow
+  std::uint64_t ticks_not_observed = 0;  ///< number of ticks that on_tick missed: it was too slow
   std::shared_ptr<const ForceLaw> law;   ///< the force law after the last tick
-  /// Replay: the first row (from 0) whose torques differ by a bit, or whose fault or number of
+  /// In a replay: index of the first row whose torques differ by a bit, or whose fault or number of
   /// meshes differs; -1: none.
   std::int64_t replay_first_difference = -1;
 };
 
-/// Counts into a report. Memory is reserved by the constructor.
+/// Fills a SessionReport tick by tick. The constructor reserves the memory.
 class SessionStatistics final : public TickObserver {
  public:
   /// `replay`: SessionOptions::replay.
@@ -74,7 +75,8 @@ class SessionStatistics final : public TickObserver {
   void on_tick(const TickView& tick) noexcept override;
   void add_tick_time(std::int64_t duration_ns) noexcept { report_.tick.add(duration_ns); }
 
-  /// After the last tick. `is_complete`: every tick of the session was done.
+  /// Returns the report. Called after the last tick. `is_complete`: every tick of the
+  /// session was done.
   SessionReport take(const LoopState& state, bool is_complete);
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The observers and workers of a session. Creating them takes longer than a drive waits for its
+// The observers and workers of a session. It takes longer to create them than a drive waits for its
 // first tick, so they are created before the link is opened.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
@@ -23,8 +23,7 @@
 
 namespace trocar::runtime {
 
-/// Each exists only if the options need it. Workers come first, because observers
-/// use them.
+/// Each member exists only if the options need it. Workers come first, because observers use them.
 struct SessionWorkers {
   std::shared_ptr<ForceLaw> law;        ///< always exists
   std::unique_ptr<Recorder> recorder;   ///< SessionOptions::record
@@ -34,12 +33,13 @@ struct SessionWorkers {
   std::unique_ptr<SessionPublisher> publisher;  ///< SessionOptions::telemetry
   std::unique_ptr<TickFeed> tick_feed;          ///< SessionOptions::on_tick
 
-  /// The observers that exist, in the order in which they get a tick.
+  /// Returns the observers that exist, in the order in which they get a tick.
   std::vector<TickObserver*> observers() const;
 };
 
-/// Unwritable: the recording or the folder of the black boxes cannot be written; failures that come
-/// later are in the report. Refused: what the force law's factory refuses.
+/// Creates the workers and observers. Errors: (unwritable) the recording or the folder of the black
+/// boxes cannot be written; (refused) what the factory of the force law refuses. Later failures are
+/// in the report.
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription& description,
                                     const Remesher& remesher, const SessionOptions& options);
 

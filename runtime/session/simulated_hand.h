@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated device in the hand that a scene describes.
+// The simulated device, held by the hand that a scene describes.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -12,11 +12,11 @@
 
 namespace trocar::runtime {
 
-/// The path along which the scene's hand pulls the tool's tip.
+/// Returns the path along which the scene's hand pulls the tool's tip.
 HandTrajectory hand_trajectory(const Scene& scene);
 
-/// The simulated device held by the scene's hand, at the hand's first keyframe. Without
-/// `mechanics`, the light model is used.
+/// Makes the simulated device, held by the scene's hand at the hand's first keyframe. If there are
+/// no `mechanics`, the light model is used.
 Result<SimulatedDevice> make_simulated_device(
     const Scene& scene, const DeviceDescription& description,
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);

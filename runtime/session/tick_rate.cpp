@@ -32,9 +32,9 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
   if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside the range of the loop");
   }
-  // Users set rates as short decimals, so the shortest decimal that gives every row's time is
-  // taken. `exact` may be off by a few roundings.
-  std::size_t most_rows = 0;  // largest number of rows whose times a candidate matched
+  // Users set rates as short decimals, so the shortest decimal that gives the time of every row is
+  // used. `exact` may differ by a few rounding errors.
+  std::size_t most_rows = 0;  // largest number of rows whose times a candidate has matched
   const auto fits = [&](double rate_Hz) {
     std::size_t k = 0;
     while (k < rows.size() && rows[k].t_s == static_cast<double>(k) / rate_Hz)

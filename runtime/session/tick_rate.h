@@ -12,11 +12,12 @@
 
 namespace trocar::runtime {
 
-/// Number of ticks of a session: at 0, 1/rate, 2/rate, ... before its end.
+/// Returns the number of ticks of a session. Ticks are at 0, 1/rate, 2/rate, ..., before the end.
 std::uint64_t tick_count(double duration_s, double rate_Hz);
 
-/// The rate at which a recording was made: its times are k / rate, bit for bit. If several rates
-/// fit, `stated_Hz` (0: none) is preferred, then the shortest decimal. Refused: no rate fits.
+/// Returns the rate at which a recording was made, so that its times are k / rate, bit for bit. If
+/// several rates fit, `stated_Hz` (0: none) is preferred, then the shortest decimal. Errors:
+/// (refused) no rate fits.
 Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name,
                                 double stated_Hz = 0);
 
