@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The black box keeps the rows of the last seconds and writes them to a separate recording after a
-// fault. The haptic thread pushes rows into a preallocated ring and, on a fault, requests a file; a
-// worker thread copies the rows and writes the file. The ring holds twice as many rows as a file,
-// so the worker has kBlackBox_s to copy them. If it takes longer, rows have been overwritten: the
-// report then has an error, and no file is written.
+// The black box keeps the rows of the last seconds, and writes them to a separate recording after a
+// fault. The haptic thread pushes rows into a preallocated ring and requests a file when there is a
+// fault. A worker thread copies the rows and writes the file. The ring holds twice as many rows as a
+// file, so the worker has kBlackBox_s to copy them. If it takes longer, rows have been overwritten:
+// then no file is written, and the report has an error.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -28,41 +28,44 @@ inline constexpr double kBlackBox_s = 4;
 struct BlackBoxFile {
   Fault fault = Fault::kNone;
   double t_s = 0;          ///< time of the fault
-  std::uint64_t rows = 0;  ///< rows up to the tick with zero torques, at most kBlackBox_s of them
+  std::uint64_t rows = 0;  ///< number of rows up to the tick with zero torques, at most kBlackBox_s
   std::filesystem::path file;
   std::optional<Error> error;
 };
 
 class BlackBox final : public TickObserver {
  public:
-  /// Files go into `folder`. They are named black_box_DATE-TIME_tSECONDSs_FAULT.csv after the start
-  /// in UTC, the session's time and the fault's name; existing files are not replaced. `origin` goes
-  /// into the first row of each file. Unwritable: the folder does not exist, or files cannot be
-  /// created in it.
+  /// Files are written to `folder`. Their names are black_box_DATE-TIME_tSECONDSs_FAULT.csv, from
+  /// the start of the session in UTC, the session's time at the fault, and the name of the fault.
+  /// Existing files are not replaced. `origin` is written into the first row of each file. Errors:
+  /// (unwritable) the folder does not exist, or files cannot be created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
                                                 const RecordingOrigin& origin = {});
   ~BlackBox() override { stop(); }
 
-  // Haptic thread.
+  // The haptic thread calls these functions.
 
   void push(const RecordingRow& row) noexcept { ring_.push(row); }
-  /// Requests a file of the rows so far. False if too many requests wait; lost() counts them.
+  /// Requests a file of the rows so far. Returns false if too many requests wait; lost()
+  /// counts these failures.
   bool save(Fault fault, double t_s) noexcept;
-  /// Pushes the row. A fault that the operator did not command requests a file once the torques are
-  /// zero, so that the file contains the whole ramp.
+  /// Pushes the row. After a fault that the operator did not command, requests a file once torques
+  /// are zero, so that the file contains the whole ramp.
   void on_tick(const TickView& tick) noexcept override;
 
-  // One other thread: the one that start() creates, or the caller's.
+  // One other thread calls these functions: the thread that start() creates, or a thread
+  // of the caller.
 
   /// Writes the requested files.
   void serve() override;
-  /// Also requests the file of a fault whose ramp did not end before the session did.
+  /// Like TickObserver::stop(). If the session ended during the ramp of a fault, first requests a
+  /// file for that fault.
   void stop() override;
 
-  // After stop(), or on the thread that calls serve().
+  // These functions may be called after stop(), or on the thread that calls serve().
 
   const std::vector<BlackBoxFile>& files() const noexcept { return files_; }
-  /// Requests lost because the queue was full.
+  /// Number of requests lost because the queue was full.
   std::uint64_t lost() const noexcept { return lost_.load(); }
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames for a display, at frame rate and off the haptic thread: the latest row, the sheet around
-// the tool, and the tool's depth in it.
+// Frames for a display, at frame rate and not on the haptic thread: the latest row, the sheet
+// around the tool, and the tool's depth in it.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -18,12 +18,12 @@
 
 namespace trocar::runtime {
 
-/// Receives the latest row and, with the force law `network`, the sheet around the tool (else
-/// null).
+/// Receives the latest row and the sheet around the tool. The sheet is null except with the
+/// force law `network`.
 using FrameFunction =
     std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)>;
 
-/// Calls a function at the frame rate of the wall clock or, in virtual time, of the ticks.
+/// Calls a function at the frame rate, measured on the wall clock or, in virtual time, in ticks.
 class FrameDisplay final : public TickObserver {
  public:
   /// `prefetch` may be null. `tick_rate_Hz`: rate of the ticks in virtual time; 0: real time.
@@ -40,18 +40,19 @@ class FrameDisplay final : public TickObserver {
   FrameFunction show_;
   double frame_rate_Hz_, tick_rate_Hz_;
   const PrefetchWorker* prefetch_;
-  std::uint64_t frames_ = 0;  ///< virtual time: frames so far
+  std::uint64_t frames_ = 0;  ///< number of frames so far in virtual time
   TripleBuffer<RecordingRow> latest_;
 };
 
-/// Depth to which the tool presses the shape's sheet in this tick: the penetration in contact, else
-/// 0, because the sheet is then at rest.
+/// Returns the depth to which the tool presses the shape's sheet in this tick: the penetration in
+/// contact, and otherwise 0, because the sheet is then at rest.
 double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
 
-/// Frames as JSON lines: a line for each new shape,
+/// Writes frames as JSON lines. There is a line for each new shape,
 ///   {"shape", "slice", "z_m", "cuts", "vertices_m": [[x, y], ...], "triangles", "w"},
-/// and a line for each frame, {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"}, whose
-/// "shape" is the number of the last shape line, or null before the first.
+/// and a line for each frame,
+///   {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"},
+/// whose "shape" is the number of the last shape line, or null if there is none yet.
 class FrameWriter {
  public:
   explicit FrameWriter(std::filesystem::path file) : file_(std::move(file)) {}

@@ -19,7 +19,7 @@ std::string seconds(double t_s) {
 
 std::string reason(const OperatorMessage& message) {
   if (message.detail.fault == Fault::kNone) {
-    // Rounded up, so that it is enough.
+    // The distance is rounded up, so that lifting by it suffices.
     const auto up_mm = static_cast<long long>(std::ceil(message.retract_distance_m * 1e3 - 1e-6));
     return "the tool is in material: lift it " + std::to_string(std::max(1LL, up_mm)) + " mm";
   }
@@ -62,7 +62,7 @@ bool RecoveryWatch::should_report(bool waiting, double t_s, const FaultDetail& f
   if (requested_t_s_ < 0) requested_t_s_ = t_s;
   if (t_s - requested_t_s_ < kPatience_s) return false;
   if (found.fault == Fault::kNone && !(retract_distance_m > 0)) return false;
-  // kNone's bit stands for the tool in material.
+  // The bit of kNone stands for a tool in material.
   const std::uint64_t bit = std::uint64_t{1} << static_cast<unsigned>(found.fault);
   if ((reported_ & bit) != 0) return false;
   reported_ |= bit;

@@ -16,8 +16,8 @@ FirstSheet::FirstSheet(const Sheet& sheet) {
 }
 
 float FirstSheet::hu_at(LatticePoint point) const {
-  // A rounded point may lie just outside of all triangles, so the triangle in which it lies deepest
-  // is taken.
+  // A rounded point may lie just outside of all triangles. Therefore the triangle in which it lies
+  // deepest is used.
   const std::vector<float>& hu = *hu_;
   double deepest = -std::numeric_limits<double>::infinity();
   double found = 0;
@@ -49,8 +49,8 @@ float FirstSheet::hu_at(LatticePoint point) const {
 TelemetrySheet FirstSheet::published(const Sheet& sheet) const {
   TelemetrySheet shown;
   shown.cuts = sheet.cuts;
-  // Vertices are numbered by slot, as in to_slice_mesh(), so that a vertex of the first mesh is
-  // found by its slot.
+  // Vertices are numbered in the order of their slots, as in to_slice_mesh(), so that a vertex of
+  // the first mesh is found by its slot.
   std::vector<std::uint32_t> number(sheet.mesh.vertices.size(), kNone);
   for (const Triangle& triangle : sheet.mesh.triangles) {
     if (triangle[0] == kNone) continue;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The meshes of sheets in the form in which other processes read them (formats/session/telemetry.md).
+// Converts the meshes of sheets to the form in which other processes read them
+// (formats/session/telemetry.md).
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -14,14 +15,14 @@
 
 namespace trocar::runtime {
 
-/// A sheet before its first hole. A cut adds vertices without a HU value; theirs is interpolated in
-/// the first mesh.
+/// A sheet before its first hole. A cut adds vertices that have no HU value. Their HU is interpolated
+/// in this first mesh.
 class FirstSheet {
  public:
   explicit FirstSheet(const Sheet& sheet);
 
   bool has_hu() const noexcept { return hu_ != nullptr; }
-  /// The current version of the same sheet.
+  /// Converts the current version of the same sheet.
   TelemetrySheet published(const Sheet& sheet) const;
 
  private:
@@ -32,7 +33,8 @@ class FirstSheet {
   std::shared_ptr<const std::vector<float>> hu_;  ///< one value for each vertex slot; null: none
 };
 
-/// `slices`: slice index of each sheet; a shape of another slice gets the sheet -1.
+/// Converts a shape. `slices`: slice index of each sheet. A shape of any other slice gets the
+/// sheet number -1.
 TelemetryShape published(const SheetShape& shape, const std::vector<std::int32_t>& slices);
 
 }  // namespace trocar::runtime

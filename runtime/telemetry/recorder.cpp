@@ -17,7 +17,8 @@ void Recorder::serve() {
   std::array<RecordingRow, 64> batch;
   std::size_t count = 0;
   const auto write = [&] {
-    // After a failure rows are discarded, so that the queue does not fill up.
+    // After a failure rows are taken from the queue and discarded, so that the queue does
+    // not fill up.
     if (!error_) {
       if (Result<void> done = writer_.append(std::span(batch.data(), count)); !done) {
         error_ = done.error();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes every tick's row to a recording, off the haptic thread.
+// Writes the row of every tick to a recording, on a thread other than the haptic thread.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -18,8 +18,8 @@ class Recorder final : public TickObserver {
  public:
   static constexpr std::size_t kCapacity = 8192;  ///< rows in the queue: one second at 8 kHz
 
-  /// `failed` is called at once when rows cannot be written, on the thread that writes them; later
-  /// rows are discarded.
+  /// If rows cannot be written, `failed` is called immediately, on the thread that writes them.
+  /// Later rows are discarded.
   explicit Recorder(RecordingWriter writer, std::function<void(const Error&)> failed = {});
   ~Recorder() override { stop(); }
 
@@ -29,8 +29,8 @@ class Recorder final : public TickObserver {
   }
   /// Writes the rows in the queue.
   void serve() override;
-  /// Stops, and gives the file its name. Unwritable if that fails or a row was lost; the rows that
-  /// could be written are then in RecordingWriter::partial_file().
+  /// Stops, and gives the file its final name. Errors: (unwritable) that fails, or a row was lost.
+  /// The rows that could be written are then in RecordingWriter::partial_file().
   Result<void> finish();
 
  private:

@@ -19,7 +19,7 @@ namespace {
 
 using nlohmann::json;
 
-/// UTC, RFC 3339.
+/// Returns the present time in UTC, as in RFC 3339.
 std::string now_text() {
   const std::time_t now = std::time(nullptr);
   std::tm utc{};
@@ -30,7 +30,7 @@ std::string now_text() {
 }
 
 json describe_tool(const SceneTool& scene_tool) {
-  // Corners about the axis, in the plate's x and y if the tool is not tilted.
+  // The corners are given about the axis, in the plate's x and y as if the tool were not tilted.
   SceneTool upright = scene_tool;
   upright.tilt_deg = 0;
   upright.tip_in_plate_m = {0, 0, 0};

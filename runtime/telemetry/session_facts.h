@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts that stay the same through a session, as JSON for the programs that read its shared
-// memory (formats/session/telemetry.md).
+// The facts that do not change during a session, as JSON for the programs that read its
+// shared memory (formats/session/telemetry.md).
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -18,12 +18,12 @@ namespace trocar::runtime {
 
 /// Facts that only the program knows.
 struct TelemetryOptions {
-  std::filesystem::path file;  ///< becomes a link to the shared memory
+  std::filesystem::path file;  ///< name of the link to the shared memory
   std::string scene_file, device, recovery;
-  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost first; empty: without a name
+  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost first; empty: no name
 };
 
-/// Facts from the options of the session.
+/// Facts that come from the options of the session.
 struct PublishedSession {
   double rate_Hz = 1000, duration_s = 1;
   std::string clock;  ///< "real", "virtual" or "replay"

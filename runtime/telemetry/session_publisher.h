@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Publishes a running session in memory that other processes read, and takes their commands
-// (formats/session/telemetry.md). The haptic thread writes the latest tick into a triple buffer and
-// pushes events into a queue; another thread copies both to the memory. The thread that publishes
-// meshes writes the sheets.
+// (formats/session/telemetry.md). The haptic thread writes the latest tick into a triple buffer,
+// and pushes events into a queue. Another thread copies both to the memory. The thread that
+// publishes meshes writes the sheets.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -27,7 +27,7 @@
 
 namespace trocar::runtime {
 
-/// The commands of other processes that were given since they were last taken.
+/// The commands that other processes have given since take_commands() was called last.
 struct TelemetryCommands {
   bool stop = false, pause = false, resume = false, zero = false, recover = false,
        emergency_stop = false;
@@ -35,8 +35,8 @@ struct TelemetryCommands {
 
 class SessionPublisher final : public TickObserver {
  public:
-  /// Creates the memory, with the uncut sheets in it, and its link. `prefetch` may be null.
-  /// Unwritable: there is no memory, or as TelemetryWriter::link().
+  /// Creates the memory, which contains the uncut sheets, and its link. `prefetch` may be null.
+  /// Errors: (unwritable) there is no memory; those of TelemetryWriter::link().
   static Result<std::unique_ptr<SessionPublisher>> make(const Scene& scene,
                                                         const DeviceDescription& description,
                                                         const Remesher& remesher,
@@ -45,27 +45,29 @@ class SessionPublisher final : public TickObserver {
                                                         const PublishedSession& session);
   ~SessionPublisher() override { stop(); }
 
-  // Haptic thread.
+  // The haptic thread calls these functions.
 
   TelemetryCommands take_commands() noexcept;
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_message(const OperatorMessage& message) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
-  /// In place of a tick while the session is paused.
+  /// Called instead of on_tick() while the session is paused.
   void on_paused_period(std::int64_t now_ns) noexcept;
-  /// kPaused or kResumed. Readers learn how many events a full queue has lost.
+  /// Pushes the event kPaused or kResumed. If the queue is full, the event is lost; readers see the
+  /// number of lost events.
   void push_event(TelemetryEventKind kind, double t_s) noexcept;
 
-  // The thread that publishes meshes.
+  // The thread that publishes meshes calls this function.
 
   /// Writes the sheets whose published version has changed.
   void publish_sheets(const Remesher& remesher);
 
-  // One other thread: the one that start() creates, or the caller's.
+  // One other thread calls this function: the thread that start() creates, or a thread
+  // of the caller.
 
   void serve() override;
 
-  // After all other threads have ended.
+  // This function is called after all other threads have ended.
 
   /// Writes the last meshes, the event kEnded, and the last snapshot.
   void end(TelemetryEnd end, Fault fault, const Remesher& remesher);
@@ -77,9 +79,9 @@ class SessionPublisher final : public TickObserver {
   void write(const TelemetryTick& tick);
 
   SpscQueue<TelemetryEvent, 1024> events_;
-  SpscQueue<TelemetryEvent, 1024> sheet_events_;  ///< pushed by the thread that publishes meshes
+  SpscQueue<TelemetryEvent, 1024> sheet_events_;  ///< filled by the thread that publishes meshes
   TripleBuffer<TelemetryTick> ticks_;
-  TelemetryTick tick_;  ///< haptic thread: the latest
+  TelemetryTick tick_;  ///< latest tick, for the haptic thread only
   TelemetryHistogram tick_times_, wake_times_;
   std::atomic<std::uint64_t> lost_events_{0};
   std::array<std::uint64_t, kTelemetryCommands> taken_{};

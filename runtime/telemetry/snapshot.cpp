@@ -7,7 +7,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// Smallest distance of an angle to a joint limit; negative beyond the limit.
+/// Returns the smallest distance of any encoder angle from a joint limit; negative
+/// beyond the limit.
 double joint_margin_rad(const DeviceDescription& device,
                         const std::array<double, kEncoders>& encoder_rad) {
   double margin = std::numeric_limits<double>::infinity();
@@ -30,7 +31,7 @@ constexpr Column one(const char* name, Get) {
           [](const SnapshotSource& s, double* values) { *values = static_cast<double>(Get{}(s)); }};
 }
 
-/// `Get` returns an array or another range of `count` numbers.
+/// Makes a column of `count` numbers. `Get` returns an array or another range.
 template <typename Get>
 constexpr Column many(const char* name, std::size_t count, Get) {
   return {name, count, [](const SnapshotSource& s, double* values) {

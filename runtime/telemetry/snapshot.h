@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The numbers that other processes read of the latest tick, as columns of telemetry.md. A new value
-// for the console is one line in the table of snapshot.cpp.
+// The numbers of the latest tick that other processes read: the columns of telemetry.md. A new
+// value for the console is one line in the table of snapshot.cpp.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -20,10 +20,10 @@
 
 namespace trocar::runtime {
 
-/// Values of a tick that the haptic thread hands over. Counts begin with the session.
+/// Values of a tick that the haptic thread hands over. Counts are since the start of the session.
 struct TelemetryTick {
   RecordingRow row;
-  std::int64_t taken_ns = 0;  ///< CLOCK_MONOTONIC
+  std::int64_t taken_ns = 0;  ///< time on CLOCK_MONOTONIC
   std::array<double, kMotors> motor_load_A2s{};
   std::int32_t active_sheet = -1;
   double force_N = 0;
@@ -35,7 +35,7 @@ struct TelemetryTick {
 };
 static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);
 
-/// Everything that the columns are computed from.
+/// Everything from which the columns are computed.
 struct SnapshotSource {
   const TelemetryTick& tick;
   const DeviceDescription& device;
@@ -46,9 +46,9 @@ struct SnapshotSource {
   std::uint64_t last_event = 0;
 };
 
-/// Name and number of values of each column, in the order of snapshot_values().
+/// Returns name and number of values of each column, in the order of snapshot_values().
 std::vector<std::pair<const char*, std::size_t>> snapshot_columns();
-/// Number of values of all columns.
+/// Returns the number of values of all columns.
 std::size_t snapshot_size();
 void snapshot_values(const SnapshotSource& source, std::span<double> values);
 

@@ -8,7 +8,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr unsigned kFirstOctave = 8;  // 256 ns
+constexpr unsigned kFirstOctave = 8;  // 2^8 ns = 256 ns
 
 }  // namespace
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Durations for the console, in bins of a quarter octave.
+// A histogram of durations for the console, with bins of a quarter octave.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -10,8 +10,8 @@
 
 namespace trocar::runtime {
 
-/// The bins begin at 256 ns; the first one also counts shorter durations, and the last one those
-/// above 14.7 ms. One thread writes, any thread reads.
+/// The bins begin at 256 ns. The first bin also counts shorter durations, and the last bin all
+/// durations above 14.7 ms. One thread writes, and any thread may read.
 class TelemetryHistogram {
  public:
   static constexpr std::size_t kBins = 64;
@@ -24,7 +24,7 @@ class TelemetryHistogram {
     return counts_[i].load(std::memory_order_relaxed);
   }
   static std::size_t bin(std::int64_t duration_ns) noexcept;
-  /// Lower end of bin i; 0 for the first bin.
+  /// Returns the lower end of bin i; 0 for the first bin.
   static double lower_us(std::size_t i) noexcept;
 
  private:

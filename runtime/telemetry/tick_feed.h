@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hands every tick, together with what was punctured in it, to a function off the haptic thread.
+// Passes every tick, with the sheets and layers punctured in it, to a function on a thread other
+// than the haptic thread.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -14,7 +15,7 @@
 
 namespace trocar::runtime {
 
-/// A row, with one bit for each sheet (the topmost is bit 0) or soft layer.
+/// A row and three sets. A set has one bit for each sheet (the topmost is bit 0) or soft layer.
 struct ObservedTick {
   RecordingRow row;
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed

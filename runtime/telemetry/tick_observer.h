@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and everything that watches it: the recorder, the black
+// The interface between the haptic loop and everything that observes it: the recorder, the black
 // box, messages to the operator, the telemetry publisher, the frame display, the tick feed, and the
-// statistics. A new observer is one class derived from TickObserver and one line in make_workers()
-// (runtime/session/session_workers.cpp), or an entry in SessionOptions::observers.
+// statistics. A new observer is one class derived from TickObserver, and one line in make_workers()
+// (runtime/session/session_workers.cpp) or an entry in SessionOptions::observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -16,7 +16,8 @@
 
 namespace trocar::runtime {
 
-/// Pause and zero are commands, not failures: the session waits for the operator.
+/// Returns true for the faults of the commands pause and zero. These are not failures: the session
+/// waits for the operator.
 constexpr bool is_by_operator(Fault fault) noexcept {
   return fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
@@ -24,12 +25,12 @@ constexpr bool is_by_operator(Fault fault) noexcept {
 struct PunctureEvent {
   std::int32_t sheet = -1;  ///< index of the sheet; the topmost is 0
   std::int32_t slice = -1;  ///< AssetSlice::index
-  std::uint32_t cut = 0;    ///< number of the hole in this sheet, from 1
+  std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double t_s = 0;
   double tool_z_m = 0;
   double penetration_m = 0;  ///< depth at which the sheet was punctured
   double force_N = 0;        ///< last force at the tip before the puncture, times force_scale
-  double trial_force_N = 0;  ///< force of the tissue that exceeded the threshold, not scaled
+  double trial_force_N = 0;  ///< tissue force that exceeded the threshold, without force_scale
 };
 
 /// A message to the operator while a session runs.
@@ -50,35 +51,37 @@ struct TickView {
   const TickResult& result;
   const LoopState& state;                ///< state after the tick
   std::span<const Sheet* const> sheets;  ///< meshes that the tick used, the topmost first
-  const TickTiming& timing;              ///< all zero unless is_real_time
+  const TickTiming& timing;              ///< all zero if is_real_time is false
   bool is_real_time = false;             ///< ticks follow the wall clock
-  std::int64_t start_ns = 0;             ///< start of the tick, CLOCK_MONOTONIC
+  std::int64_t start_ns = 0;             ///< start of the tick on CLOCK_MONOTONIC
 };
 
 class TickObserver {
  public:
-  /// In real time a background thread calls serve() every `interval`; 0: there is no such thread.
+  /// In real time a background thread calls serve() once per `interval`; 0: there is
+  /// no such thread.
   explicit TickObserver(std::chrono::nanoseconds interval = {}) : interval_(interval) {}
-  /// A derived class that overrides serve() calls stop() in its destructor.
+  /// A derived class that overrides serve() must call stop() in its destructor.
   virtual ~TickObserver() = default;
   TickObserver(const TickObserver&) = delete;
   TickObserver& operator=(const TickObserver&) = delete;
 
-  // Haptic thread: without allocation, lock or system call.
+  // The haptic thread calls these functions. They must not allocate, lock, or make a system call.
 
   virtual void on_puncture(const PunctureEvent&) noexcept {}
   virtual void on_message(const OperatorMessage&) noexcept {}
   /// Called once a tick, after the punctures and messages of that tick.
   virtual void on_tick(const TickView& tick) noexcept = 0;
 
-  // One other thread: in real time the one that start() creates, in virtual time the caller's.
+  // One other thread calls these functions: in real time the thread that start() creates, in
+  // virtual time the caller's.
 
-  /// Handles what the haptic thread left. In virtual time it is called after every tick.
+  /// Handles what the haptic thread has left. In virtual time it is called after every tick.
   virtual void serve() {}
   void start() {
     if (interval_.count() > 0) thread_.start(interval_, [this] { serve(); });
   }
-  /// After the last tick: ends the thread, if any, and handles the rest.
+  /// Call this after the last tick. Ends the thread, if any, and handles the rest.
   virtual void stop() {
     join();
     serve();
