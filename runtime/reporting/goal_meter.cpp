@@ -10,7 +10,7 @@
 namespace trocar::runtime {
 namespace {
 
-/// Distance from a polygon's border in its plane, negative inside.
+/// Returns the distance from a polygon's border in its plane, negative inside.
 double polygon_distance_m(const std::vector<std::array<double, 2>>& ring, double x, double y) {
   double least = std::numeric_limits<double>::infinity();
   bool inside = false;
@@ -35,7 +35,8 @@ double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m) {
     return length({from[0] - along * way[0], from[1] - along * way[1], from[2] - along * way[2]}) -
            zone.radius_m;
   }
-  // Beyond each pair of sides; of a prism beyond its outline and its two ends.
+  // The distance beyond each pair of sides of a box, or beyond the outline and the two ends
+  // of a prism.
   Vector3 beyond{};
   if (zone.shape == ForbiddenZone::Shape::kBox) {
     for (std::size_t k = 0; k < 3; ++k)

@@ -44,7 +44,7 @@ void PlungeMeter::interrupt(double t_s, SessionFigures& figures) {
   end(PlungeEnd::kFault, t_s, figures);
 }
 
-/// Takes the row of the break-through and those after it.
+/// Takes the row of the break-through and the rows after it.
 void PlungeMeter::follow(const RecordingRow& row, SessionFigures& figures) {
   const double z_m = row.tool_m[2];
   double& earlier_m = recent_m_[ticks_ % recent_m_.size()];

@@ -1,35 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
 // The figures of a session for the debriefing (`trocar-run --session-report`). They depend only on
 // the session's ticks, its scene and the heights of its sheets, so a replay gives the same figures.
-// The memory that they take is bounded, however long the session is.
+// Their memory is bounded, however long the session is.
 //
 // Definitions (formats/session/session_report.schema.json repeats them for its fields):
 //  1. Counted rows are those of the safety states `ready` and `running`; in other states the pose
-//     may be an old one. Times are numbers of rows divided by the rate. The force is the magnitude
+//     may be an old one. A time is a number of rows divided by the rate. The force is the magnitude
 //     of the delivered force.
-//  2. The insertion begins with the first row in contact and ends with the row with the lowest tip
-//     after it. Straightness is the distance between these two points divided by the path length of
-//     the tip between them.
+//  2. The insertion begins with the first row in contact, and ends with the row after it that has
+//     the lowest tip. Straightness is the distance between these two positions of the tip, divided
+//     by the length of the tip's path between them.
 //  3. A puncture's force is the force of the row before it. Its depth is the depth of the tip below
 //     the undeformed sheet, or below the layer's top.
-//  4. A break-through is a puncture at which the wanted force falls to at most half of that of
-//     the row before; if one row has several punctures, the lowest counts. Its plunge is how far
-//     the tip goes down from there until the tip has come back by kPlungeStep_m (reversed), has
-//     advanced by less than kPlungeStep_m in kPlungeStop_s (stopped), kPlunge_s have passed
-//     (time), the next break-through happens (next), a row is not counted (fault), or the
-//     session ends (end).
-//  5. Tremor: the position of the tip minus its position in the first row passes two Butterworth
-//     filters of the second order, a high-pass of kTremorLow_Hz and a low-pass of kTremorHigh_Hz:
+//  4. A break-through is a puncture at which the wanted force falls to at most half of that of the
+//     row before. If one row has several punctures, the lowest counts. The plunge is the distance by
+//     which the tip moves down from there until one of these events: the tip has come back by
+//     kPlungeStep_m (reversed), it has advanced by less than kPlungeStep_m in kPlungeStop_s
+//     (stopped), kPlunge_s have passed (time), the next break-through happens (next), a row is not
+//     counted (fault), or the session ends (end).
+//  5. Tremor is measured with two Butterworth filters of the second order, a high-pass of
+//     kTremorLow_Hz and a low-pass of kTremorHigh_Hz. Their input is the position of the tip minus
+//     its position in the first row:
 //       y = (b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2) / a0, w = 2 pi f / rate, alpha = sin w / sqrt 2,
 //       a0 = 1 + alpha, a1 = -2 cos w, a2 = 1 - alpha;
 //       high-pass: b0 = b2 = (1 + cos w) / 2, b1 = -(1 + cos w);
 //       low-pass: b0 = b2 = (1 - cos w) / 2, b1 = 1 - cos w.
-//     The figures are the RMS of the result's length, and of its part in x and y, over the free rows
-//     and over the rows in contact. The filters start anew after each row that is not counted, and
-//     the first kTremorSettle_s after a start are left out.
+//     The figures are the RMS of the length of the filters' output, and of its part in x and y, over
+//     the free rows and over the rows in contact. After each row that is not counted the filters are
+//     reset. The first kTremorSettle_s after a reset are left out.
 //  6. The distance to the planned line is measured in rows in which the tip is beyond the entry
-//     point along the line. The distance of the tip's point to a zone is negative inside the zone;
-//     a breach is a run of rows with a negative distance.
+//     point along the line. The distance of the tip to a zone is negative inside the zone. A breach
+//     is a run of rows with a negative distance.
 //  7. A miss is a run of rows in which the tool is below a slice, past the edge of its material.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
@@ -51,10 +52,10 @@ inline constexpr double kPlunge_s = 0.5, kPlungeStop_s = 0.05, kPlungeStep_m = 5
 inline constexpr double kTremorLow_Hz = 4, kTremorHigh_Hz = 12, kTremorSettle_s = 0.5;
 inline constexpr std::size_t kMaxReportPunctures = 1024;
 inline constexpr std::size_t kMaxReportSpans =
-    64;  ///< breaches of a zone, misses, side cuts, faults
+    64;  ///< largest number of breaches of a zone, of misses, of side cuts, and of faults
 inline constexpr std::size_t kMaxReportSamples = 1024;
 
-/// A sheet of the scene; lists of them begin with the topmost one.
+/// A sheet of the scene. Lists of sheets begin with the topmost one.
 struct ReportSheet {
   int slice = 0;
   double z_m = 0;
@@ -80,9 +81,9 @@ struct BreakThrough {
 };
 struct Tremor {
   std::uint64_t ticks = 0;
-  double squares_m2 = 0, sideways_m2 = 0;  ///< sums over the ticks
+  double squares_m2 = 0, sideways_m2 = 0;  ///< sums of squares over the ticks
 };
-/// A run of rows, from its first to its last one.
+/// A run of rows, from its first to its last row.
 struct Span {
   int slice = -1;  ///< slice index of a miss or a side cut; -1: none
   double from_s = 0, to_s = 0;
@@ -91,7 +92,7 @@ struct Span {
 struct ZoneFigures {
   std::optional<double> min_m;
   double min_t_s = 0;
-  std::vector<Span> breaches;  ///< the first kMaxReportSpans
+  std::vector<Span> breaches;  ///< the first kMaxReportSpans breaches
   std::uint64_t breaches_count = 0;
 };
 struct ReportFault {
@@ -101,15 +102,15 @@ struct ReportFault {
 };
 struct GoalResult {
   std::string goal;
-  std::string zone;  ///< name of the zone, if the goal belongs to one
+  std::string zone;  ///< name of the zone, if the goal belongs to a zone
   double limit = 0;
-  bool at_least = false;  ///< true: the value must reach the limit; false: must not exceed it
+  bool at_least = false;  ///< true: the value must reach the limit; false: it must not exceed it
   std::optional<double> value;
   const char* unit = "m";
   bool met = false;
   std::string how;
 };
-/// The row with the largest force among `stride` rows.
+/// The row with the largest force among SessionFigures::stride rows.
 struct ReportSample {
   double t_s = 0;
   std::array<double, 3> tip_m{};
@@ -149,12 +150,12 @@ struct SessionFigures {
   std::vector<GoalResult> goals;  ///< in the order of SceneGoals
 };
 
-/// At least 1.
+/// Returns the number of ticks of a duration, at least 1.
 inline std::uint64_t ticks_of(double duration_s, double rate_Hz) {
   return static_cast<std::uint64_t>(std::max(1.0, std::round(duration_s * rate_Hz)));
 }
 
-/// Counts `value` and keeps it while the list is shorter than `max`.
+/// Increases `count`. Appends `value` if the list is shorter than `max`.
 template <typename T>
 void keep(std::vector<T>& list, std::size_t max, std::uint64_t& count, T value) {
   ++count;

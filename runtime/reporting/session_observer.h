@@ -19,13 +19,13 @@ namespace trocar::runtime {
 
 class SessionObserver {
  public:
-  /// The scene must outlive this.
+  /// The scene must outlive this object.
   SessionObserver(const Scene& scene, std::vector<ReportSheet> sheets, double rate_Hz);
   SessionObserver(const SessionObserver&) = delete;
   SessionObserver& operator=(const SessionObserver&) = delete;
 
   void observe(const ObservedTick& tick);
-  /// The caller calls it once, after the last tick.
+  /// Returns the figures. Call it once, after the last tick.
   SessionFigures figures();
 
  private:

@@ -84,7 +84,7 @@ json describe_samples(const SessionFigures& f) {
           {"rows", std::move(rows)}};
 }
 
-/// The fault's line, with what was measured if that is known.
+/// Returns the line about a fault, with the measured value if it is known.
 std::string fault_message(const ReportFault& fault, const ReportFacts& facts) {
   for (const FaultEvent& event : facts.faults) {
     if (event.fault == fault.fault && event.t_s == fault.t_s)
@@ -213,7 +213,7 @@ const char* name_of(SessionEnd end) {
                                            : "fault";
 }
 
-/// The data that the page's pictures need besides the report.
+/// Returns the data that the pictures of the page need in addition to the report.
 json describe_drawing(const Scene& scene, const SessionFigures& f, const ReportFacts& facts) {
   json layers = json::array(), goals = nullptr;
   for (const SceneLayer& layer : scene.layers)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two files of `trocar-run --session-report`: figures as JSON, and a page that shows them. What
-// each figure is: session_figures.h.
+// The two files of `trocar-run --session-report`: figures as JSON, and a page that shows them.
+// session_figures.h defines the figures.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -24,17 +24,19 @@ struct ReportFacts {
   bool is_virtual = false;
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t lost_ticks = 0;
-  std::vector<FaultEvent> faults;  ///< the session's faults with what was measured
+  std::vector<FaultEvent> faults;  ///< the session's faults with measured values
   std::vector<ReportSheet> sheets;
-  /// Intervals of material of each sheet on the lines through the lowest tip, in metres: first
-  /// along x, then along y.
+  /// Intervals over material of each sheet, on the lines through the lowest tip, in m: first along x,
+  /// then along y.
   std::array<std::vector<std::vector<std::array<double, 2>>>, 2> material_m;
 };
 
-/// The document of formats/session/session_report.schema.json, without a line feed at its end.
+/// Returns the document of formats/session/session_report.schema.json, without a line feed
+/// at its end.
 std::string session_report_json(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts);
-/// One HTML page (session_page.html) that holds the same document and needs nothing else.
+/// Returns one HTML page (session_page.html) that contains the same document and needs
+/// no other file.
 std::string session_report_page(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts);
 

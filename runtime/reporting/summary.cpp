@@ -42,14 +42,14 @@ json time_or_null(double t_s) {
   return t_s < 0 ? json(nullptr) : json(t_s);
 }
 
-/// Null for the quantities of a fault that have no number.
+/// Returns the number, or null if the quantity of the fault has no number.
 json number_or_null(const FaultDetail& detail, double number) {
   const bool has_number =
       detail.quantity != FaultQuantity::kNone && detail.quantity != FaultQuantity::kMotor;
   return has_number ? json(number) : json(nullptr);
 }
 
-/// The message of a file's error. If the file's name is absolute, its folder is left out.
+/// Returns the message of a file's error. If the file's name is absolute, its folder is left out.
 std::string without_folder_of(const std::filesystem::path& file, std::string message) {
   if (!file.is_absolute()) return message;
   for (const std::string& folder : {file.parent_path().string() + "/", file.parent_path().string()})
@@ -72,7 +72,7 @@ json describe_faults(const SessionReport& report) {
                   {"black_box", nullptr}};
     if (const std::string quantity = quantity_name(event.detail); !quantity.empty())
       fault["quantity"] = quantity;
-    const auto box =  // there is none if the request was lost
+    const auto box =  // there is no black box if the request was lost
         std::find_if(report.black_boxes.begin(), report.black_boxes.end(),
                      [&event](const BlackBoxFile& b) { return b.t_s == event.t_s; });
     if (box != report.black_boxes.end()) {

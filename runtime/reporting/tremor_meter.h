@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tremor of the tip: definition 5 of session_figures.h.
+// Measures the tremor of the tip (definition 5 of session_figures.h).
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -17,7 +17,7 @@ class TremorMeter {
   explicit TremorMeter(double rate_Hz);
   /// Takes a counted row and adds its tremor to the figures.
   void observe(const RecordingRow& row, SessionFigures& figures);
-  /// The filters start anew with the next row.
+  /// Resets the filters before the next row.
   void restart() noexcept { filtered_ = 0; }
 
  private:
@@ -27,8 +27,8 @@ class TremorMeter {
     std::array<Vector3, 2> x{}, y{};
     Vector3 pass(const Vector3& in) noexcept;
   };
-  std::array<Filter, 2> filter_;  ///< high-pass, low-pass
-  Vector3 origin_{};              ///< position in the first row
+  std::array<Filter, 2> filter_;  ///< the high-pass, then the low-pass
+  Vector3 origin_{};              ///< position of the tip in the first row
   std::uint64_t filtered_ = 0, settle_ticks_ = 0;
 };
 
