@@ -10,8 +10,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// The sheet of a row's active slice, which in contact lies above the tip by the penetration. A
-/// scene may have the same slice at several heights.
+/// Returns the sheet of a row's active slice. In contact it lies above the tip by the penetration,
+/// which selects one if the scene has the same slice at several heights.
 std::size_t active_sheet(const RecordingRow& row,
                          const std::vector<std::unique_ptr<const Sheet>>& sheets) {
   const double z_m = row.tool_m[2] + row.penetration_m;

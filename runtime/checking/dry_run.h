@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A dry run: a session over the scene with the simulated device, in virtual time and without
-// outputs (`trocar-run --check`). Its result is exactly that of a session in virtual time
-// with the same options.
+// outputs (`trocar-run --check`). Its result is exactly that of a session in virtual time with
+// the same options.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -22,38 +22,38 @@
 
 namespace trocar::runtime {
 
-/// A dry run ends after this many ticks, a minute at 1 kHz, so that it takes a few seconds at most.
+/// Largest number of ticks of a dry run, a minute at 1 kHz, so that it takes a few seconds at most.
 inline constexpr std::uint64_t kMaxDryRunTicks = 60'000;
 
 /// Result for one sheet.
 struct SheetDryRun {
-  bool touched = false;       ///< it was loaded or punctured
-  double touched_t_s = 0;     ///< first time of that
+  bool touched = false;       ///< the sheet was loaded or punctured
+  double touched_t_s = 0;     ///< time at which it was first loaded or punctured
   double loaded_t_s = 0;      ///< last time at which it was loaded
   double force_max_N = 0;     ///< largest force along z while it was loaded
   double punctured_t_s = -1;  ///< time of the first puncture; -1: none
-  bool missed = false;        ///< the tool passed where the sheet has too little material
+  bool missed = false;        ///< the tool passed it where it has too little material
 };
 
 struct DryRun {
   std::uint64_t ticks = 0;          ///< number of ticks done
   std::uint64_t session_ticks = 0;  ///< number of ticks of the whole session
-  /// The session is longer than the dry run.
+  /// True if the session is longer than the dry run.
   bool is_shortened() const noexcept { return ticks < session_ticks && fault == Fault::kNone; }
   FaultDetail fault;
   double fault_t_s = 0;
   RecordingRow at_fault;  ///< row of the tick in which the fault was found
   double tip_lowest_m = 0;
-  std::vector<SheetDryRun> sheets;  ///< in the order of the sheets given
+  std::vector<SheetDryRun> sheets;  ///< results in the order of the sheets given
   double force_max_N = 0, torque_max_Nm = 0;
   std::uint64_t scaled_ticks = 0;   ///< ticks in which the motors could not render the whole wrench
   double scale_min = 1;             ///< smallest fraction of a wrench that was rendered
   double scaled_t_s = 0;            ///< time of the first such tick
-  std::optional<Error> hole_error;  ///< the first hole that could not be cut
+  std::optional<Error> hole_error;  ///< error of the first hole that could not be cut
 };
 
-/// `options` are the session's. Refused, as by make_simulated_device() and make_workers(): the path
-/// begins outside the workspace; with `network`, calibration finds no membrane for a tissue or tool.
+/// Runs a dry run. `options` are those of the session. Errors: (refused) the path begins outside the
+/// workspace; with the force law `network`, NetworkPrefetch::make() refuses a tissue or the tool.
 Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& description,
                            const std::vector<std::unique_ptr<const Sheet>>& sheets,
                            const SessionOptions& options);

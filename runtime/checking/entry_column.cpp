@@ -37,7 +37,7 @@ class Cells {
     return {low_[0] + (column + 0.5) * cell_mm_, low_[1] + (row + 0.5) * cell_mm_};
   }
 
-  /// Whether everything within the radius around a cell is material, for each cell.
+  /// Returns, for each cell, whether everything within the radius around it is material.
   std::vector<std::uint8_t> clear(std::size_t level, double radius_mm) const {
     std::vector<std::uint8_t> out(size());
     const int margin = static_cast<int>(std::ceil(radius_mm / cell_mm_));
@@ -94,8 +94,9 @@ class Cells {
   std::vector<std::vector<std::uint8_t>> material_;  ///< one mask of cells with material per level
 };
 
-/// The thickness that each level stands for: half-way to its neighbours. At an end the distance
-/// outwards is taken to be that inwards; a single slice counts as a millimetre.
+/// Returns the thickness that each level stands for, from half-way to one neighbour to half-way to
+/// the other. At an end the outward distance is assumed to equal the inward distance. A single
+/// slice counts as a millimetre.
 std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm) {
   const std::size_t n = levels.size();
   std::vector<double> thickness_mm(n, 1);
@@ -109,7 +110,7 @@ std::vector<double> level_thickness(const std::vector<Level>& levels, double max
   return thickness_mm;
 }
 
-/// The last level of the window of levels that begins with `first`.
+/// Returns the last level of the window of levels that begins with `first`.
 std::size_t window_end(const std::vector<Level>& levels, std::size_t first, double height_mm,
                        double max_gap_mm) {
   std::size_t last = first;
@@ -121,7 +122,8 @@ std::size_t window_end(const std::vector<Level>& levels, std::size_t first, doub
   return last;
 }
 
-/// Rank of a cell: thickness in a window of levels, that for a wider tool, closeness to the centre.
+/// Rank of a cell: thickness in a window of levels, thickness for a wider tool, and closeness
+/// to the centre.
 using Score = std::tuple<double, double, double>;
 
 struct Best {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The column of an asset where its bone is thickest: the entry point of a proposed scene.
+// Finds the column of an asset where its bone is thickest, which is the entry point of a proposed scene.
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
@@ -24,18 +24,18 @@ struct MaterialBox {
 };
 MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels);
 
-/// The point where the tool enters. It crosses the levels from `first` to `last`.
+/// The point where the tool enters. The tool crosses the levels from `first` to `last`.
 struct EntryColumn {
   std::array<double, 2> at_mm{};
   std::size_t first = 0, last = 0;
   double thickness_mm = 0;             ///< total thickness of the material there
-  std::vector<std::uint8_t> is_clear;  ///< whether a level has material all around the tool
+  std::vector<std::uint8_t> is_clear;  ///< per level: 1 if there is material all around the tool
 };
 
-/// The thickest column within any `height_mm` of the levels, which are sorted from the topmost.
-/// Consecutive levels are at most `max_gap_mm` apart. Of equally thick columns the one with the most
-/// material around it is chosen, then the most central one. None: the bone is nowhere as wide as
-/// the tool.
+/// Returns the thickest column within a height of `height_mm`. `levels`: sorted, the topmost first.
+/// Consecutive levels of the column are at most `max_gap_mm` apart. Among equally thick columns, the
+/// one with the most material around it is chosen, then the most central one. None: the bone is
+/// nowhere as wide as the tool.
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 

@@ -24,7 +24,7 @@ double angle_to_z(const Eigen::Vector3d& axis) noexcept {
   return std::atan2(axis.head<2>().norm(), axis.z());
 }
 
-/// Number of steps of kStep_m or kStep_rad from keyframe a to b, not rounded.
+/// Returns the number of steps of kStep_m or kStep_rad from keyframe a to b, not rounded.
 double steps_between(const HandKeyframe& a, const HandKeyframe& b) noexcept {
   const double turn_rad = rotation_vector(b.T_device_tool.q * a.T_device_tool.q.conjugate()).norm();
   return std::max((b.T_device_tool.p_m - a.T_device_tool.p_m).norm() / kStep_m,
@@ -52,7 +52,7 @@ void walk(const HandTrajectory& path, double from_s, double to_s, Visit&& visit)
       target = hand_target(path, t_s);
       visit(t_s, target);
     }
-    target.T_device_tool = hand_target(path, end_s).T_device_tool;  // with this segment's velocity
+    target.T_device_tool = hand_target(path, end_s).T_device_tool;  // keeps the segment's velocity
     visit(end_s, target);
   }
 }
@@ -171,7 +171,7 @@ PoseMargins pose_margins(const DeviceDescription& device, const SafetyLimits& li
   return margins;
 }
 
-// In the order of the loop's checks (haptic_loop.cpp).
+// The order is that of the loop's checks (haptic_loop.cpp).
 Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcept {
   if (!margins.pose) return Fault::kPoseResidual;
   if (!margins.joint_limit) return Fault::kJointLimit;

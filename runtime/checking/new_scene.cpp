@@ -22,16 +22,16 @@
 namespace trocar::runtime {
 namespace {
 
-using json = nlohmann::ordered_json;  // a scene is read by people
+using json = nlohmann::ordered_json;  // ordered, because people read scenes
 
 constexpr double kNeedle_m = 0.0015, kPaperTool_m = 0.003;  // radii of tools
 constexpr double kAbove_m = 0.006, kBelow_m = 0.013;        // length of the path beyond the slices
 constexpr double kWorkspaceMargin_m = 0.004;
-// Distance at which each slice is felt separately: its puncture takes 7 mm.
+// Distance of slices at which each is felt separately: a puncture takes 7 mm.
 constexpr double kApart_m = 0.0095;
 constexpr std::size_t kMaxSlices = 5;
 
-/// Rounds to 1 / parts.
+/// Rounds to a multiple of 1 / parts.
 double rounded(double value, double parts) {
   return std::round(value * parts) / parts;
 }
@@ -59,7 +59,7 @@ class Proposal {
     low_m_ = heights->min_m + kWorkspaceMargin_m;
     high_m_ = heights->max_m - kWorkspaceMargin_m;
     const double height_mm = 1e3 * (high_m_ - low_m_ - kAbove_m - kBelow_m);
-    std::string why;  // why the last scene was not taken
+    std::string why;  // reason why the last scene was not accepted
     std::string no_volume = has_hu_ ? "its slices are more than 3 mm apart" : "the asset has no HU";
     if (has_hu_) {
       const double gap_mm = 1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
@@ -143,7 +143,8 @@ class Proposal {
              {{"anchor_mm", {rounded(column.at_mm[0], 100), rounded(column.at_mm[1], 100)}}}}};
   }
 
-  /// Height of the topmost slice, so that the scene is in the middle of the workspace.
+  /// Returns the height of the topmost slice with which the scene is in the middle
+  /// of the workspace.
   double top_of(double thickness_m) const {
     const double free_m = high_m_ - low_m_ - kAbove_m - kBelow_m - thickness_m;
     return rounded(high_m_ - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
@@ -217,7 +218,8 @@ class Proposal {
     std::size_t punctured = 0, sheets = 0;
   };
 
-  /// None, with the reason in `why`, if the scene is refused, has a warning, or punctures nothing.
+  /// Tries a scene. Returns none, with the reason in `why`, if it is refused, has a warning,
+  /// or punctures nothing.
   std::optional<Tried> try_scene(const json& proposed, std::string& why) const {
     Tried tried;
     tried.json = proposed.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
@@ -274,7 +276,7 @@ class Proposal {
   const std::filesystem::path &asset_file_, &scene_file_;
   const DeviceDescription& device_;
   const SessionOptions& options_;
-  std::vector<Level> levels_;      ///< the topmost first
+  std::vector<Level> levels_;      ///< levels of the asset, the topmost first
   bool has_hu_ = false;            ///< every slice with material has HU
   double low_m_ = 0, high_m_ = 0;  ///< heights of the tip that the proposal uses
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Proposes a scene for an asset (`trocar-run --new-scene`). The tool enters where the bone is
-// thickest; slices have their true spacing and lie within the device's workspace.
+// thickest. Slices lie within the device's workspace.
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
@@ -15,17 +15,17 @@
 namespace trocar::runtime {
 
 struct NewScene {
-  std::string json;  ///< scene as in scene.schema.json, with a line feed at its end
-  std::string text;  ///< reasons for the choice, as one paragraph on one line
+  std::string json;  ///< the scene (scene.schema.json), with a line feed at its end
+  std::string text;  ///< reasons for the choice, in one line
 };
 
-/// `asset` has been through weld_materials() and was read from `asset_file`; the scene will be
-/// written to `scene_file`. If the asset has HU and its slices are at most 3 mm apart, the force law
-/// is `cutting` through one bone volume with strength by HU. Otherwise it is `hooke`, with slices far
-/// enough apart for each to be felt. Each proposal is checked as `--check --strict` does with
-/// `options`, until one has no warning and a slice is punctured.
-/// Refused, with the reason: the asset is empty, its bone is nowhere as wide as the tool, or every
-/// proposal has a warning.
+/// Proposes a scene. `asset` was read from `asset_file` and has been through weld_materials(). The
+/// scene will be written to `scene_file`. If the asset has HU and its slices are at most 3 mm apart,
+/// the force law is `cutting` through one bone volume, with slices at their true spacing and strength
+/// by HU. Otherwise the force law is `hooke`, with slices far enough apart for each to be felt
+/// separately. Proposals are checked in turn, as `--check --strict` does with `options`, until one
+/// has no warning and a slice is punctured. Errors: (refused, with the reason) the asset is empty,
+/// its bone is nowhere as wide as the tool, or every proposal has a warning.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file,
                                const DeviceDescription& device, const SessionOptions& options);

@@ -56,7 +56,7 @@ std::string describe_workspace(const SceneEvaluation& e) {
   all_m.erase(std::unique(all_m.begin(), all_m.end()), all_m.end());
   const std::size_t count = std::min(all_m.size(), kMaxListedHeights);
   std::string last, high;                    // range of heights with the same rectangle
-  for (std::size_t k = 0; k < count; ++k) {  // evenly chosen, with the first and the last
+  for (std::size_t k = 0; k < count; ++k) {  // choose evenly, including the first and the last
     const std::size_t at = count == 1 ? 0 : k * (all_m.size() - 1) / (count - 1);
     const auto rectangle = workspace_rectangle(e.device, limits, e.tool, all_m[at]);
     const std::string extent = rectangle ? describe_rectangle(*rectangle) : "nothing";
@@ -118,7 +118,7 @@ std::string describe_slice(const SceneEvaluation& e, std::size_t index,
                                          : std::string(", not punctured\n"));
 }
 
-/// The pose in which the tool is assumed to touch each sheet.
+/// Returns the poses in which the tool is assumed to touch the sheets.
 std::vector<Pose> touching_poses(const SceneEvaluation& e) {
   std::vector<Pose> poses;
   for (std::size_t i = 0; i < e.sheets.size(); ++i) {

@@ -31,7 +31,8 @@ SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
                                                   : Miss::kMissed;
   }
   const bool touched = e.dry_run && e.dry_run->sheets[index].touched;
-  // After a fault, or after the end of the dry run, only the path shows whether it is touched.
+  // After a fault, or after the end of the dry run, only the path shows whether the
+  // slice is touched.
   const bool unknown =
       view.miss == Miss::kHeld && (e.has_fault() || view.crossing->t_s >= e.dry_run_end_s());
   if (touched || unknown) view.miss = Miss::kTouched;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The figures about a scene from which scene_check.h makes its text and its warnings.
+// Computes the figures from which scene_check.h makes its text and its warnings.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -16,20 +16,20 @@
 
 namespace trocar::runtime {
 
-/// Why the tool does not touch a slice.
+/// Reason why the tool does not touch a slice.
 enum class Miss : std::uint8_t {
-  kTouched,      ///< it is touched, or only a fault prevents that
-  kBeginsBelow,  ///< the path begins below it and never comes from above
-  kStaysAbove,   ///< the path never goes below it
-  kTooLate,      ///< the path goes below it only after the session's end
-  kLetGo,        ///< the path goes below it only after the hand has let go
-  kMissed,       ///< too little material is under the tool where the path crosses it
+  kTouched,      ///< the slice is touched, or only a fault prevents that
+  kBeginsBelow,  ///< the path begins below the slice and never comes from above
+  kStaysAbove,   ///< the path never goes below the slice
+  kTooLate,      ///< the path goes below the slice only after the session's end
+  kLetGo,        ///< the path goes below the slice only after the hand has let go
+  kMissed,       ///< too little material is under the tool where the path crosses the slice
   kHeld,         ///< the tool does not follow the path that far
 };
 
 /// One sheet on the path.
 struct SheetView {
-  std::optional<SheetCrossing> crossing;  ///< the first one over material, else the first one
+  std::optional<SheetCrossing> crossing;  ///< the first crossing over material, else the first
   Miss miss = Miss::kTouched;
 };
 
@@ -42,7 +42,7 @@ struct SceneEvaluation {
   Tool tool{};
   HandTrajectory path{};
   double end_s = 0;     ///< time of the last tick
-  double let_go_s = 0;  ///< the hand holds the tool until then; at most end_s
+  double let_go_s = 0;  ///< time until which the hand holds the tool, at most end_s
   PathReport report{};
   std::optional<DryRun> dry_run{};  ///< none: the session cannot start
   std::vector<SheetView> views{};
@@ -53,13 +53,13 @@ struct SceneEvaluation {
   }
 };
 
-/// Follows the path and does a dry run. Refused: as run_dry_run(), or SessionOptions::stop was set.
-/// References outlive the result.
+/// Follows the path and does a dry run. The references must outlive the result. Errors: those of
+/// run_dry_run(); (refused) SessionOptions::stop was set.
 Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescription& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options);
 
-/// Such as "x -0.050 to 0.050, y -0.050 to 0.050 m".
+/// Returns a text such as "x -0.050 to 0.050, y -0.050 to 0.050 m".
 std::string describe_rectangle(const WorkspaceRectangle& rectangle);
 
 }  // namespace trocar::runtime

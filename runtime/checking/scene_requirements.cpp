@@ -13,8 +13,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// The torque that the threshold force takes where a sheet that is touched at this pose is
-/// punctured, or why it is not possible.
+/// Describes the torque needed for the threshold force at the puncture of a sheet that is touched
+/// at this pose, or the reason why this is not possible.
 std::string motor_need(const DeviceDescription& device, const TipForce& tip, const Tool& tool,
                        Pose T_device_plate) {
   T_device_plate.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;

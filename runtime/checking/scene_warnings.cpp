@@ -19,13 +19,14 @@ Pose plate_at(const RecordingRow& row) {
           Eigen::Quaterniond(row.q[0], row.q[1], row.q[2], row.q[3])};
 }
 
-/// The pose that a row's encoders give; the row's own is an earlier one where a check failed.
+/// Returns the pose computed from a row's encoders. If a check failed, the pose in the row is that
+/// of an earlier tick.
 Pose plate_by_encoders(const DeviceDescription& device, const RecordingRow& row) {
   const ForwardResult forward = forward_kinematics(device, row.encoder_rad);
   return forward.status ? forward.T_device_plate : plate_at(row);
 }
 
-/// Advice on a pose that exceeds a limit.
+/// Returns advice on a pose that exceeds a limit.
 std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d& tip_m) {
   const SafetyLimits& limits = e.options.limits;
   if (const auto r = workspace_rectangle(e.device, limits, e.tool, tip_m.z())) {
@@ -67,7 +68,7 @@ std::string at_time(double t_s) {
   return text_line("at %.4f s: ", t_s);
 }
 
-/// The warning about the end of the session by a fault.
+/// Returns the warning that a fault ends the session, if it does.
 std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
   if (!e.dry_run) {
     const HandKeyframe& start = e.path.keyframes.front();
@@ -94,7 +95,7 @@ std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
          breach.what + ": " + advise(e, breach.fault, breach.tip_m);
 }
 
-/// Such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
+/// Returns a text such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
 std::string name_sheets(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
   std::vector<int> slices;
   slices.reserve(sheets.size());
@@ -127,7 +128,7 @@ std::string describe_material(const Sheet& sheet, const Eigen::Vector2d& from_m)
       low_m.x(), high_m.x(), low_m.y(), high_m.y(), nearest_m.x(), nearest_m.y());
 }
 
-/// The sheet above that was loaded last and was not punctured then.
+/// Returns the sheet above sheet `index` that was loaded last and was not punctured.
 std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t index) {
   std::optional<std::size_t> last;
   for (std::size_t i = 0; i < index; ++i) {
@@ -139,7 +140,7 @@ std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t 
   return last;
 }
 
-/// The reason why a sheet was not touched although the path crosses its material.
+/// Returns the reason why a sheet was not touched although the path crosses its material.
 std::string describe_held(const SceneEvaluation& e, std::size_t index) {
   const DryRun& dry_run = *e.dry_run;
   if (dry_run.sheets[index].missed) {
@@ -157,7 +158,7 @@ std::string describe_held(const SceneEvaluation& e, std::size_t index) {
              dry_run.sheets[*bearing].force_max_N, e.sheets[*bearing]->tissue.threshold_N);
 }
 
-/// Figures of the first of several sheets whose material the path misses.
+/// Describes the first of several sheets whose material the path misses.
 std::string describe_missed(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
   const SheetCrossing& crossing = *e.views[sheets.front()].crossing;
   const Sheet& sheet = *e.sheets[sheets.front()];
@@ -218,7 +219,7 @@ void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings
   }
 }
 
-/// The warning about a target that the tip cannot reach.
+/// Returns the warning about a target that the tip cannot reach, if it cannot.
 std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
   if (!e.scene.goals || !e.scene.goals->target) return std::nullopt;
   const Eigen::Vector3d at_m(e.scene.goals->target->at_m.data());

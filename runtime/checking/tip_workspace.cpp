@@ -48,7 +48,7 @@ std::optional<WorkspaceRectangle> workspace_rectangle(const DeviceDescription& d
     return is_reachable(device, limits, tool, {middle_m.x() + x_m, middle_m.y() + y_m, tip_z_m});
   };
   if (!is_good(0, 0)) return std::nullopt;
-  // Whole steps from the middle: low x, low y, high x, high y.
+  // Positions of the sides in whole steps from the middle: low x, low y, high x, high y.
   std::array<int, 4> side{0, 0, 0, 0};
   const auto row_is_good = [&](std::size_t which, int at) {
     const std::size_t other = (which + 1) % 2;

@@ -12,17 +12,17 @@
 
 namespace trocar::runtime {
 
-/// The longest range of heights of the tip above the device's middle.
+/// A range of heights of the tip above the middle of the device.
 struct WorkspaceHeights {
   double min_m = 0, max_m = 0;
 };
-/// None: the tip reaches no height.
+/// Returns the longest range of heights that the tip reaches; none: it reaches no height.
 std::optional<WorkspaceHeights> workspace_heights(const DeviceDescription& device,
                                                   const SafetyLimits& limits, const Tool& tool);
 
-/// A rectangle of tip positions at one height, all of which the upright plate reaches: the largest
-/// square around the device's middle, with each side then moved outwards as far as possible. It is
-/// evaluated at points 2 mm apart.
+/// A rectangle of tip positions at one height, all of which the upright plate reaches. It is the
+/// largest square around the device's middle, with each side then moved outwards as far as
+/// possible. Positions 2 mm apart are tested.
 struct WorkspaceRectangle {
   Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
 };

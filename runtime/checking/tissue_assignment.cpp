@@ -9,13 +9,14 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::size_t kMaxListed = 12;  // labels, tissues or runs of slices
+constexpr std::size_t kMaxListed = 12;  // number of labels, tissues or runs of slices
 
 std::string quoted(const std::string& name) {
   return '"' + name + '"';
 }
 
-/// The first kMaxListed of a list, separated by ", ", then for instance "and 7 more".
+/// Returns the first kMaxListed elements of a list, separated by ", ", followed by a text such as
+/// "and 7 more".
 template <typename List, typename Describe>
 std::string listed(const List& list, Describe&& describe) {
   std::string text;
@@ -35,7 +36,7 @@ std::string describe_labels(const std::vector<int>& labels) {
          listed(labels, [](int label) { return std::to_string(label); });
 }
 
-/// Whether a slice can get this tissue by its labels or HU, without naming it.
+/// Returns true if a slice can get this tissue by its labels or HU, without naming it.
 bool is_chosen_by_slice(const NamedTissue& tissue) {
   return tissue.hu || !tissue.labels.empty();
 }

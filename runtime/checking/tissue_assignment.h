@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tissue that each slice gets, and the reason in words.
+// Finds the tissue of each slice, and states the reason in words.
 // Tests: tests/runtime/checking/tissue_assignment_test.cpp
 #pragma once
 
@@ -13,7 +13,7 @@
 
 namespace trocar::runtime {
 
-/// "slice 3" or "slices 0-46, 50": the slices in order, each once.
+/// Returns a text such as "slice 3" or "slices 0-46, 50": the slices in order, each once.
 std::string name_slices(std::vector<int> slices);
 
 struct SliceTissue {
@@ -22,15 +22,16 @@ struct SliceTissue {
   TissueChoice choice;
 };
 
-/// The tissue of every slice of the scene, the topmost first, as in place_slices(). Slices that the
-/// asset does not have are left out.
+/// Returns the tissue of every slice of the scene, the topmost first as in place_slices(). Slices
+/// that the asset does not have are left out.
 std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset);
 
-/// Such as: tissue "bone": mean HU 412.
+/// Returns a text such as: tissue "bone": mean HU 412.
 std::string describe_choice(const Scene& scene, const TissueChoice& choice);
 
-/// A line if some slice gets a default that nobody chose: the scene has tissues by label or HU, none
-/// of them fits the slice, and the scene has no `tissue` for the rest.
+/// Returns a warning if some slice gets the default tissue although nobody chose it. This is so if
+/// the scene has tissues by label or HU, none of them fits the slice, and the scene has no `tissue`
+/// for the remaining slices.
 std::optional<std::string> warn_of_unfitting(const Scene& scene,
                                              const std::vector<SliceTissue>& tissues);
 
