@@ -144,7 +144,7 @@ Result<void> check_run_arguments(const RunArguments& a) {
   if (!a.force_law.empty() && !force_law_from_string(a.force_law)) {
     return usage("--force-law " + a.force_law + ": must be " + force_law_names());
   }
-  // Written so that nan is refused too.
+  // Written so that nan is refused, too.
   if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
     return usage("--rate: must be within 100 and 8000 Hz");
   }

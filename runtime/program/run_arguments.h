@@ -19,7 +19,7 @@ namespace trocar::runtime {
 inline constexpr const char* kProgram = "trocar-run";
 inline constexpr double kDefaultRate_Hz = 1000;
 
-/// An empty string means that the option was not given.
+/// The options of the command line. An empty string means that the option was not given.
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
   bool check = false, strict = false;
@@ -31,12 +31,12 @@ struct RunArguments {
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m;
   int late_ticks = 3, cpu = -1;
-  std::string energy_budget;  ///< old name of energy_limit_J, which is refused
+  std::string energy_budget;  ///< the option's old name, which is refused with a hint
 };
 
 void declare_run_options(CLI::App& app, RunArguments& arguments);
 
-/// Usage errors: values out of range, and options that exclude each other.
+/// Checks the options. Errors: (usage) a value is out of range, or options exclude each other.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
 /// Sets the options of the haptic loop and of its safety layer.

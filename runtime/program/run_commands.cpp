@@ -25,7 +25,7 @@
 namespace trocar::runtime {
 namespace {
 
-/// `link` gets the report of the device's link, if it has one.
+/// Runs the session. `link` receives the report of the device's link, if there is one.
 Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& inputs,
                           Remesher& remesher, SessionOptions& options,
                           std::optional<LinkReport>& link) {
@@ -44,7 +44,8 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
   if (!opened) return opened.error();
   Device& device = **opened;
   if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
-  // Before start(), since a drive behind a link ends a session in which no tick comes.
+  // Workers are made before start(), because a drive behind a link ends a session in which
+  // no tick comes.
   Result<SessionWorkers> workers =
       make_workers(inputs.scene, inputs.description, remesher, options);
   if (!workers) return workers.error();
@@ -66,7 +67,7 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
   return report;
 }
 
-/// A recording may be shorter than its session.
+/// Warns if the recording is shorter than its session.
 void warn_of_short(const RunArguments& arguments, std::size_t rows, std::uint64_t session_ticks) {
   if (arguments.quiet || rows >= session_ticks) return;
   std::fprintf(
@@ -76,7 +77,8 @@ void warn_of_short(const RunArguments& arguments, std::size_t rows, std::uint64_
       arguments.replay.c_str(), rows, static_cast<unsigned long long>(session_ticks));
 }
 
-/// The session's options, without outputs. Refused: the recording to replay has no rate.
+/// Returns the session's options, without outputs. Errors: (refused) the recording to replay
+/// has no rate.
 Result<SessionOptions> session_options(const RunArguments& arguments, const SessionInputs& inputs,
                                        std::atomic<bool>& recover) {
   SessionOptions options;
@@ -105,7 +107,8 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   return options;
 }
 
-/// States the inputs in the recording. Refused: the recording to replay has other inputs.
+/// Writes the inputs into the origin of the recording. Errors: (refused) the recording to replay
+/// has other inputs.
 Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inputs,
                         SessionOptions& options) {
   Result<RecordingOrigin> origin =

@@ -9,13 +9,13 @@
 
 namespace trocar::runtime {
 
-// Each returns the exit code and has printed its errors.
+// Each function prints its errors and returns the exit code.
 
-/// Runs or replays a session, or checks the scene with --check. `recover`: set by the operator to
-/// request recovery.
+/// Runs or replays a session; with --check, checks the scene instead. The operator sets `recover`
+/// to request recovery.
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
-/// --new-scene.
+/// Proposes a scene (--new-scene).
 int make_new_scene(const RunArguments& arguments);
 
 }  // namespace trocar::runtime

@@ -26,7 +26,7 @@ Result<Scene> load_scene(const RunArguments& arguments) {
   return scene;
 }
 
-/// The slices of the asset that the scene uses.
+/// Loads the slices of the asset that the scene uses.
 Result<AssetPart> load_asset(const RunArguments& arguments, const Scene& scene) {
   std::vector<int> slice_indices;
   for (const SceneSlice& slice : scene.slices)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inputs of a session: scene, device description, sheets of the asset, and a recording to replay.
+// Loads the inputs of a session: scene, device description, sheets of the asset, and a
+// recording to replay.
 // Tests: tests/e2e/told_e2e_test.py
 #pragma once
 
@@ -18,7 +19,7 @@
 namespace trocar::runtime {
 
 struct SessionInputs {
-  Scene scene;  ///< scene as changed by the command line
+  Scene scene;  ///< the scene with the changes made by the command line
   DeviceDescription description;
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<SliceTissue> tissues;  ///< tissue of each sheet
@@ -27,7 +28,7 @@ struct SessionInputs {
   LoadedBytes bytes;
 };
 
-/// `file` may be empty: the built-in description.
+/// Reads a device description. If `file` is empty, returns the built-in description.
 Result<DeviceDescription> read_description(const std::filesystem::path& file);
 
 Result<SessionInputs> load_inputs(const RunArguments& arguments);

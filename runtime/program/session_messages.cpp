@@ -14,7 +14,8 @@ namespace {
 
 constexpr int kProgressWidth = 72;
 
-/// The first hole that could not be cut; later ones in the same sheet fail because of it.
+/// Returns the error of the first hole that could not be cut. Later holes in the same sheet fail
+/// because of it.
 std::optional<Error> failed_hole(const SessionReport& report, const Remesher& remesher) {
   const auto& records = remesher.records();
   const auto failed = std::find_if(records.begin(), records.end(), [](const CutRecord& record) {
@@ -33,7 +34,7 @@ std::optional<Error> failed_hole(const SessionReport& report, const Remesher& re
   return Error{failed->error->code, what + " could not be cut: " + failed->error->message};
 }
 
-/// Prints a line for each black box. False: one could not be written.
+/// Prints a line for each black box. Returns false if one could not be written.
 bool print_black_boxes(const SessionReport& report) {
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What trocar-run prints about a session: progress, messages, its outcome and its problems.
+// Prints what trocar-run reports about a session: progress, messages, the outcome, and problems.
 // Tests: tests/e2e/told_e2e_test.py
 #pragma once
 
@@ -21,7 +21,7 @@ int fail(const Error& error);
 /// Prints a warning about the scene.
 void warn(const RunArguments& arguments, const std::string& what);
 
-/// A line on the terminal while a session in real time runs.
+/// Shows a progress line on the terminal while a session runs in real time.
 class Progress final : public TickObserver {
  public:
   explicit Progress(double duration_s)
@@ -30,7 +30,7 @@ class Progress final : public TickObserver {
 
   void on_tick(const TickView& tick) noexcept override { latest_.write(tick.result.row); }
   void serve() override;
-  /// Also clears the line.
+  /// Like TickObserver::stop(); also clears the line.
   void stop() override;
 
  private:
@@ -38,14 +38,14 @@ class Progress final : public TickObserver {
   double duration_s_;
 };
 
-/// Prints the message at once, in place of the progress line on a terminal.
+/// Prints the message immediately. On a terminal it replaces the progress line.
 void print_message(const RunArguments& arguments, const OperatorMessage& message);
 
 void print_outcome(const SessionReport& report, const SessionOptions& options);
 
-/// Prints one line for each problem and returns the exit code. A fault's exit code takes
-/// precedence, because the operator of the device must learn of it. In a replay, which has no
-/// device, torques that differ take precedence.
+/// Prints one line for each problem, and returns the exit code. The exit code of a fault takes
+/// precedence, because the operator of the device must learn of it. In a replay there is no device,
+/// so torques that differ take precedence.
 int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher);
 
 }  // namespace trocar::runtime

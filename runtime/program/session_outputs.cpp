@@ -13,7 +13,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// The summary's "link": the numbers of accepted packets and of refused ones by reason.
+/// Returns the summary's "link": the number of accepted packets, and the numbers of refused
+/// packets by reason.
 nlohmann::json describe(const LinkReport& link) {
   nlohmann::json refused = nlohmann::json::object();
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
@@ -25,7 +26,7 @@ nlohmann::json describe(const LinkReport& link) {
           {"states_missed", link.states_missed}};
 }
 
-/// The file of the session report's figures.
+/// Returns the file of the session report's figures.
 std::filesystem::path figures_file(const RunArguments& arguments) {
   return arguments.session_report.empty()
              ? std::filesystem::path()

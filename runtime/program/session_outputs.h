@@ -18,17 +18,18 @@
 
 namespace trocar::runtime {
 
-/// Usage errors: two outputs with one name, or an output that is also an input.
+/// Checks the names of the outputs. Errors: (usage) two outputs have the same name, or an output is
+/// also an input.
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs);
 
 class SessionOutputs {
  public:
-  /// References outlive this object.
+  /// The references must outlive this object.
   SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs, double rate_Hz);
 
   /// Sets the functions that collect frames and figures during the session.
   void collect(SessionOptions& options);
-  /// Writes every output, also after another could not be written. Returns the errors.
+  /// Writes every output, even if another one could not be written. Returns the errors.
   std::vector<Error> write(const SessionOptions& options, const SessionReport& report,
                            const Remesher& remesher, const std::optional<LinkReport>& link);
 

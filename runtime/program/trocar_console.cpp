@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// trocar-console: the operator's console. Here is the command line; runtime/console/README.md.
+// trocar-console: the operator's console. This file has the command line; the console is
+// runtime/console.
 // Tests: tests/e2e/console_server_test.py
 #include <unistd.h>
 
@@ -78,7 +79,8 @@ Result<void> check_arguments(const Arguments& a) {
   return {};
 }
 
-// Empty: FOLDER's own sessions/. What is installed beside the program is left as it is, whoever runs it.
+// Returns the folder of the sessions; empty: sessions/ in FOLDER itself. Folders that are installed
+// beside the program are never changed, whoever runs it.
 std::filesystem::path sessions_elsewhere(const std::string& folder,
                                          const std::filesystem::path& programs) {
   std::error_code error;

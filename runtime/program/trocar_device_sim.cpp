@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
-// lock-step with its host. Here are the command line, the socket and the clock; the drive itself is
-// runtime/simulation/drive.h.
+// lock-step with its host. This file has the command line, the socket and the clock. The drive
+// itself is runtime/simulation/drive.h.
 // Tests: tests/e2e/device_link_e2e_test.py
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -49,7 +49,7 @@ std::string version() {
   return "trocar-device-sim " TROCAR_VERSION " (" + library_versions() + ", libsodium)";
 }
 
-// CLI11 reads "-1" for an unsigned number as the largest one.
+// Refuses negative numbers, because CLI11 reads "-1" for an unsigned number as the largest number.
 std::string not_negative(const std::string& text) {
   return text.starts_with('-') ? text + " is less than 0" : "";
 }
@@ -98,7 +98,7 @@ Result<void> check_arguments(const Arguments& a) {
   if (a.model != "light" && a.model != "full") {
     return usage("--model " + a.model + ": must be light or full");
   }
-  // Written so that nan is refused too.
+  // Written so that nan is refused, too.
   if (!(a.rate_Hz >= 100 && a.rate_Hz <= 10000)) {
     return usage("--rate: must be within 100 and 10000 Hz");
   }
@@ -180,7 +180,7 @@ class Server {
   RealtimeReport run_real() {
     RealtimeOptions realtime;
     realtime.rate_Hz = 1 / period_s_;
-    realtime.priority = 70;  // below the haptic loop's
+    realtime.priority = 70;  // less than the haptic loop's priority
     realtime.stop = &stop_requested;
     return run_realtime(realtime, [this](const TickTiming& timing) {
       periods_behind_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
@@ -208,7 +208,8 @@ class Server {
   const Drive& drive() const { return drive_; }
 
  private:
-  /// The most periods that a delayed process makes up for; simulated time loses the rest.
+  /// Largest number of periods that a delayed process makes up for. The rest is lost
+  /// for simulated time.
   static constexpr double kMaxCatchUpPeriods = 200;
   static constexpr int kMaxDatagrams = 512;
 
@@ -228,8 +229,9 @@ class Server {
     for (int i = 0; i < kMaxDatagrams; ++i) {
       const auto got = socket_.receive(datagram.bytes, datagram.size, datagram.peer);
       if (got == UdpSocket::Outcome::kNothing) break;
-      if (got == UdpSocket::Outcome::kGone) continue;  // an earlier host is gone: reported once
-      // A datagram that is too long is cut here, and refused for its size all the same.
+      if (got == UdpSocket::Outcome::kGone)
+        continue;  // an earlier host is gone; this is reported once
+      // A datagram that is too long is shortened here. It is still refused because of its size.
       datagram.size = std::min(datagram.size, datagram.bytes.size());
       in_.pass(datagram, drive_.session_time_s(), now, handle);
     }
@@ -247,7 +249,7 @@ class Server {
 
   void kill_if_due() const {
     if (!drive_.kill_is_due()) return;
-    // This keeps the record for inspection, because a killed process writes nothing more.
+    // The record is written for inspection now, because a killed process writes nothing more.
     (void)write_record(record_, drive_.report());
     ::raise(SIGKILL);
   }
@@ -262,7 +264,7 @@ class Server {
   std::uint64_t sessions_;
   std::string record_;
   double period_s_;
-  double periods_behind_ = 0;  ///< how far simulated time is behind the clock
+  double periods_behind_ = 0;  ///< number of periods by which simulated time is late
 };
 
 nlohmann::json summarize(const Arguments& arguments, const Drive& drive,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-run: runs a session of the haptic loop over a scene. run_arguments.h has the command line,
-// run_commands.h what the program does.
+// and run_commands.h the commands.
 // Tests: tests/e2e/experiments_e2e_test.py
 #include <CLI/CLI.hpp>
 #include <atomic>
