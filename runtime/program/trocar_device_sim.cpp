@@ -229,8 +229,8 @@ class Server {
     for (int i = 0; i < kMaxDatagrams; ++i) {
       const auto got = socket_.receive(datagram.bytes, datagram.size, datagram.peer);
       if (got == UdpSocket::Outcome::kNothing) break;
-      if (got == UdpSocket::Outcome::kGone)
-        continue;  // an earlier host is gone; this is reported once
+      // If an earlier host is gone, the socket reports this once.
+      if (got == UdpSocket::Outcome::kGone) continue;
       // A datagram that is too long is shortened here. It is still refused because of its size.
       datagram.size = std::min(datagram.size, datagram.bytes.size());
       in_.pass(datagram, drive_.session_time_s(), now, handle);
