@@ -24,7 +24,8 @@ bool is_equal(std::string_view token, const std::string& right) noexcept {
          ::sodium_memcmp(token.data(), right.data(), right.size()) == 0;
 }
 
-/// Does the host consist of digits and dots, or of hexadecimal digits and colons in brackets?
+/// Returns true if the host consists of digits and dots, or of hexadecimal digits and
+/// colons in brackets.
 bool is_numerical(std::string_view host) noexcept {
   const bool v6 = host.size() > 2 && host.front() == '[' && host.back() == ']';
   return !host.empty() &&

@@ -57,7 +57,7 @@ Answer start(ConsoleState& console, const json& body) {
   if (object.has("force_law")) request.force_law = object.string("force_law");
   object.finish();
   if (errors.first) return failure(kBadRequest, errors.first->message);
-  // Only whoever starts the console may choose another device, not a page.
+  // Only the person who starts the console may choose another device; a page may not.
   if (!request.device.empty() && request.device != "inproc" && request.device != "sim")
     return failure(kBadRequest, "body: /device: must be inproc or sim");
   if (request.clock != "real" && request.clock != "virtual")
@@ -90,7 +90,7 @@ Reply get_folder(ConsoleState& console, Role role) {
   };
 }
 
-/// Runs on the worker thread.
+/// Answers /api/bone. Runs on the worker thread.
 Answer bone(ConsoleState& console, const std::filesystem::path& scene,
             const std::filesystem::path& asset) {
   std::string key = scene.string() + '\n' + asset.string();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The requests below /api/ (protocol.md), after the caller has checked who asks. Nothing
-// here knows sockets.
+// Answers the requests below /api/ (protocol.md). The caller has already checked who asks. This
+// code does not use sockets.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -16,7 +16,7 @@ namespace trocar::runtime {
 
 inline constexpr const char* kPolicyOfData = "default-src 'none'; frame-ancestors 'none'";
 
-/// Statuses of HTTP.
+/// Status codes of HTTP.
 inline constexpr unsigned kBadRequest = 400, kUnauthorized = 401, kForbidden = 403, kNotFound = 404,
                           kMethodNotAllowed = 405, kConflict = 409, kBodyTooLong = 413,
                           kMisdirected = 421, kUnprocessable = 422, kUpgradeRequired = 426,
@@ -28,7 +28,7 @@ struct Answer {
   std::string policy = kPolicyOfData;  ///< Content-Security-Policy
 };
 
-/// A JSON object with `ok` false and the message.
+/// Returns an answer with a JSON object that contains `ok` false and the message.
 Answer failure(unsigned status, const std::string& message);
 Answer method_not_allowed();
 
@@ -40,12 +40,13 @@ struct ApiRequest {
   std::string from;  ///< address of the peer, for the log
 };
 
-/// An answer, or work for the worker thread that makes the answer.
+/// An answer, or a function that makes the answer and is run on the worker thread.
 using Reply = std::variant<Answer, std::function<Answer()>>;
 
 Reply answer_api(ConsoleState& console, const ApiRequest& request);
 
-/// Needs no token, so the caller asks for it before it checks the role.
+/// Answers an emergency stop. It needs no token, so the caller calls this before it
+/// checks the role.
 Answer answer_emergency_stop(ConsoleState& console);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Boost.Beast with short names. It takes long to compile: only files that handle
+// Boost.Beast with short names. It takes long to compile, so only files that handle
 // sockets include it.
 // Tests: tests/e2e/console_hostile_test.py
 #pragma once

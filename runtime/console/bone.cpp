@@ -29,12 +29,12 @@ namespace {
 using nlohmann::json;
 
 constexpr std::uint64_t kMaxAssetBytes = std::uint64_t{1} << 30;
-// Two slices lie to each other as in the scan if they differ from it by no more than this.
+// Two slices lie relative to each other as in the scan if they differ from it by no more than this.
 constexpr double kMaxAside_mm = 0.02, kMaxApart_m = 2e-5, kMaxTurned = 1e-4;
 
 struct Loaded {
   Scene scene;
-  Asset asset;  ///< only the scene's slices; each has one mesh
+  Asset asset;  ///< contains only the scene's slices, with one mesh each
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<AssetSurface> surfaces;
   std::vector<AssetSlice> all;  ///< the scan's slices with HU; empty without a surface
@@ -90,8 +90,8 @@ const AssetSlice& slice_of(const Asset& asset, int index) {
                        [index](const AssetSlice& slice) { return slice.index == index; });
 }
 
-/// The transform from the patient's frame to the plane of the topmost sheet (both in mm). Nothing
-/// if the sheets do not lie to each other as in the scan.
+/// Returns the transform from the patient's frame to the plane of the topmost sheet (both in mm).
+/// None: the sheets do not lie relative to each other as in the scan.
 std::optional<Eigen::Affine3d> plane_of_surface(const Loaded& loaded) {
   const Sheet& top = *loaded.sheets.front();
   const Eigen::Affine3d T_plane_lps = slice_of(loaded.asset, top.slice_index).T_lps_plane.inverse();
@@ -106,7 +106,8 @@ std::optional<Eigen::Affine3d> plane_of_surface(const Loaded& loaded) {
   return T_plane_lps;
 }
 
-/// The HU of the nearest vertex of a scan's slices, in the plane of the topmost sheet.
+/// Finds the HU of the nearest vertex of a scan's slices. Positions are in the plane of
+/// the topmost sheet.
 class NearestHu {
  public:
   NearestHu(const std::vector<AssetSlice>& slices, const Lattice& lattice,
@@ -227,7 +228,7 @@ json describe_sheet(const Sheet& sheet, const Asset& asset, Arrays& arrays) {
 
 json describe_tool(const SceneTool& scene_tool) {
   const Tool tool = make_tool(scene_tool);
-  // The cross-section's own axes: the plate's, tilted with the tool.
+  // The axes of the cross-section are those of the plate, tilted with the tool.
   const Eigen::Quaterniond tilt =
       Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), tool.axis_plate);
   json outline = json::array(), corners = json::array();
@@ -246,7 +247,7 @@ json describe_tool(const SceneTool& scene_tool) {
           {"radius_m", radius_m}};
 }
 
-/// The goals in the scene's own words; null if it has none.
+/// Returns the goals as they are written in the scene; null if it has none.
 json goals_of(const std::filesystem::path& scene_file) {
   const auto bytes = read_file(scene_file, std::uint64_t{4} << 20);
   if (!bytes) return nullptr;

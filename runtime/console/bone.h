@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene's bone in {B} for display: its sheets, and the asset's surface if its
+// The bone of a scene in {B}, for display: the sheets, and the asset's surface if its
 // position is defined.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
@@ -11,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// The answer of /api/bone (protocol.md). An `asset` that is not empty replaces the scene's own.
-/// Refused: what trocar-run refuses.
+/// Returns the answer of /api/bone (protocol.md). If `asset` is not empty, it replaces the scene's
+/// own asset. Errors: (refused) what trocar-run refuses.
 Result<std::string> bone_of(const std::filesystem::path& scene_file,
                             const std::filesystem::path& asset);
 

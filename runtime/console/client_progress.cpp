@@ -12,7 +12,7 @@ namespace {
 constexpr std::uint32_t kSnapshot = 1, kSheet = 2, kShape = 3;
 constexpr std::size_t kMaxOutstanding = 4, kMaxSnapshotsOutstanding = 2, kMaxEventsOfMessage = 64;
 constexpr auto kSnapshotEvery = std::chrono::milliseconds(15);
-constexpr auto kSnapshotAnyway = std::chrono::milliseconds(50);  // the last one of a session
+constexpr auto kSnapshotAnyway = std::chrono::milliseconds(50);  // for a session's last snapshot
 constexpr auto kStalled = std::chrono::seconds(6);
 
 ClientMessage text_message(std::string text) {
@@ -25,7 +25,7 @@ std::optional<ClientMessage> ClientProgress::next(const Supervisor& session, Rol
                                                   bool has_new_snapshot, Clock::time_point now) {
   const SessionTelemetry& telemetry = session.telemetry();
   if (!said_hello_ || session_ != telemetry.sessions()) return hello(telemetry, role);
-  // Events come first: a client that reads "ended" has got all of them.
+  // Events come first, so that a client that reads "ended" has received all of them.
   if (cursor_ < telemetry.last_event()) {
     if (auto message = next_events(telemetry)) return message;
   }

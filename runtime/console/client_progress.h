@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one WebSocket client has received so far, and therefore which message it gets next. Each
-// message is made from the supervisor's present state, so nothing is queued for a slow client.
+// Stores what one WebSocket client has received so far, and determines the message that it
+// gets next. Each message is made from the supervisor's present state, so nothing is queued
+// for a slow client.
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -16,7 +17,7 @@
 
 namespace trocar::runtime {
 
-/// Text, or a binary frame with its kind and number.
+/// A message: text, or a binary frame with its kind and number.
 struct ClientMessage {
   std::string text;
   Frame frame;  ///< null: the message is text
@@ -27,16 +28,16 @@ class ClientProgress {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// The client already has the events of this session up to `last_event`.
+  /// Call this if the client already has the events of this session up to `last_event`.
   void resume_after(std::uint64_t last_event) noexcept { first_cursor_ = last_event; }
-  /// The next message, if there is one that the client may get now: events before the state, the
-  /// state before binary messages. `has_new_snapshot`: a snapshot has just been read, so that it is
-  /// as recent as possible.
+  /// Returns the next message, if there is one that the client may get now. Events come before the
+  /// state, and the state before binary messages. `has_new_snapshot`: a snapshot has just been
+  /// read, so it is as recent as possible.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, bool has_new_snapshot,
                                     Clock::time_point now);
-  /// The client has drawn the binary messages up to `number`.
+  /// Call this when the client has drawn the binary messages up to `number`.
   void acknowledge(std::uint64_t number);
-  /// A binary message has been waiting for its acknowledgement for more than 6 s.
+  /// Returns true if a binary message has been waiting for its acknowledgement for more than 6 s.
   bool is_stalled(Clock::time_point now) const;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What all connections of one console share. It is used by the network thread, apart from the bone
-// cache, which belongs to the worker thread.
+// The state that all connections of one console share. Only the network thread uses it, except for
+// the bone cache, which belongs to the worker thread.
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -27,7 +27,7 @@ namespace trocar::runtime {
 class RefusalLog {
  public:
   void refused(const char* kind, const std::string& from);
-  /// At most one line in 10 s.
+  /// Prints at most one line in 10 s.
   void emergency_stop(const std::string& from);
 
  private:
@@ -35,7 +35,8 @@ class RefusalLog {
   std::optional<std::chrono::steady_clock::time_point> last_stop_;
 };
 
-/// The answer to the last request for a bone: all pages of a session ask for the same one.
+/// The answer to the last request for a bone. It is kept because all pages of a session ask for
+/// the same bone.
 struct BoneCache {
   std::string key;  ///< names and times of the files
   std::string answer;
@@ -66,12 +67,12 @@ struct ConsoleState {
   std::vector<std::weak_ptr<TelemetryClient>> clients;
   std::function<void()> poll_soon;
   bool has_new_snapshot = false;  ///< the last poll found one
-  /// Reads files of any size, so that live data is never delayed by them.
+  /// The worker thread reads files of any size, so that they never delay live data.
   boost::asio::thread_pool worker{1};
   BoneCache bone;
 };
 
-/// Forgets those that have ended.
+/// Removes the connections that have ended. Returns the number of the remaining ones.
 template <typename T>
 std::size_t count_living(std::vector<std::weak_ptr<T>>& all) {
   std::erase_if(all, [](const auto& one) { return one.expired(); });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The container of binary answers: JSON, then arrays (protocol.md).
+// The container of binary answers: JSON followed by arrays (protocol.md).
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -26,8 +26,8 @@ class Arrays {
     return {at, numbers.size()};
   }
   void reserve(std::size_t bytes) { bytes_.reserve(bytes); }
-  /// The whole container: the JSON's length, the JSON, and the arrays, which begin at a
-  /// multiple of 8.
+  /// Returns the whole container: the length of the JSON, the JSON, and the arrays, which begin at
+  /// a multiple of 8 bytes.
   std::string with_json(std::string_view json) const {
     std::string out(4, '\0');
     out += json;

@@ -62,7 +62,7 @@ json describe(const Scene& scene, const std::string& name) {
   return entry;
 }
 
-/// The bounds of all positions of slices, in their planes and along their normal.
+/// Bounds of all positions of slices, in their planes and along their normal.
 struct Extent {
   std::array<double, 3> low{}, high{};
   bool is_set = false;
@@ -81,7 +81,8 @@ std::optional<double> number_at(const json& list, std::size_t index) {
   return list[index].get<double>();
 }
 
-/// The accessor of the positions of a primitive of triangles; else null.
+/// Returns the accessor of the positions of a primitive; null if the primitive does not
+/// consist of triangles.
 const json* positions_of(const json& primitive, const json& accessors) {
   static const json::json_pointer kPosition("/attributes/POSITION");
   if (!primitive.is_object() || primitive.value("mode", json(4)) != json(4) ||
@@ -173,7 +174,8 @@ std::optional<double> time_of(std::string_view line) {
   return t_s;
 }
 
-/// Reads only the first and last rows: a list must not read gigabytes.
+/// Describes a recording. Reads only the first and last rows, because listing a folder must
+/// not read gigabytes.
 json describe_recording(ByteSource& source, const std::string& name, std::string& scene_digest) {
   json entry = {{"file", name}};
   std::vector<std::uint8_t> head(std::min<std::uint64_t>(source.size(), kHeadBytes)),
@@ -231,7 +233,8 @@ Result<std::string> glb_json(const std::filesystem::path& file) {
 }
 
 bool has_surface(std::string_view glb_json) {
-  // Texts from a scan cannot contain this key with plain quotes; a false positive only costs time.
+  // Texts from a scan cannot contain this key with unescaped quotes. A false positive would
+  // only cost time.
   return glb_json.find("\"surface\":") != std::string_view::npos;
 }
 
@@ -395,7 +398,7 @@ std::string Files::list() {
     if (known.kind == "recordings") {
       const auto scene = scene_by_digest.find(known.digest);
       if (scene != scene_by_digest.end()) entry["scene"] = scene->second;
-      // The session's report has the name of its recording.
+      // The report of a session has the same name as its recording.
       std::string report = name.substr(0, name.size() - 4) + ".html";
       if (find(report)) entry["report"] = std::move(report);
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scenes, assets and recordings that pages may name: those of a folder, or those of the command
-// line. The files are not trusted.
+// The scenes, assets and recordings that pages may name. They are in a folder, or were given on the command line.
+// The files are not trusted.
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -16,29 +16,28 @@
 
 namespace trocar::runtime {
 
-/// Searches the folder two levels deep, without following links. The names of files in the folder
-/// of sessions begin with "sessions/", wherever it is; sessions in the folder itself are found, too. Only one thread at a time may call list();
-/// any thread may call find().
+/// Searches the folder two levels deep, without following links. The names of files in the folder of sessions
+/// begin with "sessions/", wherever that folder is. Sessions in the folder itself are found, too. Only one thread
+/// at a time may call list(); any thread may call find().
 class Files {
  public:
-  /// The sessions are in the folder's own sessions/, or in `sessions` if that is not empty; it need
-  /// not exist yet. Refused: `folder` is not a folder.
+  /// Uses the files of a folder. The sessions are in the folder's own sessions/, or in `sessions` if that is not
+  /// empty; it need not exist yet. Errors: (refused) `folder` is not a folder.
   static Result<Files> of_folder(const std::filesystem::path& folder,
                                  const std::filesystem::path& sessions = {});
-  /// The files of a playback, known by the last parts of their names. `against` may be empty.
+  /// Uses the files of a playback. A page knows them by the last parts of their names. `against` may be empty.
   static Files of_recording(const std::filesystem::path& recording,
                             const std::filesystem::path& against,
                             const std::filesystem::path& scene);
 
-  /// The regular file of that name (as in list()). Refused: a name that leads out of the folder,
+  /// Returns the regular file of that name (as in list()). Errors: (refused) the name leads out of the folder,
   /// also by a link, or to no file.
   Result<std::filesystem::path> find(std::string_view name) const;
-  /// Empty for playback.
+  /// The folder; empty for playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }
   const std::filesystem::path& sessions() const noexcept { return sessions_; }
-  /// A JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md), and
-  /// `truncated` if there are more files than it lists. A file is read again only if its size or
-  /// time has changed.
+  /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md), and with `truncated`
+  /// if there are more files than it lists. A file is read again only if its size or time has changed.
   std::string list();
 
  private:
@@ -47,13 +46,13 @@ class Files {
     std::filesystem::file_time_type time;
     std::string kind;    ///< key in the list; empty: the file is not listed
     std::string json;    ///< entry in the list
-    std::string digest;  ///< digest of the scene; for a recording, of the scene that it names
+    std::string digest;  ///< digest of the scene, or of the scene that a recording names
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 
   std::filesystem::path path_of(std::string_view name) const;
-  /// Calls inspect(file, name) for the files below `root` that may be listed; their names begin with
-  /// `prefix`. False after kMaxInspected entries.
+  /// Calls inspect(file, name) for the files below `root` that may be listed. Their names begin with `prefix`.
+  /// Returns false after kMaxInspected entries.
   template <typename Inspect>
   bool search(const std::filesystem::path& root, const std::string& prefix, int depth,
               Inspect inspect) const;
@@ -63,10 +62,10 @@ class Files {
   std::map<std::string, Known> known_;
 };
 
-/// The JSON text of a .glb. Refused: the file is not binary glTF, or the text exceeds 64 MiB.
+/// Returns the JSON text of a .glb. Errors: (refused) the file is not binary glTF, or the text exceeds 64 MiB.
 Result<std::string> glb_json(const std::filesystem::path& file);
 
-/// Does the asset with this JSON text have a surface for display?
+/// Returns true if the asset with this JSON text has a surface for display.
 bool has_surface(std::string_view glb_json);
 
 }  // namespace trocar::runtime

@@ -139,8 +139,8 @@ void HttpConnection::send(Answer answer) {
                     });
 }
 
-/// Reads what is still on its way, for a while: closing the socket with unread data would reset the
-/// connection, and the peer would lose the answer.
+/// Reads remaining data from the peer for a short time. If the socket were closed with unread data,
+/// the connection would be reset, and the peer would lose the answer.
 void HttpConnection::drain() {
   buffer_.consume(buffer_.size());
   stream_.expires_after(kDrainWithin);

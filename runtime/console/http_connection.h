@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One HTTP connection: reads requests one after the other, checks who asks, and sends the answers.
+// One HTTP connection. It reads requests one after the other, checks who asks, and
+// sends the answers.
 // Tests: tests/e2e/console_hostile_test.py
 #pragma once
 

@@ -11,14 +11,14 @@
 
 namespace trocar::runtime {
 
-/// One event of the message `events`: a JSON object.
+/// Returns one event of the message `events` as a JSON object.
 std::string event_message(const TelemetryEvent& event);
 
-/// The contents of a message of kind 1 (snapshot), without kind and number.
+/// Returns the contents of a message of kind 1 (snapshot), without kind and number.
 std::string snapshot_message(const std::vector<double>& values);
 
-/// The contents of a message of kind 2 (sheet, two floats for each vertex) or 3 (shape, three
-/// floats), without kind and number.
+/// Returns the contents of a message of kind 2 (sheet, two floats per vertex) or 3 (shape, three
+/// floats per vertex), without kind and number.
 std::string mesh_message(std::int32_t sheet, std::uint32_t cuts, std::int32_t slice,
                          const std::vector<float>& positions, std::size_t floats_of_vertex,
                          const std::vector<float>& hu, const std::vector<std::uint32_t>& triangles);

@@ -17,7 +17,7 @@ namespace {
 constexpr std::uint64_t kMaxBytes = std::uint64_t{8} << 20;
 constexpr std::size_t kMaxFiles = 64;
 
-/// Empty: the file does not belong to the page.
+/// Returns the file's content type; empty: the file does not belong to the page.
 std::string type_of(const std::filesystem::path& file) {
   static const std::map<std::string, std::string> types = {
       {".html", "text/html; charset=utf-8"},

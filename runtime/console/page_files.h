@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of the page: a fixed table, read once at start; and which scripts may run.
+// The files of the page, a fixed table that is read once at start, and the policy that says which
+// scripts may run.
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -19,11 +20,12 @@ struct PageFile {
 
 class PageFiles {
  public:
-  /// Reads the page's files in `folder` and in its folder vendor/, at most 64 of 8 MiB
-  /// each. If vendor/ is empty, the page only says how to get its libraries. Refused: there
-  /// is no index.html.
+  /// Reads the page's files in `folder` and in its subfolder vendor/, at most 64 files of at most 8
+  /// MiB each. If vendor/ is empty, the page only says how to get its libraries. Errors: (refused)
+  /// there is no index.html.
   static Result<PageFiles> read(const std::filesystem::path& folder);
-  /// The file for the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null: none.
+  /// Returns the file for the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null:
+  /// there is none.
   const PageFile* find(std::string_view target) const;
   /// The page's Content-Security-Policy. It allows scripts of this server and, by their hashes, the
   /// page's import map and the script of session reports.
@@ -36,15 +38,15 @@ class PageFiles {
   bool complete_ = true;
 };
 
-/// The folder share/trocar/console beside the program's bin/; if there is none, the folder in the
-/// sources that the program was built from.
+/// Returns the folder share/trocar/console beside the program's bin/; if there is none, the folder
+/// in the sources from which the program was built.
 std::filesystem::path page_folder();
 
 /// Content-Security-Policy of session reports. The files in the folder are not trusted, so the only
-/// script that may run is the one of this version's report template.
+/// script that may run is that of this version's report template.
 const std::string& report_policy();
 
-/// The hashes of the scripts in an HTML page that begin with this tag, in the form of a
+/// Returns the hashes of the scripts in an HTML page that begin with this tag, as needed in a
 /// Content-Security-Policy: 'sha256-...', each with a blank before it.
 std::string script_hashes(std::string_view html, std::string_view tag);
 

@@ -23,9 +23,9 @@ extern "C" {  // glibc 2.36 leaves it to who includes it
 namespace trocar::runtime {
 namespace {
 
-/// Field 22 of /proc/PID/stat; 0: there is none.
+/// Returns field 22 of /proc/PID/stat; 0: there is none.
 std::uint64_t start_ticks_of(pid_t pid) {
-  constexpr int kFieldsBetween = 19;  // from the one after the name to the start
+  constexpr int kFieldsBetween = 19;  // number of fields between the name and field 22
   std::ifstream in("/proc/" + std::to_string(pid) + "/stat");
   const std::string text{std::istreambuf_iterator<char>(in), {}};
   std::size_t at = text.rfind(')');  // the name may have blanks and brackets
@@ -77,7 +77,7 @@ Result<Process> Process::start(const std::vector<std::string>& arguments,
   const int fd = ::pidfd_open(pid, 0);
   if (fd < 0) {
     const int why = errno;
-    ::kill(pid, SIGKILL);  // our child, which nobody has waited for: the number is still its own
+    ::kill(pid, SIGKILL);  // nobody has waited for this child, so the number is still its own
     ::waitpid(pid, nullptr, 0);
     return refused(arguments.front() + ": cannot be watched: " + system_message(why));
   }

@@ -15,16 +15,16 @@
 
 namespace trocar::runtime {
 
-/// Refers to the process by a pidfd, so no signal can reach another process that got the same
-/// number. The process keeps running when this object is destroyed.
+/// Refers to a process by a pidfd, so no signal can reach another process that got the same number.
+/// The process keeps running when this object is destroyed.
 class Process {
  public:
-  /// Runs arguments[0] and appends its standard output and errors to `log`. The process has a
-  /// process group of its own, so Ctrl-C on the console's terminal does not reach it, and inherits
-  /// no other descriptor.
+  /// Runs arguments[0], and appends its standard output and standard error to `log`. The process
+  /// has a process group of its own, so Ctrl-C on the console's terminal does not reach it. It
+  /// inherits no other descriptor.
   static Result<Process> start(const std::vector<std::string>& arguments,
                                const std::filesystem::path& log);
-  /// A process that runs already. If `start_ticks` is given, it must equal field
+  /// Returns a process that already runs. If `start_ticks` is given, it must equal field
   /// 22 of /proc/PID/stat.
   static std::optional<Process> adopt(pid_t pid, std::optional<std::uint64_t> start_ticks = {});
 
@@ -33,10 +33,11 @@ class Process {
   ~Process();
 
   pid_t pid() const noexcept { return pid_; }
-  std::uint64_t start_ticks() const;  ///< 0: unknown
-  /// Does not wait.
+  std::uint64_t start_ticks() const;  ///< field 22 of /proc/PID/stat; 0: unknown
+  /// Returns true if the process has ended. Does not wait.
   bool has_ended();
-  /// After its end: "exit code 3" or "signal 9"; empty if another console started the process.
+  /// After the end of the process, returns "exit code 3" or "signal 9"; empty if another
+  /// console started it.
   std::string end() const;
   std::optional<int> exit_code() const;
   void signal(int number) const noexcept;
@@ -48,7 +49,7 @@ class Process {
   int fd_ = -1;
   bool is_child_ = false, has_ended_ = false;
   int status_ = -1;  ///< exit code; -1: none
-  int signal_ = 0;   ///< the signal that ended the process; 0: none
+  int signal_ = 0;   ///< signal that ended the process; 0: none
 };
 
 }  // namespace trocar::runtime

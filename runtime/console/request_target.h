@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The target of an HTTP request: a path and its parameters.
+// Parses the target of an HTTP request: a path and its parameters.
 // Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
@@ -15,9 +15,10 @@ struct RequestTarget {
   std::string path;  ///< begins with '/'
   std::map<std::string, std::string> parameters;
 
-  /// Nothing if the text is malformed, repeats a parameter or has more than 8 of them.
+  /// Parses a target. Returns none if the text is malformed, repeats a parameter, or has more
+  /// than 8 parameters.
   static std::optional<RequestTarget> parse(std::string_view text);
-  /// Empty if the parameter is missing.
+  /// Returns the value of a parameter; empty if it is missing.
   std::string parameter(const char* name) const;
 };
 

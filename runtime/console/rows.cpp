@@ -29,7 +29,7 @@ struct Column {
   int count;
   bool of_cutting = false;
 };
-// In the order of append().
+// The columns, in the order of append().
 constexpr std::array kColumns{Column{"t_s", 1},
                               Column{"p_m", 3},
                               Column{"q", 4},
@@ -82,8 +82,8 @@ void append(std::vector<double>& out, const RecordingRow& row, bool with_cutting
     out.push_back(x);
 }
 
-/// Punctures, faults and recoveries. Punctures cannot be found in rows of the force law `cutting`,
-/// because there the tool is in holes on its way out, too.
+/// Returns punctures, faults and recoveries. Punctures cannot be found in rows of the force law
+/// `cutting`, because the tool is also in holes on its way out.
 json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
   constexpr std::size_t kMaxEvents = 20'000;
   json events = json::array();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording for playback.
+// Encodes a recording for playback.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -10,8 +10,8 @@
 
 namespace trocar::runtime {
 
-/// The answer of /api/recording (protocol.md). Refused: what trocar-run --replay refuses, and files
-/// of more than 2 GiB.
+/// Returns the answer of /api/recording (protocol.md). Errors: (refused) what trocar-run --replay
+/// refuses, and files of more than 2 GiB.
 Result<std::string> rows_of(const std::filesystem::path& recording);
 
 }  // namespace trocar::runtime

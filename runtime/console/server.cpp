@@ -18,7 +18,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kMaxConnections = 64;
-// A client gets a snapshot as soon as it has been read, so that it is recent.
+// The period of polling is short, because a client gets a snapshot as soon as it has been read.
 constexpr auto kPollEvery = std::chrono::milliseconds(2), kPollIdle = std::chrono::milliseconds(25);
 constexpr auto kRetryAccept = std::chrono::milliseconds(100);
 constexpr auto kEndWithin = std::chrono::seconds(10);
@@ -57,7 +57,7 @@ class Server {
         open(std::move(socket));
         return accept();
       }
-      // The process is out of descriptors: they come back when connections end.
+      // The process has no free descriptors. They become free when connections end.
       retry_.expires_after(kRetryAccept);
       retry_.async_wait([this](beast::error_code) { accept(); });
     });
@@ -110,7 +110,7 @@ class Server {
   void await_signal() {
     signals_.async_wait([this](beast::error_code error, int) {
       if (error) return;
-      if (is_stopping_) return console_.context.stop();  // a second signal ends at once
+      if (is_stopping_) return console_.context.stop();  // a second signal ends immediately
       is_stopping_ = true;
       beast::error_code ignored;
       acceptor_.close(ignored);

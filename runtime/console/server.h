@@ -14,7 +14,7 @@
 namespace trocar::runtime {
 
 struct ServerSettings {
-  std::string listen = "127.0.0.1";  ///< a numerical address
+  std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
   std::string start;     ///< JSON of /api/folder's `start`, the scene's name; empty: none
@@ -22,7 +22,7 @@ struct ServerSettings {
 };
 
 /// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends its sessions. Errors:
-/// usage if the address is not numerical, unwritable if the server cannot listen on it.
+/// (usage) the address is not numerical; (unwritable) the server cannot listen on it.
 Result<void> serve(const ServerSettings& settings, Files files, PageFiles page);
 
 }  // namespace trocar::runtime

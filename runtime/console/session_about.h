@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Descriptions of a session that another process has written and that may be damaged: what is
-// missing or of another type counts as empty.
+// Reads descriptions of a session that another process has written. They may be damaged: a value
+// that is missing or of another type counts as empty.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -20,9 +20,9 @@ namespace trocar::runtime {
 struct SessionAbout {
   std::string json;                  ///< the whole description; "{}" if the text is no JSON object
   std::string id;                    ///< process and time of the start
-  std::string scene, asset, record;  ///< names of files, as the session was given them
+  std::string scene, asset, record;  ///< names of files as given to the session
   std::string clock;
-  std::string columns;  ///< JSON: those of `columns` that fit into a snapshot
+  std::string columns;  ///< JSON with those `columns` that fit into a snapshot
   std::vector<std::pair<std::string, std::size_t>> column_at;  ///< name, index of its first value
   std::vector<std::int32_t> slices;  ///< slice index of each sheet; -1: not given
 };
@@ -36,7 +36,7 @@ struct DeviceNote {
 };
 Result<void> write_device_note(const std::filesystem::path& file, const std::string& device,
                                const std::optional<DeviceNote>& process);
-/// Nothing if no device process is noted.
+/// Reads the note. None: no device process is noted.
 std::optional<DeviceNote> read_device_note(const std::filesystem::path& file);
 
 }  // namespace trocar::runtime

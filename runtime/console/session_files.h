@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files by which the console follows sessions: folders, logs, and the link to the shared memory.
+// The files by which the console follows sessions: folders, logs, and the link to
+// the shared memory.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -13,19 +14,20 @@
 
 namespace trocar::runtime {
 
-/// Creates SESSIONS/2026-11-22T03-04-05-NAME, with the local time and the scene's name reduced to
-/// letters, digits, '_' and '-'. A second session within the same second gets "-2" and so on.
+/// Creates a folder such as SESSIONS/2026-11-22T03-04-05-NAME, from the local time and the scene's
+/// name, which is reduced to letters, digits, '_' and '-'. A second session within the same second
+/// gets the suffix "-2", and so on.
 Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
                                                     const std::filesystem::path& scene);
 
-/// The endpoint that a device process reports as ready, searched from byte `from` of its log;
-/// empty: not yet.
+/// Returns the endpoint that a device process reports as ready, searched from byte `from` of its
+/// log on; empty: it is not ready yet.
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from);
 
-/// The last line with text in a log of at most 64 KiB, cut to 400 bytes.
+/// Returns the last line with text in the first 64 KiB of a log, shortened to 400 bytes.
 std::string last_line(const std::filesystem::path& log);
 
-/// The process that a link to /proc/PID/fd/N names; 0: it is not such a link.
+/// Returns the process that a link to /proc/PID/fd/N names; 0: it is not such a link.
 pid_t pid_of_link(const std::filesystem::path& link);
 
 }  // namespace trocar::runtime

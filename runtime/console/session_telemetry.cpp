@@ -6,7 +6,7 @@
 namespace trocar::runtime {
 namespace {
 
-// An event takes some 300 bytes here, so a session of any length takes at most some 6 MB.
+// An event takes about 300 bytes here, so a session of any length takes at most about 6 MB.
 constexpr std::size_t kMaxEvents = 20'000;
 constexpr int kMaxEventsOfPoll = 512, kMaxSheetsOfPoll = 2;
 

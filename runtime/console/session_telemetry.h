@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's copy of one session's shared-memory telemetry: description, events, the latest
-// snapshot and the meshes, each ready to be sent to clients. It stays when the session ends, until
-// the next one is attached.
+// snapshot and the meshes, each ready to be sent to clients. The copy is kept after the session has
+// ended, until the next session is attached.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -33,21 +33,21 @@ class SessionTelemetry {
   void attach(std::unique_ptr<TelemetryReader> reader);
   void detach() { reader_.reset(); }
   bool is_attached() const noexcept { return reader_ != nullptr; }
-  /// Reads what is new. Takes less than a millisecond, plus the time of at most two cut sheets.
+  /// Reads what is new. Takes less than a millisecond, plus the time for at most two cut sheets.
   void poll();
-  /// Requires an attached session.
+  /// Passes a command on. A session must be attached.
   void command(TelemetryCommand command) { reader_->command(command); }
 
   std::uint64_t sessions() const noexcept { return sessions_; }  ///< number of attached sessions
   const SessionAbout& about() const noexcept { return about_; }  ///< json empty: no session yet
-  /// The latest 20,000, ascending by number.
+  /// The latest 20,000 events, in the order of their numbers.
   const std::deque<Event>& events() const noexcept { return events_; }
   std::uint64_t last_event() const noexcept { return last_event_; }
-  /// The event `ended` has been read.
+  /// True if the event `ended` has been read.
   bool has_ended() const noexcept { return has_ended_; }
-  std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of those read
+  std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of snapshots read
   const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: none yet
-  /// A number of the latest snapshot; 0: there is no such column.
+  /// Returns a number of the latest snapshot; 0: there is no such column.
   double value(const char* column, std::size_t at = 0) const;
   const std::vector<Mesh>& sheets() const noexcept { return sheets_; }
   const Mesh& shape() const noexcept { return shape_; }

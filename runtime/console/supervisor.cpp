@@ -167,13 +167,13 @@ void Supervisor::adopt_device() {
   device_endpoint_ = note->endpoint;
 }
 
-/// Replaces the session by one that this console has not started, found by its link.
+/// Replaces the session by one that this console has not started. It was found by its link.
 void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader> reader) {
   const pid_t pid = process.pid();
   run_ = std::move(process);
   attach(std::move(reader));
   const SessionAbout& about = telemetry_.about();
-  // Relative names refer to the folder in which the session was started.
+  // Relative names are relative to the folder in which the session was started.
   std::error_code error;
   const std::filesystem::path there =
       std::filesystem::read_symlink("/proc/" + std::to_string(pid) + "/cwd", error);
@@ -194,15 +194,15 @@ void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader>
 }
 
 void Supervisor::search_session(Clock::time_point now) {
-  // The link of a session that this console has just started appears soon.
+  // If this console has just started a session, the session's link will appear soon.
   const bool is_started = run_ && !telemetry_.is_attached() && !run_->has_ended();
   if (settings_.folder.empty() && settings_.attach.empty()) return;
   if (!is_started && now - searched_at_ < kSearchEvery) return;
   searched_at_ = now;
   const pid_t pid = pid_of_link(live_link());
   if (pid == 0 || (is_started && pid != run_->pid())) return;
-  if (!is_started && run_ && run_->pid() == pid) return;  // the one that has ended
-  // The process is opened before its memory, so the memory cannot be another process's.
+  if (!is_started && run_ && run_->pid() == pid) return;  // this session has ended
+  // The process is opened before its memory, so the memory cannot belong to another process.
   std::optional<Process> process = is_started ? std::nullopt : Process::adopt(pid);
   if (!is_started && !process) return;
   auto reader = TelemetryReader::open(live_link());
@@ -238,7 +238,7 @@ Result<void> Supervisor::command(TelemetryCommand command) {
 Result<void> Supervisor::emergency_stop() {
   recover_when_ready_ = false;
   if (run_ && !run_->has_ended() && !telemetry_.is_attached()) {
-    run_->signal(SIGKILL);  // it gives no torques yet, and must not begin to
+    run_->signal(SIGKILL);  // the session renders no torques yet, and must not begin to
     return {};
   }
   if (waits_for_device_) {
@@ -283,7 +283,7 @@ void Supervisor::poll_device(Clock::time_point now) {
     recover_when_ready_ = false;
     (void)command(TelemetryCommand::kRecover);
   }
-  // An ended child stays in the system's process table until its end is read.
+  // A child that has ended stays in the system's process table until its end is read.
   std::erase_if(ending_devices_, [](Process& process) { return process.has_ended(); });
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one session that a console shows: the supervisor starts its programs, or finds one that runs,
-// follows it, and passes commands on.
+// The supervisor of the one session that a console shows. It starts the session's programs, or
+// finds a session that runs, follows it, and passes commands on.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -27,7 +27,7 @@ struct StartRequest {
   std::filesystem::path asset;  ///< empty: the scene's own
   std::optional<double> duration_s;
   std::string device;          ///< "inproc", "sim" or a device URI
-  std::string clock = "real";  ///< or "virtual"
+  std::string clock = "real";  ///< "real" or "virtual"
   std::string force_law;       ///< empty: the scene's own
 };
 
@@ -37,33 +37,34 @@ class Supervisor {
   struct Settings {
     std::filesystem::path folder;    ///< empty: playback, no session
     std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
-    std::filesystem::path attach;    ///< telemetry link to watch, instead of starting sessions
+    std::filesystem::path attach;    ///< telemetry link to follow instead of starting sessions
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
     std::string device = "inproc";   ///< default for requests without a device
   };
   explicit Supervisor(Settings settings);
 
-  /// Refused: a session runs already, or a program cannot be started.
+  /// Starts a session. Errors: (refused) a session already runs, or a program cannot be started.
   Result<void> start(const StartRequest& request);
-  /// Refused: there is no session.
+  /// Passes a command on. Errors: (refused) there is no session.
   Result<void> command(TelemetryCommand command);
-  /// Sends the command, and kills the session if the ticks do not show zero torques within 100 ms.
+  /// Sends the emergency stop, and kills the session if its ticks do not show zero torques
+  /// within 100 ms.
   Result<void> emergency_stop();
-  /// Ends this console's own sessions: with a command first, with SIGKILL after `patience`. Returns
+  /// Ends this console's own sessions: first with a command, after `patience` with SIGKILL. Returns
   /// true as soon as all of them have ended.
   bool end_all(Clock::time_point now, Clock::duration patience);
-  /// Reads what is new; the caller calls it every few milliseconds.
+  /// Reads what is new. The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
 
-  /// The present session's, or that of the last one.
+  /// Telemetry of the present session, or of the last one.
   const SessionTelemetry& telemetry() const noexcept { return telemetry_; }
   RunState state() const noexcept { return state_; }
-  /// The session starts, runs or is paused.
+  /// Returns true if the session starts, runs or is paused.
   bool is_live() const noexcept {
     return state_ == RunState::kStarting || state_ == RunState::kRunning ||
            state_ == RunState::kPaused;
   }
-  /// The message `state` of protocol.md; its version changes with its text.
+  /// The message `state` of protocol.md. Its version changes when its text changes.
   const std::string& state_json() const noexcept { return state_json_; }
   std::uint64_t state_version() const noexcept { return state_version_; }
   const std::filesystem::path& scene_file() const noexcept { return scene_file_; }
@@ -71,7 +72,7 @@ class Supervisor {
   std::filesystem::path log_file() const;
 
  private:
-  /// After an emergency stop, the torques must be zero by then, in a later tick.
+  /// After an emergency stop the torques must be zero at `until`, in a tick later than `ticks`.
   struct StopCheck {
     Clock::time_point until;
     double ticks = 0;
@@ -79,7 +80,8 @@ class Supervisor {
 
   Result<void> start_run();
   Result<void> start_device(const std::string& endpoint);
-  /// Notes the device process in the session's folder, so that a later console finds it.
+  /// Writes a note about the device process into the session's folder, so that a later
+  /// console finds it.
   Result<void> note_device();
   void adopt_device();
   void release_device(int signal);
@@ -94,7 +96,7 @@ class Supervisor {
   bool is_ours() const noexcept { return settings_.attach.empty(); }
 
   Settings settings_;
-  StartRequest request_;  ///< the present or last one
+  StartRequest request_;  ///< the present or last request
   SessionTelemetry telemetry_;
   std::optional<Process> run_, device_;
   std::vector<Process> ending_devices_;  ///< devices that have been asked to end

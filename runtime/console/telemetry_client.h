@@ -21,9 +21,10 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   TelemetryClient(ConsoleState& console, beast::tcp_stream stream, std::string from)
       : console_(console), socket_(std::move(stream)), from_(std::move(from)) {}
 
-  /// Answers the handshake; then the client must send its token within 5 s.
+  /// Answers the handshake. After that the client must send its token within 5 s.
   void run(const Request& request);
-  /// Sends the next message if the last one is out, and drops a client that has stalled.
+  /// Sends the next message if the last one has been sent. Closes the connection of a client
+  /// that has stalled.
   void pump(Clock::time_point now);
 
  private:
@@ -44,7 +45,7 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   bool is_writing_ = false, is_closing_ = false;
   Clock::time_point opened_at_;
   ClientProgress progress_;
-  ClientMessage message_;  ///< the one that is being sent
+  ClientMessage message_;  ///< the message that is being sent
   std::array<std::uint32_t, 2> head_{};
 };
 
