@@ -34,7 +34,7 @@ export const get_container = async (path) => parse_container(await (await answer
 export const post = (path, body) =>
   answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
-/// Needs no token, and is sent even if the page is closing.
+/// Sends an emergency stop. It needs no token, and is sent even if the page is closing.
 export const emergency_stop = () => answer("/api/emergency_stop", { method: "POST", keepalive: true });
 
 export const file_query = (path, values) => {
@@ -43,7 +43,7 @@ export const file_query = (path, values) => {
   return `${path}?${query}`;
 };
 
-/// {json, floats([offset, count]), uints(..), doubles(..)}; throws where a length does not fit.
+/// Returns {json, floats([offset, count]), uints(..), doubles(..)}; throws if a length does not fit.
 export function parse_container(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
   const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));

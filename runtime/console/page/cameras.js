@@ -5,7 +5,7 @@ import * as THREE from "three";
 import { OrbitControls } from "orbit";
 
 export class Cameras {
-  /// `on_change`: the operator has moved a camera.
+  /// `on_change` is called when the operator has moved a camera.
   constructor(canvas, on_change) {
     this.perspective = new THREE.PerspectiveCamera(35, 1, 0.002, 5);
     this.along = new THREE.PerspectiveCamera(40, 1, 0.002, 5);
@@ -21,7 +21,7 @@ export class Cameras {
     this.choose("perspective");
   }
 
-  /// "perspective", "tool" or "section".
+  /// Chooses the camera: "perspective", "tool" or "section".
   choose(view) {
     this.turn.enabled = view === "perspective";
     this.shift.enabled = view === "section";
@@ -40,7 +40,7 @@ export class Cameras {
     this.shift.update();
   }
 
-  /// Aims at the bone in `box`; resize() and frame_all() follow.
+  /// Aims at the bone in `box`. The caller then calls resize() and frame_all().
   aim(box) {
     const centre = box.getCenter(new THREE.Vector3()), size = box.getSize(new THREE.Vector3());
     this.turn.target.copy(centre);
@@ -51,7 +51,7 @@ export class Cameras {
     this.above.zoom = 1;
   }
 
-  /// Moves the perspective camera to the front and above, as near as it shows all of the bone.
+  /// Moves the perspective camera to the front and above, as near as possible so that it shows all of the bone.
   frame_all({ min, max }) {
     const centre = this.turn.target, size = min.distanceTo(max);
     const from = new THREE.Vector3(0.42, -0.78, 0.5).normalize(), corner = new THREE.Vector3();
@@ -79,6 +79,6 @@ export class Cameras {
     this.along.lookAt(at);
   }
 
-  /// Pixels per metre of the cross-section.
+  /// Returns the pixels per metre of the cross-section.
   section_scale(height) { return height / (this.above.top - this.above.bottom) * this.above.zoom; }
 }

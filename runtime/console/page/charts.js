@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The curves: force over time, force over depth, HU along the path, and the two histograms. uPlot draws the axes; curves whose x
-// goes back and forth and the marks are drawn in its hook.
+// The curves: force over time, force over depth, HU along the path, and the two histograms. uPlot draws the axes. A hook of uPlot
+// draws the marks, and the curves whose x goes back and forth.
 // Tests: tests/e2e/console_page_test.py
 import uPlot from "uplot";
 import { hu_at } from "./data.js";
@@ -67,7 +67,7 @@ function clip(plot) {
   return ctx;
 }
 
-/// A vertical line; `at_top`: a triangle at the top marks a puncture, not by colour alone.
+/// Draws a vertical line. With `at_top`, a triangle at the top marks a puncture, so that it differs by more than colour.
 function vertical(plot, ctx, x, colour, at_top, dash = []) {
   const { top, height } = plot.bbox, size = 0.45 * rem() * devicePixelRatio, at = plot.valToPos(x, "x", true);
   ctx.strokeStyle = ctx.fillStyle = colour;
@@ -120,7 +120,7 @@ function words(plot, ctx, text, x, y, colour, align) {
   ctx.fillText(text, x, y);
 }
 
-/// First and last value that are numbers.
+/// Returns the smallest and the largest value that are numbers.
 function bounds(...lists) {
   let low = Infinity, high = -Infinity;
   for (const list of lists)
@@ -133,7 +133,7 @@ function bounds(...lists) {
 }
 
 const kDash = [0.7, 0.4];
-const kTicks_ms = 1000;  // between redraws of the histograms, which change slowly: without a GPU each delays the next frame
+const kTicks_ms = 1000;  // time between redraws of the histograms, which change slowly; without a GPU each delays the next frame
 
 export class Charts {
   constructor() {
@@ -148,7 +148,7 @@ export class Charts {
   power_words(power) { return Number.isInteger(power) ? String(2 ** power) : ""; }
   set_theme() { for (const chart of [this.time, this.depth, this.hu, this.ticks]) chart.make(); }
 
-  /// True: the histograms are older than the rest.
+  /// Draws what is shown. Returns true if the histograms are older than the rest.
   update(shown) {
     this.shown = shown;
     for (const [k, name] of this.names.entries()) {
@@ -205,7 +205,7 @@ export class Charts {
     ctx.restore();
   }
 
-  /// HU under the tool's axis in every slice.
+  /// Updates the curve of HU under the tool's axis in every slice.
   update_hu(shown) {
     const { bone } = shown, tip = shown.values("tool_m");
     if (!bone || !bone.slices.some(({ hu }) => hu)) {
@@ -231,7 +231,7 @@ export class Charts {
     this.hu.set([[0, 1], [null, null]], [-margin, points[points.length - 1].depth + margin], [low, 100 * Math.ceil(1.15 * high / 100)]);
   }
 
-  /// The cutting front, or the tip if nothing is being cut; null without a row.
+  /// Returns the cutting front, or the tip if nothing is being cut; null if there is no row.
   front_of(shown) {
     const z = shown.value("front_z_m"), is_cutting = z !== 0 && !Number.isNaN(z);  // only that force law writes the column
     const mm = is_cutting ? 1000 * (shown.bone.top_m - z) : shown.depth_mm();

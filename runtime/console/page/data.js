@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a session or a recording consists of for the panels: rows by column name, the history of force, and the bone.
+// The data of a session or a recording that the panels show: rows by column name, the history of the force, and the bone.
 // Tests: tests/e2e/console_page_test.py
 
 /// The position of each column in a row. A missing column has the value `otherwise`.
@@ -17,14 +17,15 @@ export class Columns {
     const at = this.at.get(name);
     return at ? row[at[0]] : otherwise;
   }
-  /// null if there is no such column.
+  /// Returns the values of a column; null if there is no such column.
   values(row, name) {
     const at = this.at.get(name);
     return at ? row.subarray(at[0], at[0] + at[1]) : null;
   }
 }
 
-/// Force over time and depth. If there are more than 4000 points, the one with the larger force replaces each pair, so peaks stay.
+/// Force over time and depth. If there are more than 4000 points, each pair is replaced by its point with the larger force, so that
+/// peaks stay.
 export class History {
   constructor() { this.clear(); }
   clear() {
@@ -45,7 +46,7 @@ export class History {
     this.best = null;
     if (this.t.length > 4000) this.thin();
   }
-  /// Interrupts the curve, because the page was hidden.
+  /// Interrupts the curve. Called because the page was hidden.
   gap() {
     if (this.t.length && this.force[this.force.length - 1] !== null) this.push(this.t[this.t.length - 1] + 1e-9, null, null);
   }
@@ -62,7 +63,7 @@ export class History {
   }
 }
 
-/// The bone of /api/bone as typed arrays.
+/// Returns the bone of /api/bone as typed arrays.
 export function read_bone({ json, floats, uints }) {
   const mesh = (part) => ({ positions: floats(part.vertices), triangles: uints(part.triangles), hu: part.hu ? floats(part.hu) : null });
   const slices = json.slices.map((slice) => ({ slice: slice.slice, z_m: slice.z_m, cuts: 0, ...mesh(slice) }));
@@ -70,7 +71,7 @@ export function read_bone({ json, floats, uints }) {
     top_m: Math.max(...slices.map(({ z_m }) => z_m)) };
 }
 
-/// The triangle of a slice at x, y and the weights of its second and third corner; null outside its material.
+/// Returns the triangle of a slice at x, y with the weights of its second and third corner; null outside its material.
 function triangle_at({ positions, triangles }, x, y) {
   for (let k = 0; k < triangles.length; k += 3) {
     const a = triangles[k], b = triangles[k + 1], c = triangles[k + 2];
@@ -86,7 +87,7 @@ function triangle_at({ positions, triangles }, x, y) {
 
 export const is_material = (slice, x, y) => triangle_at(slice, x, y) !== null;
 
-/// HU of a slice at x, y; null outside its material or without HU.
+/// Returns the HU of a slice at x, y; null outside its material or if there is no HU.
 export function hu_at(slice, x, y) {
   const { hu } = slice, at = hu && triangle_at(slice, x, y);
   return at ? hu[at.a] + at.v * (hu[at.b] - hu[at.a]) + at.w * (hu[at.c] - hu[at.a]) : null;
@@ -106,14 +107,14 @@ export class Shown {
   }
   value(name, otherwise) { return this.row ? this.columns.value(this.row, name, otherwise) : otherwise ?? NaN; }
   values(name) { return this.row ? this.columns.values(this.row, name) : null; }
-  /// The force on the hand that the torques produce.
+  /// Returns the force on the hand that the torques produce.
   force(row = this.row) {
     const wrench = row && this.columns.values(row, "wrench_delivered");
     return wrench ? Math.hypot(wrench[0], wrench[1], wrench[2]) : NaN;
   }
-  /// Has the device been read? Before that the row's positions mean nothing.
+  /// Returns true if the device has been read. Before that the positions in the row mean nothing.
   is_placed(row = this.row) { return this.columns.value(row, "safety", 1) !== 0; }
-  /// Depth of the tip below the first slice; negative above it.
+  /// Returns the depth of the tip below the first slice; negative above it.
   depth_mm(row = this.row) {
     const tool = row && this.columns.values(row, "tool_m");
     const top = this.bone?.top_m ?? this.about.sheets?.[0]?.z_m;

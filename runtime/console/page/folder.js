@@ -36,7 +36,7 @@ const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : bo
 const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
 
 export class Folder {
-  /// `act`: {choose(scene), play(recording), compare(recording), report(recording)}
+  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording)}.
   constructor(act) {
     this.act = act;
     this.data = { scenes: [], assets: [], recordings: [] };
@@ -78,7 +78,7 @@ export class Folder {
       if (scene.file === this.chosen) entry.setAttribute("aria-current", "true");
       return entry;
     }));
-    // Sessions are named by their time: the newest first.
+    // The names of sessions begin with their time, so the reverse order has the newest first.
     const is_session = ({ file }) => file.startsWith("sessions/");
     const newest_first = [...recordings.filter(is_session).reverse(), ...recordings.filter((recording) => !is_session(recording))];
     by_id("recordings").replaceChildren(...newest_first.map((recording) => {

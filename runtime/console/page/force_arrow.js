@@ -17,7 +17,7 @@ export class ForceArrow {
   }
   get visible() { return this.group.visible; }
 
-  /// `force` and `tip`: arrays of three numbers, or null.
+  /// Updates the arrow. `force` and `tip` are arrays of three numbers, or null.
   update(force, tip, is_allowed) {
     const N = force ? Math.hypot(force[0], force[1], force[2]) : 0;
     this.group.visible = Boolean(tip) && N > kMinForce_N && is_allowed;

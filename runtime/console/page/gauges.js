@@ -12,10 +12,11 @@ function element(tag, name = "", text = "") {
   return made;
 }
 
-/// Like toFixed(), without a minus before zero.
+/// Like toFixed(), but without a minus before zero.
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 
-/// Angle to the nearest joint limit, in rad. For a recording it is computed from the angles (four for each leg), if the limits are known.
+/// Returns the angle to the nearest joint limit, in rad. For a recording it is computed from the angles (four for each leg), if the
+/// limits are known.
 function joint_margin(shown) {
   const angles = shown.values("motor_angle_rad"), limits = shown.about.joint_limits_rad;
   if (shown.columns.has("joint_margin") || !angles || !(limits?.length >= 4)) return shown.value("joint_margin");

@@ -20,7 +20,7 @@ function zone_geometry({ capsule, box, prism }) {
   return new THREE.ExtrudeGeometry(shape, { depth: prism.z_m[1] - prism.z_m[0], bevelEnabled: false }).translate(0, 0, prism.z_m[0]);
 }
 
-/// A group with all goals; they are translucent with edges, so that they differ by more than colour. `goals` as in the scene's schema.
+/// Returns a group with all goals (see the scene's schema). They are translucent with edges, so that they differ by more than colour.
 export function make_goals({ target, line, zones = [] }, good, bad) {
   const group = new THREE.Group();
   const add = (geometry, color) => {

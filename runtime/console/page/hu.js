@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// HU as colour: the map cividis (perceptually uniform, and the same to people with a colour vision deficiency), and its legend.
+// HU as colour: the map cividis (perceptually uniform, and looking the same to people with a colour vision deficiency), and its legend.
 // Tests: tests/e2e/console_page_test.py
 
 const kStops = ("00224e 002e6a 1a386f 32436d 434e6c 535a6d 61656f 6f7073 7d7c78 8c8878 9b9476 aba072 bcae6c cdbb63 dec958 f0d846 fee838")
@@ -9,15 +9,15 @@ const kFirst = 4;
 
 export const kNoHu = [150, 160, 170];  ///< grey: the asset has no HU
 
-/// Colour of a fraction of the range, 0..1, as [red, green, blue] of 255.
+/// Returns the colour of a fraction (0..1) of the range, as [red, green, blue] from 0 to 255.
 export function colour(fraction) {
   const at = kFirst + Math.min(1, Math.max(0, fraction)) * (kStops.length - 1 - kFirst);
   const low = Math.min(Math.floor(at), kStops.length - 2);
   return kStops[low].map((value, k) => value + (at - low) * (kStops[low + 1][k] - value));
 }
 
-/// Range of the map for these arrays of HU: from their 2nd to their 98th percentile, rounded so that the legend's quarters are round
-/// numbers, too. null: no HU.
+/// Returns the range of the map for these arrays of HU, from their 2nd to their 98th percentile. It is rounded so that the quarters of
+/// the legend are round numbers, too. Returns null if there is no HU.
 export function range_of(arrays) {
   const sample = [];
   for (const hu of arrays) {
@@ -31,7 +31,7 @@ export function range_of(arrays) {
   return [low, low + 200 * Math.max(1, Math.ceil((at(0.98) - low) / 200))];
 }
 
-/// Colours of the vertices as bytes.
+/// Returns the colours of the vertices as bytes.
 export function colours_of(hu, range, count) {
   const bytes = new Uint8Array(3 * count);
   for (let i = 0; i < count; ++i) bytes.set(hu && range ? colour((hu[i] - range[0]) / (range[1] - range[0])) : kNoHu, 3 * i);

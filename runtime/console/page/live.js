@@ -7,7 +7,7 @@ import { token } from "./api.js";
 const kSnapshot = 1, kSheet = 2, kShape = 3;
 
 export class Live {
-  /// `on`: {hello, snapshot, sheet, shape, events, missed, state, down}
+  /// `on` has the functions {hello, snapshot, sheet, shape, events, missed, state, down}.
   constructor(on) {
     this.on = on;
     this.session = null;
@@ -54,7 +54,7 @@ export class Live {
     socket?.close();
   }
 
-  /// The caller calls it once per frame. It acknowledges what has been shown, so that the console sends less to a slow page.
+  /// The caller calls this once per frame. It acknowledges what has been shown, so that the console sends less to a slow page.
   ack() {
     if (!this.to_ack || this.socket?.readyState !== WebSocket.OPEN) return;
     this.socket.send(JSON.stringify({ ack: this.to_ack }));

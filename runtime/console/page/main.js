@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ties the page together: which source is shown (a session or a recording), buttons, keys, and the loop that draws.
+// Connects the parts of the page: the source that is shown (a session or a recording), buttons, keys, and the loop that draws.
 // Tests: tests/e2e/console_page_test.py
 import { emergency_stop, file_query, get_blob, get_container, get_json, post } from "./api.js";
 import { Charts } from "./charts.js";
@@ -16,12 +16,13 @@ const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000;
 
 const app = {
   role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
-  live: null,          // Shown of the session
-  preview: null,       // Shown with the bone of the chosen scene only
+  live: null,          // the Shown of the session
+  preview: null,       // a Shown that has only the bone of the chosen scene
   playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "", waiting: null,
 };
 
-/// The view is drawn in the next frame, the panels after kPanels_ms at the latest, or kSlowPanels_ms if frames are slow.
+/// Requests drawing. The view is drawn in the next frame, and the panels at most kPanels_ms later (kSlowPanels_ms if frames
+/// are slow).
 function changed() {
   app.has_moved = app.panels_are_old = true;
 }
@@ -47,13 +48,13 @@ try {
 app.charts = new Charts();
 app.gauges = new Gauges();
 
-/// The session's name, if the file is a session's recording.
+/// Returns the session's name if the file is a session's recording; otherwise the file's name.
 const short = (file) => file.replace(/^sessions\//, "").replace(/\/session\.csv$/, "");
 
 // ---- what is shown ----
 const shown = () => (app.tab === "playback" ? app.playback.first : app.live ?? app.preview);
 
-/// Passes the bone of the shown source to the view, and applies the sheets and shapes that came earlier.
+/// Passes the bone of the shown source to the view, and applies the sheets and shapes that have come earlier.
 function show_bone() {
   const source = shown();
   app.view?.set_bone(source?.bone ?? null);
@@ -256,7 +257,7 @@ addEventListener("keydown", (event) => {
     if (app.role === "operator") command("stop");
   } else if (app.tab === "playback") toggle_play();
 }, true);
-// A button with the focus would also be pressed when the space key is released.
+// Without this, a button that has the focus would be pressed when the space key is released.
 addEventListener("keyup", (event) => {
   if (event.code === "Space" && event.target instanceof HTMLButtonElement) event.preventDefault();
 }, true);
@@ -264,7 +265,7 @@ addEventListener("keyup", (event) => {
 // ---- playback ----
 const play = guarded(async (recording) => {
   await app.playback.open(recording.file, recording.scene);
-  // A recording does not hold the device's limits, so those of the last session here are used.
+  // A recording does not contain the device's limits, so those of the last session of this page are used.
   const { motor_peak_torque_Nm, joint_limits_rad, workspace } = app.live?.about ?? {};
   Object.assign(app.playback.first.about, { motor_peak_torque_Nm, joint_limits_rad, workspace });
   app.gauges.events_key = "";
@@ -304,7 +305,7 @@ const open_report = guarded(async (file) => {
   app.report_url = URL.createObjectURL(blob);
   by_id("report-frame").src = app.report_url;
   by_id("report-save").href = app.report_url;
-  by_id("report-box").show();  // not modal: the emergency stop stays within reach
+  by_id("report-box").show();  // not modal, so that the emergency stop can still be pressed
 });
 by_id("report-close").addEventListener("click", () => by_id("report-box").close());
 by_id("player-report").addEventListener("click", () => {
@@ -408,7 +409,7 @@ set_view("perspective");
 requestAnimationFrame(frame);
 refresh();
 
-// window.trocar is what the page shows, as data for tests and for debugging in the browser's console.
+// window.trocar contains what the page shows, as data for tests and for debugging in the browser's console.
 const row_of = (source) => (source?.row ? Object.fromEntries([...source.columns.at.keys()].map((name) => [name, Array.from(source.values(name))])) : null);
 window.trocar = {
   get role() { return app.role; },

@@ -4,9 +4,9 @@
 import * as THREE from "three";
 import { colours_of } from "./hu.js";
 
-export const kCoarseTriangles = 10000;  // about so many triangles of a surface are drawn where the resolution is reduced
+export const kCoarseTriangles = 10000;  // about this many triangles of a surface are drawn if the resolution is reduced
 
-/// Triangles with the colours of their HU. `width`: numbers of a vertex, x and y or x, y and z.
+/// Returns triangles with the colours of their HU. `width`: numbers per vertex, 2 for x and y, 3 for x, y and z.
 export function mesh_geometry(positions, width, triangles, hu, range) {
   const count = positions.length / width, xyz = new Float32Array(3 * count);
   for (let i = 0; i < count; ++i) {
@@ -21,7 +21,7 @@ export function mesh_geometry(positions, width, triangles, hu, range) {
   return geometry;
 }
 
-/// The boundary edges of a slice's mesh: its contour and its holes.
+/// Returns the boundary edges of a slice's mesh: its contour and its holes.
 export function boundary_of(triangles, vertices) {
   const seen = new Map();
   for (let k = 0; k < triangles.length; k += 3)
@@ -34,8 +34,8 @@ export function boundary_of(triangles, vertices) {
   return new Uint32Array([...seen.values()].flat());
 }
 
-/// A mesh of about kCoarseTriangles for pictures of a reduced resolution: the vertices in each cell of a grid are replaced by their mean
-/// (vertex clustering, Rossignac and Borrel 1993).
+/// Returns a mesh of about kCoarseTriangles triangles for pictures of reduced resolution. The vertices in each cell of a grid are
+/// replaced by their mean (vertex clustering, Rossignac and Borrel 1993).
 export function coarse_of(geometry) {
   const triangles = geometry.index.array, xyz = geometry.getAttribute("position"), triangle = new THREE.Triangle();
   let area = 0;
@@ -63,7 +63,7 @@ export function coarse_of(geometry) {
   return coarse;
 }
 
-/// Puts light from the front and above into the colours of the vertices: without a GPU that costs less than lighting each pixel.
+/// Adds light from the front and above to the colours of the vertices. Without a GPU this costs less than lighting each pixel.
 /// Returns the side of the triangles that is outside.
 export function light(geometry) {
   geometry.computeVertexNormals();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The resolution of the view by its frame rate, so that it also works where there is no GPU.
+// Chooses the resolution of the view by its frame rate, so that the view also works without a GPU.
 // Tests: tests/e2e/console_page_test.py
 
 const kMinScale = 0.5, kSlowFrame_ms = 30, kFastFrame_ms = 19, kFramesOfMean = 20, kPause_ms = 500;
@@ -13,7 +13,7 @@ export class Pace {
   #last = null;
   #fast = 0;
 
-  /// A frame was drawn at `now` (ms).
+  /// Call this when a frame was drawn, at `now` (ms).
   frame(now) {
     ++this.frames;
     if (this.#last !== null && now - this.#last < kPause_ms) this.#times.push(now - this.#last);
@@ -27,11 +27,11 @@ export class Pace {
     if (mean > kSlowFrame_ms) this.scale = Math.max(kMinScale, this.scale * Math.max(0.7, Math.sqrt(kSlowFrame_ms / mean) * 0.95));
     else if (mean < kFastFrame_ms && this.scale < 1 && ++this.#fast >= 5) this.scale = Math.min(1, this.scale * 1.12);
     else return;
-    this.#fast = this.scale < before ? -20 : 0;  // a step up that was too much is not tried again soon
+    this.#fast = this.scale < before ? -20 : 0;  // after a step down, the next step up is delayed
   }
 
-  /// How long nothing has been drawn, ms.
+  /// Returns the time since the last frame, ms.
   since_last(now) { return now - this.#last; }
-  /// The next frame begins a new mean.
+  /// Call this before a pause, so that the pause does not count as a frame.
   pause() { this.#last = null; }
 }

@@ -37,8 +37,8 @@ class Recorded extends Shown {
       if (i % every === 0 && this.is_placed(row)) this.history.push(this.times[i], this.force(row), this.depth_mm(row));
     }
   }
-  /// A recording of the force law `cutting` has the front instead of punctures. A slice is cut through when the front has passed the
-  /// lower side of its slab, half way to the next slice. It is touched when the front is in the slab.
+  /// Finds punctures in a recording of the force law `cutting`, which has the front instead of punctures. A slice is cut through when
+  /// the front has passed the lower side of its slab, half-way to the next slice. It is touched when the front is in the slab.
   find_punctures() {
     const slices = this.bone?.slices ?? [];
     if (!this.columns.has("front_z_m") || !slices.length) return;
@@ -61,7 +61,7 @@ class Recorded extends Shown {
     }
     this.all_events.sort((a, b) => a.t_s - b.t_s);
   }
-  /// The last row at or before t.
+  /// Returns the index of the last row at or before t.
   index_at(t) {
     let low = 0, high = this.count - 1;
     while (low < high) {
@@ -78,7 +78,7 @@ class Recorded extends Shown {
     this.events = this.all_events.filter(({ t_s }) => t_s <= now);
     this.pierced = new Set(this.punctures().map(({ slice }) => slice));
   }
-  /// Whether slices are touched or punctured follows from the events and the rows so far.
+  /// Returns the values of a column. For touched and punctured slices they are computed from the events and the rows so far.
   values(name) {
     const slices = this.bone?.slices ?? [], now = this.row ? this.times[this.index] : 0;
     if (name === "sheet_touched") return slices.map(({ slice }) => Number(this.touched_at.get(slice) <= now || (this.pierced?.has(slice) ?? false)));
@@ -137,7 +137,7 @@ export class Playback {
     this.first?.second?.go_to(this.time_s);
   }
 
-  /// `passed_s`: passed wall-clock time. Returns true if the row has changed.
+  /// Advances by `passed_s` of wall-clock time. Returns true if the row has changed.
   advance(passed_s) {
     if (!this.is_playing || !this.first) return false;
     this.go_to(this.time_s + passed_s * this.speed);

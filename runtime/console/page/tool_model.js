@@ -12,7 +12,7 @@ const shape_of = (outline) => new THREE.Shape(outline.map(([x, y]) => new THREE.
 function solid_of(outline, kind, half_angle_deg) {
   const prism = new THREE.ExtrudeGeometry(shape_of(outline), { depth: kLength_m, bevelEnabled: false });
   if (!kind || kind === "flat" || !(half_angle_deg > 0)) return prism;
-  // The lower end becomes a point: the shaft begins where a cone of that angle has the tool's width.
+  // The lower end becomes a point. The shaft begins where a cone of that angle has the tool's width.
   const at = prism.getAttribute("position"), radius = Math.max(...outline.map(([x, y]) => Math.hypot(x, y)));
   const length = radius / Math.tan(half_angle_deg * Math.PI / 180);
   const low = new THREE.ExtrudeGeometry(shape_of(outline), { depth: length, bevelEnabled: false }).getAttribute("position");
@@ -26,7 +26,7 @@ function solid_of(outline, kind, half_angle_deg) {
 }
 
 export class ToolModel {
-  /// `tool` as in /api/bone; `materials`: {tool, ghost, outline}.
+  /// `tool`: the object of /api/bone. `materials`: {tool, ghost, outline}.
   constructor(tool, scene, materials) {
     this.outline = tool.outline_m?.length ? tool.outline_m : circle(tool.radius_m);
     this.axis_in_plate = tool.axis_in_plate;
@@ -40,11 +40,11 @@ export class ToolModel {
     scene.add(...this.parts);
   }
 
-  /// The outline as a flat shape.
+  /// Returns the outline as a flat shape.
   disc() { return new THREE.ShapeGeometry(shape_of(this.outline)); }
 
-  /// Moves the tools to the rows of `shown` and of the recording that it is compared with. `view` as in View3d; `z_m`: height of the
-  /// slice that a cross-section shows.
+  /// Moves the tools to the rows of `shown` and of the recording with which it is compared. `view`: the view of View3d. `z_m`: height
+  /// of the slice that a cross-section shows.
   update(shown, view, z_m) {
     this.#pose(this.solid, shown);
     this.ghost.visible = false;
@@ -64,7 +64,7 @@ export class ToolModel {
     if (!tip) return;
     solid.position.set(tip[0], tip[1], tip[2]);
     const turn = q ? new THREE.Quaternion(q[1], q[2], q[3], q[0]) : new THREE.Quaternion();
-    if (axis) {  // the tool's own axis: the tool may be tilted on the plate
+    if (axis) {  // the tool's own axis is used, because the tool may be tilted on the plate
       const up = new THREE.Vector3(-axis[0], -axis[1], -axis[2]).normalize();
       const x = new THREE.Vector3(1, 0, 0).applyQuaternion(turn);
       x.addScaledVector(up, -x.dot(up)).normalize();

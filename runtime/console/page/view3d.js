@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The three-dimensional view, in {B}, metres, z up: bone, tool, bending sheet, holes, force.
+// The three-dimensional view: bone, tool, bending sheet, holes, force. Coordinates are in {B}, in metres, with z up.
 // Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 import { Cameras } from "./cameras.js";
@@ -10,10 +10,10 @@ import { boundary_of, coarse_of, kCoarseTriangles, light, mesh_geometry } from "
 import { Pace } from "./pace.js";
 import { ToolModel } from "./tool_model.js";
 
-const kNearSlices = 3;  // slices that are shown on each side of the tip
+const kNearSlices = 3;  // number of slices shown on each side of the tip
 const kRest_ms = 400;
 
-THREE.ColorManagement.enabled = false;  // colours of the HU map go to the screen as they are
+THREE.ColorManagement.enabled = false;  // the colours of the HU map are shown unchanged
 
 const sheet_material = (opacity) =>
   new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity, depthWrite: false, side: THREE.DoubleSide, forceSinglePass: true });
@@ -31,7 +31,7 @@ export class View3d {
     this.shows_surface = true;
     this.is_dirty = true;
     this.label = document.getElementById("force-label");
-    // Opaque, so that the browser need not blend it with what is behind: three.js always asks for an alpha channel.
+    // The context is opaque, so that the browser need not blend it with the background. (three.js always asks for an alpha channel.)
     const context = canvas.getContext("webgl2", { alpha: false, antialias: false, powerPreference: "high-performance" });
     this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
@@ -70,7 +70,7 @@ export class View3d {
     this.is_dirty = true;
   }
 
-  /// `bone` of read_bone(), or null.
+  /// Shows a bone. `bone`: result of read_bone(), or null.
   set_bone(bone) {
     for (const part of [...this.bone_group.children]) this.drop(part);
     for (const part of [...(this.tool?.parts ?? []), this.shape, this.goals]) if (part) this.drop(part);
@@ -118,8 +118,8 @@ export class View3d {
     this.coarse_surface = null;
   }
 
-  /// Shows the whole surface at full resolution, a coarse one at a reduced resolution: without a GPU its triangles take more time
-  /// than its pixels.
+  /// Shows the whole surface at full resolution, and a coarse surface at reduced resolution. Without a GPU the triangles of the surface
+  /// take more time than its pixels.
   choose_surface() {
     if (!this.surface) return;
     const { geometry } = this.surface, is_coarse = this.drawn_scale < 1 && geometry.index.count > 3 * kCoarseTriangles;
@@ -137,7 +137,7 @@ export class View3d {
     const old = this.slices[sheet];
     if (!old) return;
     if (!positions.length) {
-      old.is_lost = true;  // it outgrew its memory; the caption says so
+      old.is_lost = true;  // the sheet has outgrown its memory; the caption says so
       return;
     }
     const { z_m } = old;
@@ -146,7 +146,8 @@ export class View3d {
     this.is_dirty = true;
   }
 
-  /// The sheet around the tool with the spring network: x, y and the fraction w of the tool's depth by which a vertex is lowered.
+  /// Shows the sheet around the tool with the spring network. A vertex has x, y and w, the fraction of the tool's depth by which it is
+  /// lowered.
   set_shape(shape) {
     if (this.shape) this.drop(this.shape);
     this.shape = null;
@@ -235,7 +236,7 @@ export class View3d {
     this.is_dirty = true;
   }
 
-  /// Index of the slice in a cross-section: the active one, else the next below the tip.
+  /// Returns the index of the slice in a cross-section: the active slice, otherwise the next slice below the tip.
   section_slice(shown) {
     const active = shown?.value("active_slice", -1) ?? -1;
     const found = this.slices.findIndex(({ slice }) => slice === active);
@@ -288,7 +289,7 @@ export class View3d {
     at.needsUpdate = true;
   }
 
-  /// Renders if something changed; `now` in ms. True: the resolution has changed.
+  /// Renders if something has changed. `now` is in ms. Returns true if the resolution has changed.
   frame(now) {
     if (!this.bone) return false;
     if (!this.is_dirty) return this.rest(now);
@@ -299,7 +300,7 @@ export class View3d {
     return false;
   }
 
-  /// Draws one picture at full resolution once nothing moves.
+  /// Draws one picture at full resolution when nothing moves any more.
   rest(now) {
     if (this.is_sharp || this.pace.scale === 1 || this.pace.since_last(now) < kRest_ms) return false;
     this.is_sharp = true;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state in words, with what to do.
+// Describes the state in words, and says what to do.
 // Tests: tests/e2e/console_page_test.py
 
 export const kRunning = 2, kFault = 3, kRecovering = 4;  // SafetyState
@@ -7,7 +7,7 @@ const kContact = 1, kPunctured = 2, kMissed = 3;          // ContactPhase
 const kOperators = { paused: ["Paused", "Torques are zero and time is stopped. Press Resume to continue."],
   forces_off: ["Forces off", "Torques are zero, the tool moves freely and time continues. Press Recover for forces."] };
 
-/// The last fault that no recovery has ended, or null.
+/// Returns the last fault that no recovery has ended, or null.
 export function last_fault(events) {
   for (let i = events.length - 1; i >= 0; --i) {
     if (events[i].kind === "recovered") return null;
