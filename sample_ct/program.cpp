@@ -78,7 +78,7 @@ void declare(CLI::App& app, Arguments& arguments) {
                                 ")");
   app.add_option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
       ->required();
-  app.add_option("--seed", arguments.seed, "of textures, noise and UIDs")
+  app.add_option("--seed", arguments.seed, "seed of textures, noise and UIDs")
       ->capture_default_str()
       ->check(check_whole);
   app.add_option("--slices", arguments.slices, "number of slices, 1 mm apart")

@@ -46,19 +46,21 @@ void add_input_options(CLI::App& app, Arguments& a) {
   app.add_option("INPUT", a.inputs, "the scan");
   Group group(app, "Input");
   group.value("--spacing", a.spacing, "X,Y,Z",
-              "pixel and slice spacing in mm, if the input has none");
+              "pixel size in x and y, and slice spacing, mm, if the input has none");
   group.value("--slices", a.slices, "A:B", "first and last slice to mesh, counted from 0");
   group.value("--crop", a.crop, "X0:X1,Y0:Y1",
-              "first and last pixel of each row and column, from 0");
+              "first and last column, then first and last row, counted from 0");
   group.value("--series", a.series, "UID", "UID, number or description of one of several series");
   a.volume_given = group
                        .value("--volume", a.volume, "N",
                               "volume of a NIfTI with a fourth dimension, counted from 0")
                        ->check(option_range(0, 1'000'000'000).description(""));
-  group.flag("--any-modality", a.any_modality, "accept DICOM other than CT; its values are not HU");
+  group.flag("--any-modality", a.any_modality,
+             "accept DICOM images other than CT; their values are not HU");
   a.axis_given = group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
-                              "slice direction of a volume; default: as stored, NIfTI axial");
-  group.value("--hu", a.hu, "CT", "the CT on the grid of a label map; gives the labels a mean HU");
+                              "slice direction of a volume; default: as stored, NIfTI: axial");
+  group.value("--hu", a.hu, "CT",
+              "CT with the same voxels as the label map, for the labels' mean HU");
 }
 
 void add_material_options(CLI::App& app, Arguments& a) {
@@ -68,9 +70,9 @@ void add_material_options(CLI::App& app, Arguments& a) {
     names.emplace_back(preset.name);
   group.choice("--preset", a.preset, std::move(names), "a set of options; --explain prints them");
   group.flag("--explain", a.explain, "print the options of --preset, or of all presets");
-  a.threshold_given = group.number(
-      "--threshold", a.threshold, "HU", -1e6, 1e6,
-      "iso-value in HU (226 dense bone, 180 bone of low density,\n-300 skin); in images 0..255");
+  a.threshold_given = group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
+                                   "lowest HU of the material (226 dense bone, 180 bone of low\n"
+                                   "density, -300 skin); for images a grey level of 0..255");
   a.equalize_given = group.number("--equalize", a.equalize, "LEVEL", 0.0, 255.0,
                                   "equalise the histogram, then apply this threshold of 0..255");
   a.labels_given = group
@@ -78,8 +80,9 @@ void add_material_options(CLI::App& app, Arguments& a) {
                               "labels of a label map, one material each: L, A-B, several, or all;\n"
                               "20+21 joins two labels to one material")
                        ->allow_extra_args(false);
-  group.value("--names", a.names, "FILE",
-              "names of the labels: a JSON file {\"20\": \"L1\"}, or verse or\ntotalsegmentator");
+  group.value(
+      "--names", a.names, "FILE",
+      "names of the labels: a JSON file {\"20\": \"L1\"}, or a table: verse\nor totalsegmentator");
   group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
                "drop smaller islands and fill smaller holes, mm^2");
 }
@@ -88,18 +91,18 @@ void add_material_options(CLI::App& app, Arguments& a) {
 void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
   group.value("--fill", a.fill, "MM2",
-              "fill regions of at most this area, or all, that bone encloses in\n"
-              "two of the three slice directions");
+              "fill regions of at most this area, mm^2, that bone encloses in two\n"
+              "of the three slice directions; all: of any area");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
-               "with --fill: treat gaps of up to twice this width as closed, mm");
+               "with --fill: half the widest gap that counts as closed, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
                "drop smaller connected components, mm^3; done before --fill");
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep the N largest connected components; 0 keeps all");
   group
       .value("--seed", a.seeds, "X,Y,Z",
-             "patient coordinates in mm; with several, keep the material that is\n"
-             "nearer to the first than to the others")
+             "keep the material connected to this point (LPS, mm); with several,\n"
+             "the part of it that is nearer to the first than to the others")
       ->allow_extra_args(false);
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep the material within 1.5 mm of these labels");
@@ -107,20 +110,23 @@ void add_solid_options(CLI::App& app, Arguments& a) {
 
 void add_stage_options(CLI::App& app, Arguments& a) {
   Group group(app, "Mesh");
-  group.choice("--contour", a.contour, {"subpixel", "pixel"}, "iso-contour or pixel chains")
+  group
+      .choice("--contour", a.contour, {"subpixel", "pixel"},
+              "iso-contour between the pixels, or chains of pixels")
       ->capture_default_str();
   group
       .choice("--simplify", a.simplify, {"area", "dp"},
-              "area-preserving collapse or Douglas-Peucker")
+              "area-preserving edge collapse, or Douglas-Peucker")
       ->capture_default_str();
   group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
                "largest distance of the outline from the contour, mm");
-  group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0, "smallest angle, degrees");
+  group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0,
+               "smallest angle of a triangle, degrees");
   a.area_given = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
-                              "area of the largest triangle, mm^2");
+                              "largest area of a triangle, mm^2");
   a.area_px_given = group
                         .value("--max-area-px", a.max_area_px2, "PX2",
-                               "the same in pixels of the slice, instead of --max-area")
+                               "largest area of a triangle in pixels, instead of --max-area")
                         ->check(option_range(1e-6, 1e12).description(""));
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
                "refine where HU change by more than this along an edge; 0: never");
@@ -136,8 +142,8 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   group.flag("--surface", a.surface, "add a closed surface for display; see export --surface");
   a.surface_triangles_given =
       group.number("--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-                   "most triangles of the surface; only the default is exceeded where\n"
-                   "the distance to the material needs more");
+                   "largest number of triangles of the surface; if not given, more are\n"
+                   "used where the surface would be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -159,7 +165,8 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   group.flag("--colour", a.colour,
              "also store HU as colours, -200 dark to 1848 light, for viewers");
   group.value("--input-key", a.input_key, "FILE",
-              "key of 16 to 64 bytes: store the input's digest with this key");
+              "key of 16 to 64 bytes: store a keyed digest of the input, by which\n"
+              "holders of the key can recognise the scan; default: no digest");
   group.value("--report", a.report, "FILE", "write a report, slice by slice, as JSON");
   Group diagnostics(app, kDiagnostics);
   diagnostics.value("--dump-stages", a.dump_stages, "FILE",
@@ -170,7 +177,7 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
 }
 
 void add_preview_options(CLI::App& app, Arguments& a) {
-  add_common_options(app, a, "the sheet to write (.png, or .html with the numbers as text)");
+  add_common_options(app, a, "the picture to write (.png, or .html with the numbers as text)");
   Group(app, "Output")
       .number("--count", a.count, "N", 1, 100,
               "number of slices shown, evenly spread over those with material");

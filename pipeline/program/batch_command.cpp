@@ -268,24 +268,25 @@ Result<void> check(const BatchArguments& a) {
 
 void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("COLLECTION", a.collection,
-                 "the collection (.json); list --manifest prints a first one")
+                 "the collection (.json); list --manifest prints one to begin with")
       ->required();
   app.add_option("-o,--output", a.store, "folder of the store, created if needed")->required();
   app.add_option("--jobs", a.jobs, "concurrent scans, each in its own process; 0: all cores")
       ->capture_default_str()
       ->check(option_range(0, 1024));
-  app.add_option("--shard", a.shard, "work on the scans whose number, from 0, is I modulo N");
+  app.add_option("--shard", a.shard, "I/N: work on every Nth scan, beginning with scan I, from 0");
   app.add_option("--only", a.only,
-                 "work on the scans named in this file, one on a line; - is stdin");
-  app.add_flag("--dry-run", a.dry_run, "print what would be made, and why; write nothing");
-  app.add_option("--explain", a.explain, "print why this scan is stale or not; write nothing");
+                 "work on the scans named in this file, one per line; -: standard input");
+  app.add_flag("--dry-run", a.dry_run, "print which scans are stale, and why; write nothing");
+  app.add_option("--explain", a.explain,
+                 "print whether this scan is stale, and why; write nothing");
   app.add_flag("--rehash", a.rehash,
                "read all inputs, also those with unchanged size, time and inode");
   app.add_flag("--verify", a.verify,
                "verify every asset in the store, and make damaged ones again");
-  app.add_flag("--gc", a.gc, "afterwards remove files that no scan in the store refers to");
+  app.add_flag("--gc", a.gc, "after the run, remove files that no scan in the store refers to");
   app.add_flag("--prune", a.prune, "with --gc: first drop scans that the collection does not name");
-  app.add_option("--grace", a.grace_minutes, "with --gc: keep younger files, minutes")
+  app.add_option("--grace", a.grace_minutes, "with --gc: keep files younger than this, minutes")
       ->capture_default_str()
       ->check(option_range(0.0, 1e6));
   app.add_flag("--json", a.as_json, "print the summary as JSON");

@@ -51,10 +51,10 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
 void add_review_options(CLI::App& app, ReviewArguments& a) {
   app.add_option("STORE", a.store, "a store of trocar-mesh batch")->required();
   app.add_option("-o,--output", a.page,
-                 "page to write (.html); from 241 scans on, NAME-2.html and so on follow it")
+                 "page to write (.html); with more than 240 scans also NAME-2.html and so on")
       ->required();
   app.add_option("--against", a.against,
-                 "another store: show the differences from it, worst first");
+                 "another store: show the differences from it, the worst first");
   app.add_flag("--json", a.as_json, "print the numbers as JSON");
   app.add_flag("--quiet", a.quiet, "print errors only");
 }

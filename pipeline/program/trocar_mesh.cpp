@@ -118,14 +118,14 @@ struct CommandLine {
     add_list_options(add("list", "show the scans in a folder"), list);
     add_preview_options(add("preview", "show what a run with the same options would mesh"),
                         preview);
-    add_verify_options(add("verify", "check an asset's invariants"), verify);
+    add_verify_options(add("verify", "check every triangle, edge and area of an asset"), verify);
     add_info_options(add("info", "show what is in an asset"), info);
     add_export_options(add("export", "write each slice as .poly, .obj and .svg, or the surface"),
                        exported);
-    add_batch_options(
-        add("batch", "make the assets of a collection of scans that are missing or stale"), batch);
+    add_batch_options(add("batch", "make the assets of a collection that are missing or stale"),
+                      batch);
     add_review_options(
-        add("review", "show all assets of a store, and what changed against another"), review);
+        add("review", "show all assets of a store, and how they differ from another's"), review);
     add_help_for_diagnostics(app);
   }
 

@@ -40,8 +40,10 @@ Result<std::size_t> verify(const fs::path& file, const VerifyArguments& a) {
 
 void add_verify_options(CLI::App& app, VerifyArguments& a) {
   app.add_option("ASSET", a.assets, "one or more assets (.glb)")->required();
-  app.add_flag("--private", a.deidentified, "also refuse an asset that may identify the patient");
-  app.add_flag("--independent", a.with_cgal, "also compare with CGAL's triangulation");
+  app.add_flag("--private", a.deidentified,
+               "also refuse an asset whose texts may identify the patient");
+  app.add_flag("--independent", a.with_cgal,
+               "also compare each slice with the triangulation of the library CGAL");
   app.add_flag("--json", a.as_json, "print JSON");
 }
 

@@ -41,10 +41,11 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   session.option("--duration", a.duration_s, "duration in s (default: the scene's)");
   session.option("--replay", a.replay,
                  "run on the inputs of a recording (virtual clock) and compare the torques; exit\n"
-                 "code 3 if they differ, or if scene, asset, device or options do");
+                 "code 3 if they differ, or if scene, asset, device or options are not those of\n"
+                 "the recording");
   session.option("--live", a.live,
                  "publish the session in shared memory and take commands from other programs;\n"
-                 "the file becomes a link to the memory while the session runs");
+                 "while the session runs, this file is a symbolic link to the memory");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -61,26 +62,28 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
 void declare_safety_options(CLI::App& app, RunArguments& a) {
   Group safety(app, "Safety");
   safety.option("--recover", a.recover,
-                "after a fault, never: end the session; auto: recover; signal: recover on SIGUSR1\n"
-                "(default: never)");
+                "what to do after a fault. never: end the session; auto: recover; signal:\n"
+                "recover on SIGUSR1 (default: never)");
   safety.option("--energy-limit", a.energy_limit_J,
-                "energy in J that the hand may receive within 0.1 s beyond what the tissue had\n"
-                "stored; more is the fault energy_limit (default: 0.05)");
+                "energy in J that the hand may receive within 0.1 s in addition to the energy\n"
+                "that the tissue stored at the beginning of that time; if it receives more, the\n"
+                "fault energy_limit is raised (default: 0.05)");
   safety.option("--late-ticks", a.late_ticks,
-                "number of consecutive missed deadlines that is a fault; 0: none (default: 3;\n"
-                "with the device inproc, none)");
+                "raise a fault after this many consecutive missed deadlines; 0: never\n"
+                "(default: 3). The device inproc waits for the loop: deadlines are not checked");
   safety.option("--black-box", a.black_box,
-                "folder for the recordings of the last 4 s before each fault (default: that of\n"
-                "--record, or the current folder)");
+                "folder for the recordings of the last 4 s before each fault (default: the\n"
+                "folder of --record, or else the current folder)");
 
   Group diagnostics(app, kDiagnostics);
   diagnostics.option("--meshes", a.meshes, "write the sheets before and after the punctures: JSON");
   diagnostics.option("--frames", a.frames,
                      "write the sheet around the tool 30 times a second: JSON lines");
   diagnostics.option("--passivity", a.passivity, "passivity controller, on or off (default: on)");
-  diagnostics.option("--coupling", a.coupling_N_per_m,
-                     "stiffness of a virtual coupling between tool and sheets, 100 to 1000000 N/m\n"
-                     "(default: none)");
+  diagnostics.option(
+      "--coupling", a.coupling_N_per_m,
+      "stiffness of a virtual coupling between the tool and a proxy that touches the\n"
+      "sheets, 100 to 1000000 N/m (default: none)");
   diagnostics.option("--cpu", a.cpu, "processor on which the haptic loop stays (default: any)");
   app.add_option("--energy-budget", a.energy_budget)->group("");
 }
@@ -106,7 +109,7 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   scene.option("--asset", a.asset, "an asset (.glb) instead of the scene's");
   scene.option("--force-law", a.force_law, force_law_names() + ", instead of the scene's");
   scene.flag("--check", a.check,
-             "run no session; print what the scene needs and where its hand can go, do a dry\n"
+             "run no session; print what the scene needs and where the tip can go, do a dry\n"
              "run with the simulated device, and warn of faults and of slices never touched");
   scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
   scene.option("--new-scene", a.new_scene,
@@ -117,11 +120,11 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   device.option("--device", a.device,
                 device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
   device.option("--key-file", a.key_file,
-                "key of the link to a device process: the file with which that was started");
+                "key of the device link; the device process must have the same key");
   device.option("--device-description", a.description,
                 "a device description (JSON) instead of the scene's");
   device.option("--compensate", a.compensate,
-                "torques that cancel the device's own: none, friction, weight or both\n"
+                "add torques against the device's own forces: none, friction, weight or both\n"
                 "(default: none)");
   declare_session_options(app, a);
   declare_safety_options(app, a);

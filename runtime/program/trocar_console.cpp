@@ -38,29 +38,31 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("FOLDER", arguments.folder,
                  "scenes, assets and recordings to choose from; sessions are kept in its folder\n"
                  "sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
-  app.add_option("--port", arguments.port, "0: any free one (4841)")->check(option_range(0, 65535));
+  app.add_option("--port", arguments.port, "port; 0: any free one (default: 4841)")
+      ->check(option_range(0, 65535));
   app.add_option(
       "--listen", arguments.listen,
-      "numerical address; another than 127.0.0.1 or ::1 lets other machines in, without\n"
-      "encryption (127.0.0.1)");
+      "numerical address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1\n"
+      "lets other machines in, and their connections are not encrypted");
   app.add_option("--attach", arguments.attach,
-                 "look at the session of trocar-run --live FILE, and command it, instead of\n"
-                 "starting sessions");
+                 "show and command the session of trocar-run --live FILE instead of starting\n"
+                 "sessions");
   app.add_option(
          "--device", arguments.device,
-         "device of sessions for which the page names none: inproc; sim: trocar-device-sim\n"
-         "as a process of its own (inproc)")
+         "device of a session if the page names none. inproc: simulated in trocar-run; sim:\n"
+         "trocar-device-sim as a separate process (default: inproc)")
       ->check(CLI::IsMember({"inproc", "sim"}));
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");
-  app.add_option("--page", arguments.page, "folder of the page's files (the installed one)");
+  app.add_option("--page", arguments.page,
+                 "folder of the page's files (default: the installed one)");
   app.add_option("--recording", arguments.recording, "play this recording instead; needs --scene");
-  app.add_option("--against", arguments.against, "a second recording, beside the first");
+  app.add_option("--against", arguments.against, "a second recording to show beside the first");
   app.add_option("--scene", arguments.scene, "the scene of the recordings");
   app.footer(
       "Prints two links, for the operator and for an audience; whoever has the first can command\n"
-      "the device. Ctrl-C ends the sessions that it has started, too. If it is killed they go on,\n"
-      "and another console of the same folder finds them.\n"
+      "the device. Ctrl-C also ends the sessions that the console has started. If the console is\n"
+      "killed, they go on, and another console of the same folder finds them.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 a "
       "bug.");
 }

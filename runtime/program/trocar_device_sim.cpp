@@ -59,25 +59,30 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("SCENE", a.scene,
                  "the scene (JSON) whose hand holds the tool; without it nothing holds the tool");
   app.add_option("--listen", a.listen,
-                 "ADDRESS:PORT; port 0: any free one (127.0.0.1:4840). An address other than this\n"
-                 "machine's loopback needs a key file that exists already");
+                 "ADDRESS:PORT; port 0: any free one (default: 127.0.0.1:4840). An address other\n"
+                 "than this machine's loopback needs a key file that exists already");
   app.add_option("--key-file", a.key_file,
-                 "the link's key, mode 0600; created if it does not exist")
+                 "file with the link's key, mode 0600; created if it does not exist")
       ->required();
   app.add_option("--clock", a.clock,
-                 "real: wall clock; lock-step: one period of the host per command, for\n"
-                 "trocar-run --clock virtual (real)");
-  app.add_option("--rate", a.rate_Hz, "of the drive, in Hz, 100 to 10000 (4000)");
-  app.add_option("--model", a.model,
-                 "light: a plate with viscous friction; full: links, rotors, dry friction,\n"
-                 "current lag too (light)");
-  app.add_option("--encoder-noise", a.noise_rad, "standard deviation in rad; needs full (0)");
-  app.add_option("--faults", a.faults,
-                 "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... in s of the session: loss:P delay:P:MS\n"
-                 "duplicate:P reorder:P flip:P (command-loss:P, state-loss:P: one way only)\n"
-                 "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
-  app.add_option("--seed", a.seed, "of faults and noise (1)")->check(not_negative);
-  app.add_option("--sessions", a.sessions, "end after this many sessions; 0: run until stopped (0)")
+                 "real: wall clock; lock-step: time advances by one period of the host for each\n"
+                 "command, for trocar-run --clock virtual (default: real)");
+  app.add_option("--rate", a.rate_Hz, "rate of the drive, 100 to 10000 Hz (default: 4000)");
+  app.add_option(
+      "--model", a.model,
+      "light: a plate with viscous friction; full: also links, rotors, dry friction and\n"
+      "current lag (default: light)");
+  app.add_option("--encoder-noise", a.noise_rad,
+                 "standard deviation of the encoders' noise, rad; needs --model full (default: 0)");
+  app.add_option(
+      "--faults", a.faults,
+      "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... with times in s from the session's start.\n"
+      "loss:P delay:P:MS duplicate:P reorder:P flip:P, where P is a probability\n"
+      "(command-loss:P and so on: commands only; state-loss:P and so on: states only)\n"
+      "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
+  app.add_option("--seed", a.seed, "seed of faults and noise (default: 1)")->check(not_negative);
+  app.add_option("--sessions", a.sessions,
+                 "end after this many sessions; 0: run until stopped (default: 0)")
       ->check(not_negative);
   app.add_option("--device-description", a.description,
                  "a device description (JSON) instead of the scene's");
