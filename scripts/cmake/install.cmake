@@ -96,11 +96,11 @@ function(trocar_pages component)
   install(FILES ${ARGN} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
 endfunction()
 trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
-trocar_pages(trocar-farm docs/farm.md)
-trocar_pages(trocar-runtime docs/trocar-run.md formats/session/device_link.md formats/session/telemetry.md)
+trocar_pages(trocar-farm docs/farm.md docs/glossary.md)
+trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md formats/session/device_link.md formats/session/telemetry.md)
 install(FILES scripts/debian/realtime.md RENAME README.Debian
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
-trocar_pages(trocar-console docs/trocar-console.md runtime/console/protocol.md)
+trocar_pages(trocar-console docs/trocar-console.md docs/glossary.md runtime/console/protocol.md)
 
 # --- the library of formats -----------------------------------------------------------------------
 target_compile_features(trocar_formats PUBLIC cxx_std_20)
