@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/asset_surfaces.h"
 
-#include <array>
 #include <cstdio>
 #include <string>
 #include <utility>
@@ -29,10 +28,7 @@ void warn_of_surface(const DisplaySurface& made, const SurfaceOptions& wanted, j
   }
   const bool is_far = made.distance.p99_mm > made.bound_mm;
   if (!is_far && made.left_out.p99_mm <= made.bound_mm) return;
-  const bool averaged = made.coarsened != std::array<int, 3>{1, 1, 1};
-  const char* const advice = averaged ? "; the voxels were averaged for it: give --crop or --slices"
-                             : wanted.at_most ? "; give more --surface-triangles"
-                                              : "";
+  const char* const advice = wanted.at_most ? "; give more --surface-triangles" : "";
   char sentence[250];
   std::snprintf(sentence, sizeof sentence,
                 "1 %% of the %s is farther than %.2f mm from the %s (wanted: %.2f mm)%s",

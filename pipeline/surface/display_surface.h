@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A closed triangle surface of the material for display.
 //
-//  1. CGAL's surface mesher (Boissonnat and Oudot 2005; Rineau and Yvinec) on the zero level of the
-//     volume, with bounds on angle, size and distance, beginning with points less than a voxel
-//     apart on every part of the surface. All vertices are on the lattice that is stored.
-//  2. OpenMesh's decimation by quadrics (Garland and Heckbert 1997) to the wanted number. Where
-//     triangles intersect, it is repeated without collapses near them.
+//  1. The isosurface of the volume (isosurface.h). All vertices are on the lattice that is stored.
+//  2. Decimation by quadrics to the wanted number (decimation.h). Where triangles intersect, the
+//     last collapses near them are undone.
 //  3. The proof, of what is stored: closed, manifold, oriented (formats/geometry/
 //     triangle_surface.h), free of self-intersections by CGAL's exact predicates; its distance.
+// Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
 #include <algorithm>
@@ -15,42 +14,38 @@
 
 #include "formats/base/result.h"
 #include "formats/geometry/triangle_surface.h"
+#include "pipeline/surface/surface_distance.h"
 #include "pipeline/surface/surface_volume.h"
 
 namespace trocar::pipeline {
 
 struct SurfaceOptions {
-  int triangles = 50'000;  ///< wanted number; fewer if the mesher gives fewer
+  int triangles = 50'000;  ///< wanted number; fewer if the isosurface has fewer
   /// Whether `triangles` is a limit even if DisplaySurface::bound_mm needs more.
   bool at_most = false;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
 };
 
-/// Percentiles of the distance of 20,000 evenly spread points.
-struct SurfaceDistance {
-  double p50_mm = 0, p99_mm = 0, max_mm = 0;
-};
-
 struct DisplaySurface {
   TriangleSurface surface;  ///< in the patient's frame (LPS)
-  /// The distance from the surface to the zero level of the trilinear interpolation. It is never
-  /// underestimated and includes the rounding to the lattice.
+  /// The distance from the surface to the zero level. It includes the rounding to the lattice.
   SurfaceDistance distance;
   /// The distance from the zero level to the surface, which shows what the surface leaves out.
   SurfaceDistance left_out;
   /// Wanted bound of distance.p99_mm and left_out.p99_mm: half of the mean side of a voxel.
   double bound_mm = 0;
   std::size_t parts = 0;                  ///< number of closed surfaces
-  std::size_t mesher_triangles = 0;       ///< triangles before decimation
-  std::array<int, 3> coarsened{1, 1, 1};  ///< voxels averaged for the mesher along each axis
+  std::size_t mesher_triangles = 0;       ///< triangles of the isosurface
+  std::array<int, 3> coarsened{1, 1, 1};  ///< voxels averaged along each axis
   double mesher_ms = 0, decimate_ms = 0, check_ms = 0;
 
   bool is_within_bound() const { return std::max(distance.p99_mm, left_out.p99_mm) <= bound_mm; }
 };
 
-/// Deterministic. If the surface needs more than about 300,000 points one voxel apart, voxels are
-/// averaged first. Errors: (refused) the mesher does not end, or finds nothing; the surface is
-/// outside the range of coordinates; (unwritable) stopped.
+/// Deterministic. If SurfaceOptions::at_most is set and the isosurface has more than 32 times as
+/// many triangles as wanted, voxels are averaged first. Errors: (refused) the surface is outside the
+/// range of coordinates, or intersects itself where slices are too close for its lattice;
+/// (unwritable) stopped. Memory: 350 bytes for each vertex of the isosurface.
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options);
 

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/surface_volume.h"
 
+#include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <opencv2/imgproc.hpp>
-#include <unordered_map>
 #include <utility>
 
 #include "formats/base/disjoint_sets.h"
@@ -12,6 +13,11 @@
 
 namespace trocar::pipeline {
 namespace {
+
+// A value outside, as far from zero as the given one. Zero itself would be in the material.
+float outside(float value) {
+  return -std::max(std::abs(value), std::numeric_limits<float>::min());
+}
 
 // A run of voxels along x on one side of zero. All runs together are the whole volume.
 struct Run {
@@ -89,7 +95,7 @@ void drop_small(SurfaceVolume& volume, bool inside, std::int64_t min_voxels) {
   for (const Run& run : runs.runs) {
     if (runs.inside[run.component] != inside || runs.voxels[run.component] >= min_voxels) continue;
     for (std::size_t i = run.begin; i < run.end; ++i)
-      volume.values[i] = -volume.values[i];
+      volume.values[i] = inside ? outside(volume.values[i]) : -volume.values[i];
   }
 }
 
@@ -102,16 +108,19 @@ SurfaceVolume with_border(SurfaceVolume inner) {
   for (std::size_t k = 0; k < 3; ++k)
     out.size[k] = inner.size[k] + 2;
   out.values.resize(static_cast<std::size_t>(out.size[0]) * out.size[1] * out.size[2]);
-  std::size_t i = 0;
+  const int width = inner.size[0];
+  float* to = out.values.data();
   for (int z = -1; z <= inner.size[2]; ++z) {
     for (int y = -1; y <= inner.size[1]; ++y) {
-      for (int x = -1; x <= inner.size[0]; ++x) {
-        const int cx = std::clamp(x, 0, inner.size[0] - 1),
-                  cy = std::clamp(y, 0, inner.size[1] - 1),
-                  cz = std::clamp(z, 0, inner.size[2] - 1);
-        const float value = inner.value(cx, cy, cz);
-        out.values[i++] = cx == x && cy == y && cz == z ? value : -std::abs(value);
+      const int cy = std::clamp(y, 0, inner.size[1] - 1), cz = std::clamp(z, 0, inner.size[2] - 1);
+      const float* row = &inner.values[(static_cast<std::size_t>(cz) * inner.size[1] + cy) * width];
+      *to++ = outside(row[0]);
+      if (cy == y && cz == z) {
+        to = std::copy_n(row, width, to);
+      } else {
+        to = std::transform(row, row + width, to, outside);
       }
+      *to++ = outside(row[width - 1]);
     }
   }
   std::vector<Eigen::Vector3d>& o = inner.origin_mm;
@@ -155,40 +164,6 @@ void smooth_mask(SurfaceVolume& volume) {
   }
 }
 
-// Values at or near zero, such as HU equal to the threshold, would make the surface touch itself in
-// a voxel. This moves them away from zero by a fiftieth of the mean step between the sides.
-void keep_off_zero(SurfaceVolume& volume) {
-  constexpr double kFraction = 0.02;
-  double sum = 0;
-  std::int64_t count = 0;
-  for (std::size_t i = 1; i < volume.values.size(); ++i) {
-    const float a = volume.values[i - 1], b = volume.values[i];
-    if ((a >= 0) == (b >= 0)) continue;
-    sum += std::abs(static_cast<double>(a) - static_cast<double>(b));
-    ++count;
-  }
-  const auto least =
-      count == 0 ? 1.0F : static_cast<float>(kFraction * sum / static_cast<double>(count));
-  for (float& value : volume.values)
-    value = value >= 0 ? std::max(value, least) : std::min(value, -least);
-}
-
-// Calls visit(axis, voxel, next) for each edge of the grid between material and outside, from the
-// voxel to the next along the axis. Since the border is outside, no edge leads from a row's end to
-// the next row.
-template <typename Visit>
-void each_crossing(const SurfaceVolume& volume, const Visit& visit) {
-  const auto width = static_cast<std::size_t>(volume.size[0]);
-  const std::array<std::size_t, 3> step{1, width, width * volume.size[1]};
-  for (std::size_t i = 0; i < volume.values.size(); ++i) {
-    const bool inside = volume.values[i] >= 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const std::size_t next = i + step.at(axis);
-      if (next < volume.values.size() && (volume.values[next] >= 0) != inside) visit(axis, i, next);
-    }
-  }
-}
-
 }  // namespace
 
 void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3) {
@@ -197,54 +172,6 @@ void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3
       min_voxels, static_cast<std::int64_t>(std::ceil(std::min(min_mm3 / (u * v * w), 1e15))));
   for (const bool inside : {true, false})
     drop_small(volume, inside, least);
-}
-
-double surface_area_mm2(const SurfaceVolume& volume) {
-  const auto [u, v, w] = volume.voxel_mm();
-  const std::array<double, 3> face_mm2{v * w, u * w, u * v};
-  std::array<std::size_t, 3> faces{};
-  each_crossing(volume, [&](std::size_t axis, std::size_t, std::size_t) { ++faces.at(axis); });
-  double out = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    out += static_cast<double>(faces.at(axis)) * face_mm2.at(axis) * 2 / 3;
-  return out;
-}
-
-std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double spacing_mm) {
-  struct Taken {
-    Eigen::Vector3d position, up;
-  };
-  // The points found so far, in the cells of a grid as wide as the spacing.
-  std::unordered_map<std::uint64_t, std::vector<Taken>> cells;
-  const auto cell = [&](const Eigen::Vector3d& p, std::uint64_t k) {
-    std::uint64_t out = 0;
-    for (int axis = 0; axis < 3; ++axis, k /= 3) {
-      const auto at = static_cast<std::int64_t>(std::floor(p[axis] / spacing_mm));
-      out = out << 21U | ((static_cast<std::uint64_t>(at) + k % 3 - 1) & 0x1fffffU);
-    }
-    return out;
-  };
-  constexpr std::uint64_t kAll = 27, kMiddle = 13;
-  const std::array<double, 3> sides = volume.voxel_mm();
-  const double step = *std::min_element(sides.begin(), sides.end()) / 8;
-  std::vector<Eigen::Vector3d> out;
-  each_crossing(volume, [&](std::size_t, std::size_t i, std::size_t j) {
-    const auto a = static_cast<double>(volume.values[i]), b = static_cast<double>(volume.values[j]);
-    const Eigen::Vector3d low = volume.position(i),
-                          p = low + a / (a - b) * (volume.position(j) - low);
-    const Eigen::Vector3d up = volume.gradient(p, step);
-    for (std::uint64_t k = 0; k < kAll; ++k) {
-      const auto near = cells.find(cell(p, k));
-      if (near == cells.end()) continue;
-      for (const Taken& other : near->second) {
-        const double apart = (other.position - p).norm();
-        if (apart < (up.dot(other.up) > 0 ? spacing_mm : spacing_mm / 16)) return;
-      }
-    }
-    cells[cell(p, kMiddle)].push_back({p, up});
-    out.push_back(p);
-  });
-  return out;
 }
 
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
@@ -290,7 +217,6 @@ namespace {
 SurfaceVolume finished(SurfaceVolume inner, bool is_mask, double min_region_mm2) {
   if (is_mask) smooth_mask(inner);
   SurfaceVolume out = with_border(std::move(inner));
-  keep_off_zero(out);
   drop_small_components(out, kMinSurfaceVoxels, std::pow(min_region_mm2, 1.5));
   if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
     SurfaceVolume none;
@@ -383,6 +309,7 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
   inner.T_lps_volume = frame.T_lps_plane;
   inner.size = {x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1};
   const Eigen::Affine3d to_frame = frame.T_lps_plane.inverse();
+  inner.values.reserve(static_cast<std::size_t>(inner.size[0]) * inner.size[1] * inner.size[2]);
   const Eigen::Vector3d corner((crop.x0 + x0) * inner.u_mm, (crop.y0 + y0) * inner.v_mm, 0);
   for (int k = z0; k <= z1; ++k) {
     inner.origin_mm.emplace_back(to_frame * (stack.plane(first + k).T_lps_plane * corner));

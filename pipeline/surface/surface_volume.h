@@ -27,7 +27,7 @@ struct SurfaceVolume {
   std::array<int, 3> size{};               ///< voxels along a row, along a column, slices
   double u_mm = 0, v_mm = 0;               ///< distances between voxels
   std::vector<Eigen::Vector3d> origin_mm;  ///< position of each slice's first voxel; z ascending
-  std::vector<float> values;  ///< row by row, slice by slice: >= 0 in the material, never 0 itself
+  std::vector<float> values;               ///< row by row, slice by slice: >= 0 in the material
   Eigen::Affine3d T_lps_volume = Eigen::Affine3d::Identity();
   DroppedComponents dropped;
 
@@ -60,13 +60,6 @@ struct SurfaceVolume {
 /// Turns components of fewer voxels or less volume into their surroundings: specks first, then
 /// holes. Components are sets of voxels connected by faces. O(voxels).
 void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3);
-
-/// Estimates the area as two thirds of that of the faces between material and outside.
-double surface_area_mm2(const SurfaceVolume& volume);
-
-/// Points on every component of the surface where it crosses edges of the grid. Two points are at
-/// least the spacing apart, or a sixteenth of it on opposite sides of a wall or gap.
-std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double spacing_mm);
 
 /// The volume of the means of factor[0] x factor[1] x factor[2] voxels.
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The isosurface of noise, of values on the level, of single voxels and of uneven and tilted slices: closed, manifold and free of
+// self-intersections (by CGAL), and where linear interpolation puts it.
+#include "pipeline/surface/isosurface.h"
+#include "formats/base/disjoint_sets.h"
+#include "pipeline/verify/surface_proof.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+
+namespace trocar::pipeline {
+namespace {
+
+using Eigen::Vector3d;
+
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+  double operator()() {  // 0 to 1
+    state_ = state_ * 6364136223846793005ULL + 1442695040888963407ULL;
+    return static_cast<double>(state_ >> 11U) / 9007199254740992.0;
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+// Values inside a border that is outside, in slices that a function places.
+SurfaceVolume volume_of(std::array<int, 3> size, const std::function<Vector3d(int)>& origin,
+                        const std::function<double(int, int, int)>& value) {
+  SurfaceVolume out;
+  out.size = size;
+  out.u_mm = 0.9;
+  out.v_mm = 1.1;
+  out.T_lps_volume =
+      Eigen::Translation3d(-80, 30, 500) * Eigen::AngleAxisd(0.4, Vector3d(1, 2, 3).normalized());
+  for (int z = 0; z < size[2]; ++z) {
+    out.origin_mm.push_back(origin(z));
+    for (int y = 0; y < size[1]; ++y) {
+      for (int x = 0; x < size[0]; ++x) {
+        const bool border =
+            x % (size[0] - 1) == 0 || y % (size[1] - 1) == 0 || z % (size[2] - 1) == 0;
+        const auto here = static_cast<float>(value(x, y, z));
+        out.values.push_back(border ? -std::abs(here) - 1e-3F : here);
+      }
+    }
+  }
+  return out;
+}
+
+Vector3d evenly(int z) {
+  return {0, 0, static_cast<double>(z)};
+}
+
+std::size_t parts_of(const TriangleSurface& surface) {
+  DisjointSets sets(surface.vertices.size());
+  std::size_t parts = sets.size();
+  for (const auto& t : surface.triangles)
+    for (std::size_t k = 0; k < 2; ++k)
+      if (sets.join(t[k], t[k + 1])) --parts;
+  return parts;
+}
+
+void expect_proved(const TriangleSurface& surface, const char* name, int i) {
+  const auto ok = check_triangle_surface(surface);
+  EXPECT_TRUE(ok) << name << " " << i << ": " << ok.error().message;
+  EXPECT_TRUE(self_intersecting_triangles(surface).empty()) << name << " " << i;
+}
+
+TEST(Isosurface, OfNoiseIsProved) {
+  Random random(1);
+  const std::array<std::pair<const char*, std::function<double()>>, 5> kinds{{
+      {"uniform", [&] { return random() - 0.5; }},
+      {"mostly near the level", [&] { return std::pow(random() - 0.5, 9) * 256; }},
+      {"tiny beside large",
+       [&] { return (random() < 0.5 ? 1 : -1) * (random() < 0.5 ? 1e-3 : 1); }},
+      {"on the level", [&] { return std::floor(3 * random()) - 1; }},
+      {"few voxels", [&] { return (random() < 0.2 ? 1 : -1) * random(); }},
+  }};
+  std::size_t triangles = 0;
+  for (const auto& [name, value] : kinds) {
+    for (int i = 0; i < 8; ++i) {
+      std::vector<Vector3d> origins;
+      const double tilt_mm = 0.5 * (i % 3);
+      for (int z = 0; z < 12; ++z)
+        origins.emplace_back(0, tilt_mm * z, z == 0 ? 0 : origins.back().z() + 0.5 + random());
+      const auto surface = isosurface(volume_of(
+          {12, 12, 12}, [&](int z) { return origins[static_cast<std::size_t>(z)]; },
+          [&value = value](int, int, int) { return value(); }));
+      ASSERT_TRUE(surface) << surface.error().message;
+      expect_proved(*surface, name, i);
+      triangles += surface->triangles.size();
+    }
+  }
+  EXPECT_GT(triangles, 100'000U);
+}
+
+// All ways in which the eight corners of one cell can be inside, each alone in a volume.
+TEST(Isosurface, OfEveryCellIsProved) {
+  Random random(2);
+  for (int inside = 1; inside < 256; ++inside) {
+    const auto surface = isosurface(volume_of({4, 4, 4}, evenly, [&](int x, int y, int z) {
+      const bool in = (inside >> ((x - 1) | (y - 1) << 1 | (z - 1) << 2) & 1) != 0;
+      return (in ? 1 : -1) * (random() + 1e-6);
+    }));
+    ASSERT_TRUE(surface) << surface.error().message;
+    expect_proved(*surface, "corners", inside);
+  }
+}
+
+TEST(Isosurface, LiesOnTheLinearInterpolation) {
+  const Vector3d normal = Vector3d(1, 2, 3).normalized();
+  const auto volume = volume_of(
+      {20, 20, 20}, [](int z) { return Vector3d(0, 0.3 * z, 0.7 * z); },
+      [&](int x, int y, int z) {
+        return 9 - normal.dot(Vector3d(0.9 * x, 1.1 * y + 0.3 * z, 0.7 * z));
+      });
+  const auto surface = isosurface(volume);
+  ASSERT_TRUE(surface) << surface.error().message;
+  expect_proved(*surface, "plane", 0);
+  const double step_mm = surface->lattice.step_mm();
+  EXPECT_LE(step_mm, 0.7 / 64);
+  int on_plane = 0;
+  for (const SpacePoint& p : surface->vertices) {
+    const Vector3d q = volume.T_lps_volume.inverse() * (step_mm * Vector3d(p[0], p[1], p[2]));
+    const bool inner = q.x() > 1.8 && q.x() < 15 && q.z() > 1.4 && q.z() < 11 &&
+                       q.y() - q.z() * 0.3 / 0.7 > 2.2 && q.y() - q.z() * 0.3 / 0.7 < 18;
+    if (!inner) continue;
+    // A vertex keeps a 16th of an edge away from the edge's ends.
+    EXPECT_LE(std::abs(normal.dot(q) - 9), 1.1 / 16 + 2 * step_mm);
+    on_plane += std::abs(normal.dot(q) - 9) <= 2 * step_mm ? 1 : 0;
+  }
+  EXPECT_GT(on_plane, 100);
+}
+
+TEST(Isosurface, JoinsDiagonalVoxelsAsTheContourDoes) {
+  // Two voxels at a face's diagonal: joined if their product is the larger one.
+  for (const bool joined : {false, true}) {
+    const auto surface = isosurface(volume_of({5, 5, 4}, evenly, [&](int x, int y, int z) {
+      if (z != 1) return -4.0;
+      if ((x == 1 && y == 1) || (x == 2 && y == 2)) return joined ? 2.0 : 0.5;
+      return -1.0;
+    }));
+    ASSERT_TRUE(surface) << surface.error().message;
+    expect_proved(*surface, "diagonal", joined ? 1 : 0);
+    EXPECT_EQ(parts_of(*surface), joined ? 1U : 2U);
+  }
+}
+
+TEST(Isosurface, RefusesWhatIsTooFar) {
+  SurfaceVolume volume = volume_of({4, 4, 4}, evenly, [](int, int, int) { return 1.0; });
+  EXPECT_TRUE(isosurface(volume));
+  volume.T_lps_volume = Eigen::Translation3d(1e6, 0, 0);
+  const auto far = isosurface(volume);
+  ASSERT_FALSE(far);
+  EXPECT_NE(far.error().message.find("too far"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace trocar::pipeline
