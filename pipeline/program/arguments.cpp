@@ -159,7 +159,7 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
 }  // namespace
 
 void add_mesh_options(CLI::App& app, Arguments& a) {
-  add_common_options(app, a, "the asset to write (.glb)");
+  add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
   Group group(app, "Output");
   group.flag("--lines", a.lines, "also store the outlines as lines, for viewers");
   group.flag("--colour", a.colour,

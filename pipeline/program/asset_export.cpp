@@ -50,39 +50,6 @@ Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
   return out.str();
 }
 
-// The .stl, .ply and .obj of a surface. A float represents its lattice coordinates exactly.
-Result<std::array<std::string, 3>> surface_texts(const TriangleSurface& surface) {
-  ObjMesh mesh;
-  mesh.request_vertex_normals();
-  mesh.request_face_normals();
-  std::vector<ObjMesh::VertexHandle> handles;
-  const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
-  for (std::size_t v = 0; v < surface.vertices.size(); ++v) {
-    ObjMesh::Point p;
-    for (std::size_t k = 0; k < 3; ++k)
-      p[k] = static_cast<float>(surface.lattice.to_mm(surface.vertices[v][k]));
-    handles.push_back(mesh.add_vertex(p));
-    mesh.set_normal(handles.back(), {normals[v].x(), normals[v].y(), normals[v].z()});
-  }
-  for (const auto& t : surface.triangles) {
-    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
-      return refused("the surface: OpenMesh finds it not manifold");
-  }
-  mesh.update_face_normals();
-  using OpenMesh::IO::Options;
-  std::array<std::string, 3> out;
-  const std::array options{Options(Options::Binary),
-                           Options(Options::Binary | Options::VertexNormal),
-                           Options(Options::VertexNormal)};
-  for (std::size_t k = 0; k < out.size(); ++k) {
-    std::ostringstream text;
-    if (!OpenMesh::IO::write_mesh(mesh, text, kSurfaceEndings.at(k), options.at(k), 9))
-      return bug(std::string("OpenMesh cannot write ") + kSurfaceEndings.at(k));
-    out.at(k) = text.str();
-  }
-  return out;
-}
-
 std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
   LatticePoint low = slice.mesh.vertices[0], high = low;
   for (const LatticePoint p : slice.mesh.vertices) {
@@ -213,24 +180,54 @@ Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path
   return others;
 }
 
+bool is_surface_ending(std::string_view ending) {
+  return std::find(kSurfaceEndings.begin(), kSurfaceEndings.end(), ending) != kSurfaceEndings.end();
+}
+
+Result<std::string> surface_text(const TriangleSurface& surface, const std::string& ending) {
+  omlog().disable();  // OpenMesh logs every file that it writes
+  ObjMesh mesh;
+  mesh.request_vertex_normals();
+  mesh.request_face_normals();
+  std::vector<ObjMesh::VertexHandle> handles;
+  const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
+  for (std::size_t v = 0; v < surface.vertices.size(); ++v) {
+    ObjMesh::Point p;
+    for (std::size_t k = 0; k < 3; ++k)  // a float represents lattice coordinates exactly
+      p[k] = static_cast<float>(surface.lattice.to_mm(surface.vertices[v][k]));
+    handles.push_back(mesh.add_vertex(p));
+    mesh.set_normal(handles.back(), {normals[v].x(), normals[v].y(), normals[v].z()});
+  }
+  for (const auto& t : surface.triangles) {
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
+      return refused("the surface: OpenMesh finds it not manifold");
+  }
+  mesh.update_face_normals();
+  using OpenMesh::IO::Options;
+  Options options(ending == ".obj" ? Options::Default : Options::Binary);
+  if (ending != ".stl") options += Options::VertexNormal;
+  std::ostringstream text;
+  if (!OpenMesh::IO::write_mesh(mesh, text, ending, options, 9))
+    return bug("OpenMesh cannot write " + ending);
+  return text.str();
+}
+
 Result<void> export_surfaces(const Asset& asset, const fs::path& folder,
                              const std::atomic<bool>* stop) {
-  omlog().disable();
   if (asset.surfaces.empty())
     return refused("no surface in this asset; trocar-mesh SCAN --surface makes one");
   const auto scratch = ScratchFolder::make(folder);
   if (!scratch) return scratch.error();
   std::vector<std::string> names;
   for (const AssetSurface& one : asset.surfaces) {
-    const auto texts = surface_texts(one.surface);
-    if (!texts) return texts.error();
-    for (std::size_t k = 0; k < kSurfaceEndings.size(); ++k) {
+    for (const char* ending : kSurfaceEndings) {
       if (stop != nullptr && stop->load()) return unwritable("interrupted; nothing was written");
       names.emplace_back("surface");
       if (asset.surfaces.size() > 1) names.back().append("_").append(std::to_string(one.material));
-      names.back() += kSurfaceEndings.at(k);
-      if (auto ok = write_file_atomically((*scratch)->path() / names.back(), texts->at(k)); !ok)
-        return ok;
+      names.back() += ending;
+      const auto text = surface_text(one.surface, ending);
+      if (!text) return text.error();
+      if (auto ok = write_file_atomically((*scratch)->path() / names.back(), *text); !ok) return ok;
     }
   }
   return (*scratch)->move_out(names);

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -21,6 +22,13 @@ namespace trocar::pipeline {
 Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);
+
+/// Whether this is the ending of a file of one surface: .stl, .ply or .obj.
+bool is_surface_ending(std::string_view ending);
+
+/// The surface as binary .stl, binary .ply or .obj (the latter two with normals): mm, in the
+/// patient's LPS frame, counter-clockwise seen from outside.
+Result<std::string> surface_text(const TriangleSurface& surface, const std::string& ending);
 
 /// Writes each surface as binary `.stl`, binary `.ply` and `.obj`: mm, in the patient's LPS frame,
 /// counter-clockwise seen from outside. The files are `surface.stl` and so on, or `surface_M.stl`

@@ -15,6 +15,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "pipeline/open/open_stack.h"
+#include "pipeline/program/asset_export.h"
 #include "pipeline/program/mesh_scan.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/program/stage_options.h"
@@ -37,11 +38,11 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
       return usage(output.option + " " + output.file.string() + ": would write over a scan");
   }
   if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
-  if (ending_of(a.output) != ".glb") {
-    return usage(
-        "-o " + a.output.string() +
-        ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg, and "
-        "the surface of one made with --surface as .stl, .ply, .obj");
+  const std::string ending = ending_of(a.output);
+  if (ending != ".glb" && !is_surface_ending(ending)) {
+    return usage("-o " + a.output.string() +
+                 ": an asset is a .glb, its surface alone a .stl, .ply or .obj; trocar-mesh export "
+                 "writes the slices of an asset as .poly, .obj, .svg");
   }
   return {};
 }
@@ -106,12 +107,15 @@ json deidentified(json report, const std::vector<fs::path>& inputs) {
   return report;
 }
 
-// Adds the input files and the asset, which has been written, to the report.
+// Adds the input files and the output, which has been written, to the report.
 Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackResult& result) {
   const auto digest = digest_file(a.output);
   if (!digest) return digest.error();
-  result.report["asset"]["digest"] = *digest;
-  result.report["asset"]["file"] = without_folder(a.output);
+  const bool is_asset = ending_of(a.output) == ".glb";
+  json& written =
+      is_asset ? result.report["asset"] : result.report["surface"][result.surfaces[0].material];
+  written["digest"] = *digest;
+  written["file"] = without_folder(a.output);
   json inputs = json::array();
   for (const fs::path& input : a.inputs)
     inputs.push_back(shared_name(input));
@@ -132,8 +136,22 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackRe
   return {};
 }
 
+// The surface as a file of its own.
+Result<void> write_surface(const Arguments& a, const StackResult& result) {
+  if (result.surfaces.size() != 1)
+    return usage("-o " + a.output.string() + ": the scan has " +
+                 std::to_string(result.surfaces.size()) +
+                 " surfaces, one for each material; write an asset with --surface, then use "
+                 "trocar-mesh export --surface");
+  const auto text = surface_text(result.surfaces[0].surface, ending_of(a.output));
+  if (!text) return text.error();
+  return write_file_atomically(a.output, *text);
+}
+
 Result<void> write_outputs(const Arguments& a, const SliceStack& stack, StackResult& result) {
-  if (auto ok = write_file_atomically(a.output, result.glb); !ok) return ok;
+  const auto written = ending_of(a.output) == ".glb" ? write_file_atomically(a.output, result.glb)
+                                                     : write_surface(a, result);
+  if (!written) return written.error();
   if (auto ok = describe_files(a, stack, result); !ok) return ok;
   if (!a.report.empty()) {
     std::vector<fs::path> given = a.inputs;
@@ -146,9 +164,15 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, StackRes
   return {};
 }
 
-void print_outcome(const Arguments& a, const json& report) {
+void print_outcome(const Arguments& a, const StackResult& result) {
+  const json& report = result.report;
   for (const json& w : report["warnings"])
     print_warning({w["code"], w["where"], w["sentence"]});
+  if (ending_of(a.output) != ".glb") {
+    std::printf("%s: a surface of %zu triangles, %.0f ms\n", a.output.c_str(),
+                result.surfaces[0].surface.triangles.size(), report["total_ms"].get<double>());
+    return;
+  }
   std::set<int> slices;  // a set, because each of several materials has an entry
   for (const json& slice : report["slices"])
     slices.insert(slice["index"].get<int>());
@@ -159,7 +183,9 @@ void print_outcome(const Arguments& a, const json& report) {
 
 }  // namespace
 
-int run_mesh(const Arguments& a) {
+int run_mesh(const Arguments& given) {
+  Arguments a = given;
+  a.surface = a.surface || is_surface_ending(ending_of(a.output));
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
   if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
@@ -185,7 +211,7 @@ int run_mesh(const Arguments& a) {
   if (!a.dump_stages.empty() && result->stages.is_null())
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
   if (auto ok = write_outputs(a, *stack, *result); !ok) return fail(ok.error());
-  if (!a.quiet) print_outcome(a, result->report);
+  if (!a.quiet) print_outcome(a, *result);
   return 0;
 }
 

@@ -400,6 +400,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   if (options.surface) {
     out.report["surface"] = std::move(surface);
     out.report["asset"]["surface_bytes"] = sizes.surface_bytes;
+    out.surfaces = std::move(asset.surfaces);
   }
   return out;
 }

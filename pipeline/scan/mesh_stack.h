@@ -39,6 +39,7 @@ struct StackOptions {
 struct StackResult {
   std::string input_key_digest;  ///< empty without a key
   std::vector<std::uint8_t> glb;
+  std::vector<AssetSurface> surfaces;  ///< those in the glb
   nlohmann::json report;
   nlohmann::json stages;  ///< contours, outline and meshes of slice dump_slice, or null
 };

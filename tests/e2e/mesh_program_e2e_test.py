@@ -127,10 +127,10 @@ def test_refuses_an_empty_asset(programs, scan, work):
     assert "empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}"
 
 
-def test_refuses_other_outputs_than_glb(programs, scan, work):
-    """GLB bytes never go into a file that is named as something else."""
+def test_refuses_other_outputs(programs, scan, work):
+    """An asset or a surface never goes into a file that is named as something else."""
     mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
-    for name in ("x.stl", "x", "glb", "x.glb.gz"):
+    for name in ("x.gltf", "x", "glb", "stl", "x.glb.gz"):
         refuses(2, f"-o {work / name}: an asset is a .glb", mesh, volume, "-o", work / name, "--slices", "3:3")
         assert not (work / name).exists(), f"{name} was written"
     run(mesh, volume, "-o", work / "x.GLB", "--slices", "3:3", "--quiet")

@@ -28,6 +28,16 @@ def read_stl(file):
     return rows[:, 3:].reshape(-1, 3, 3).astype(float), rows[:, :3]
 
 
+def triangle_set(file):
+    """The triangles of a binary STL, each from its least corner on."""
+    out = set()
+    for corners in read_stl(file)[0]:
+        points = [tuple(p) for p in corners]
+        k = points.index(min(points))
+        out.add((*points[k:], *points[:k]))
+    return out
+
+
 def check_closed(name, corners, normals):
     """Each edge is passed once in each direction. Returns the volume."""
     vertices, index = numpy.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -184,6 +194,8 @@ def test_materials():
     absent = [w["where"] for w in told["warnings"] if w["code"] == "surface_absent"]
     assert len(absent) == 1 and "9" in absent[0], f"labels: {told['warnings']}"
     run(MESH, "export", asset, "-o", WORK / "labels_files", "--surface")
+    several = run(MESH, file, "--labels", "4,7", "-o", WORK / "several.stl", "--quiet", expect=2).stderr
+    assert "has 2 surfaces" in several and not (WORK / "several.stl").exists(), f"one file for two materials: {several}"
     files = sorted((WORK / "labels_files").glob("*.stl"))
     assert len(files) == 2, f"labels: exported {files}"
     for file, low, high in zip(files, (-15, -25), (-4, -14)):  # x of LPS, across the plane between the halves
@@ -212,6 +224,22 @@ def test_surface():
         assert more == ("surface_triangles" in warned), f"{words}: {told['surface']}, warned {warned}"
         assert set(warned) <= set(wanted) and ("surface_distance" in warned) == ("surface_distance" in wanted), f"{words}: {warned}"
         assert not wanted or warned["surface_distance"].endswith("give more --surface-triangles"), f"{words}: warned {warned}"
+
+    # The surface straight away is the asset's own.
+    run(MESH, scan, "-o", plain, "--surface", "--quiet")
+    run(MESH, "export", plain, "-o", WORK / "straight", "--surface")
+    for ending in ("stl", "ply", "obj"):
+        part, report = WORK / f"part.{ending}", WORK / "part.json"
+        said = run(MESH, scan, "-o", part, "--report", report).stdout
+        exported = WORK / "straight" / f"surface.{ending}"
+        if ending == "stl":  # Draco has changed the order of the asset's triangles
+            assert triangle_set(part) == triangle_set(exported), f"{part} differs from the export"
+        elif ending == "ply":
+            assert part.stat().st_size == exported.stat().st_size, f"{part} differs from the export"
+        else:
+            assert part.read_text().count("\nf ") == exported.read_text().count("\nf "), f"{part} differs from the export"
+        told = json.loads(report.read_text())["surface"][0]
+        assert told["file"] == part.name and f"{part}: a surface of {told['triangles']} triangles" in said, f"{part}: {told}, {said}"
 
     run(MESH, scan, "-o", plain, "--quiet")
     refused = run(MESH, "export", plain, "-o", WORK / "none", "--surface", expect=3).stderr
