@@ -104,7 +104,7 @@ bool split(const std::vector<std::uint8_t>& polygon, std::size_t i, std::size_t 
 // that the inside corners of the ambiguous face f are connected on it.
 CellTriangles triangles_of_cell(int inside, int joined) {
   const auto in = [inside](int corner) { return (inside >> corner & 1) != 0; };
-  // Where the boundary of the material continues after each edge that leaves it on some face.
+  // The edge at which the segment of a face ends that begins at each edge, or -1.
   std::array<int, kEdges> next{};
   next.fill(-1);
   for (int f = 0; f < 6; ++f) {
