@@ -23,9 +23,8 @@ using namespace collapse;  // collapse_geometry.h
 // Fraction of the tolerance that is left to refinement. Collapses use the tolerance up more evenly
 // than Douglas-Peucker does: with less of it, they keep the outline nearer on average and still
 // need fewer vertices.
-constexpr double kRefinementFraction = 0.1;
-constexpr double kMinRefinement_steps = 0.5;  // lattice steps
-constexpr double kRounding = 1e-9;            // relative rounding error of a distance
+constexpr double kRefinementFraction = 0.1, kMinRefinement_steps = 0.5;  // lattice steps
+constexpr double kRounding = 1e-9;  // relative rounding error of a distance
 
 // First, runs of up to kMaxRun edges are replaced by two edges if that moves the outline by less
 // than the fraction kRunFraction of the tolerance.
@@ -41,10 +40,6 @@ constexpr std::uint32_t kQueueChunk = 1024;
 
 constexpr std::uint32_t kNone = 0xffffffff;
 
-double used(double tolerance) {
-  return (1 - kRounding) * (tolerance - left_for_refinement(tolerance));
-}
-
 class Collapser {
  public:
   // The contours are in the canonical orientation, and the lower left corner of their box is at the
@@ -52,7 +47,7 @@ class Collapser {
   Collapser(const Pslg& contours, const std::vector<bool>& is_open, const LatticeBox& box,
             LatticePoint origin, std::size_t vertices, double tolerance)
       : origin_(origin),
-        tolerance2_(used(tolerance) * used(tolerance)),
+        tolerance2_(left_for_collapse(tolerance) * left_for_collapse(tolerance)),
         margin_(static_cast<std::int32_t>(std::min(tolerance, 1.0 * kMaxCoordinate)) + 1),
         grid_(box, vertices) {
     nodes_.reserve(vertices);
@@ -79,7 +74,7 @@ class Collapser {
     }
   }
 
-  Pslg run() {
+  SimplifiedOutline run() {
     const std::vector<std::uint32_t> starts = starts_of_rings();
     for (const std::uint32_t start : starts)
       merge_runs(start);
@@ -87,12 +82,15 @@ class Collapser {
     is_queueing_ = true;
     for (const std::uint32_t start : starts)
       collapse_by_queue(start);
-    Pslg out;
+    SimplifiedOutline out;
     for (const RingState& ring : rings_) {
-      out.rings.emplace_back();
+      out.outline.rings.emplace_back().reserve(ring.size);
+      out.positions.emplace_back().reserve(ring.size);
+      out.area_errors.push_back(ring.area_error);
       std::uint32_t i = ring.first;
       do {
-        out.rings.back().push_back(nodes_[i].p);
+        out.outline.rings.back().push_back(nodes_[i].p);
+        out.positions.back().push_back(states_[i].position());
         i = nodes_[i].next;
       } while (i != ring.first);
     }
@@ -313,10 +311,8 @@ class Collapser {
     const std::array changed{nodes_[s.ia].previous, s.ia, s.ib, s.id};
     for (const std::uint32_t i : changed)
       states_[i].displacement = kUnknown;
-    if (is_queueing_) {
-      for (const std::uint32_t i : changed)
-        queue(i);
-    }
+    for (std::size_t k = 0; is_queueing_ && k < changed.size(); ++k)
+      queue(changed[k]);
     return true;
   }
 
@@ -465,7 +461,12 @@ double left_for_refinement(double tolerance) {
   return std::max(kRefinementFraction * tolerance, std::min(kMinRefinement_steps, 0.5 * tolerance));
 }
 
-Pslg collapse_segments(const Pslg& contours, double tolerance, const std::vector<bool>& is_open) {
+double left_for_collapse(double tolerance) {
+  return (1 - kRounding) * (tolerance - left_for_refinement(tolerance));
+}
+
+SimplifiedOutline collapse_segments(const Pslg& contours, double tolerance,
+                                    const std::vector<bool>& is_open) {
   CentroidOffset offset;
   std::size_t vertices = 0;
   for (const Ring& ring : contours.rings) {
@@ -473,7 +474,7 @@ Pslg collapse_segments(const Pslg& contours, double tolerance, const std::vector
       offset.add(p);
     vertices += ring.size();
   }
-  if (vertices == 0) return contours;
+  if (vertices == 0) return {contours, {}, {}};
   // If the outline is moved or rotated by a quarter turn, the result moves and rotates with it.
   const CanonicalRotation rotate = CanonicalRotation::of(offset.x(), offset.y());
   LatticeBox box{rotate(contours.rings[0][0]), rotate(contours.rings[0][0])};
@@ -488,8 +489,8 @@ Pslg collapse_segments(const Pslg& contours, double tolerance, const std::vector
     }
   }
   const LatticeBox at_origin{{0, 0}, {box.high.x - low.x, box.high.y - low.y}};
-  Pslg out = Collapser(moved, is_open, at_origin, low, vertices, tolerance).run();
-  for (Ring& ring : out.rings) {
+  SimplifiedOutline out = Collapser(moved, is_open, at_origin, low, vertices, tolerance).run();
+  for (Ring& ring : out.outline.rings) {
     for (LatticePoint& p : ring)
       p = rotate.back({p.x + low.x, p.y + low.y});
   }

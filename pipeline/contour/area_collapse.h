@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
+#include "pipeline/contour/outline_clearance.h"
 
 namespace trocar::pipeline {
 
@@ -19,11 +20,14 @@ namespace trocar::pipeline {
 /// If `is_open` is given, a contour for which it holds is a line: its first and last vertex stay,
 /// may belong to other lines too, and are not joined. The line keeps the area between itself and
 /// any path that joins its ends.
-Pslg collapse_segments(const Pslg& contours, double tolerance,
-                       const std::vector<bool>& is_open = {});
+SimplifiedOutline collapse_segments(const Pslg& contours, double tolerance,
+                                    const std::vector<bool>& is_open = {});
 
 /// The part of the tolerance that is left to refinement, in lattice steps like `tolerance`: a tenth
 /// of the tolerance, but no less than half a step or, if that is smaller, half of the tolerance.
 double left_for_refinement(double tolerance);
+
+/// The part of the tolerance that collapses use.
+double left_for_collapse(double tolerance);
 
 }  // namespace trocar::pipeline

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "formats/geometry/lattice.h"
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/lattice_cells.h"
 
 namespace trocar::pipeline {
@@ -34,6 +35,26 @@ class SegmentGrid {
         for (std::size_t j = first_[cell]; j < i; ++j)
           visit(numbers_[i], numbers_[j]);
       }
+    }
+  }
+
+  /// Calls visit(i), perhaps repeatedly, at least for the segments within `max_distance` of the box
+  /// along each axis.
+  template <typename Visit>
+  void for_each_near(const LatticeBox& box, const Visit& visit) const {
+    const auto cell = [this](std::int64_t at, std::int64_t count) {
+      return std::clamp(static_cast<std::int64_t>(static_cast<double>(at) / cells_.size),
+                        std::int64_t{0}, count - 1);
+    };
+    const std::int64_t columns = cells_.columns, rows = cells_.rows;
+    const std::int64_t left = cell(std::int64_t{box.low.x} - cells_.low.x, columns),
+                       right = cell(std::int64_t{box.high.x} - cells_.low.x, columns),
+                       top = cell(std::int64_t{box.high.y} - cells_.low.y, rows);
+    for (std::int64_t y = cell(std::int64_t{box.low.y} - cells_.low.y, rows); y <= top; ++y) {
+      const auto row = static_cast<std::size_t>(y * columns);
+      for (std::size_t at = first_[row + static_cast<std::size_t>(left)];
+           at < first_[row + static_cast<std::size_t>(right) + 1]; ++at)
+        visit(numbers_[at]);
     }
   }
 

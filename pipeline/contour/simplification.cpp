@@ -14,6 +14,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/outline_sweep.h"
 #include "pipeline/contour/area_collapse.h"
+#include "pipeline/contour/outline_clearance.h"
 #include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/segment_grid.h"
 
@@ -309,8 +310,9 @@ bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>&
 }
 
 // If `is_open` is given, lines for which it holds are open, and `mark_misplaced` must be given too.
-Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<bool>& is_open,
-                     const MarkMisplaced& mark_misplaced) {
+SimplifiedOutline douglas_peucker(const Pslg& contours, double tolerance,
+                                  const std::vector<bool>& is_open,
+                                  const MarkMisplaced& mark_misplaced) {
   std::vector<Simplified> rings;
   for (std::size_t r = 0; r < contours.rings.size(); ++r) {
     const bool open = !is_open.empty() && is_open[r];
@@ -366,9 +368,14 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<b
     if (!split) break;  // the contours themselves are invalid; the caller's check reports it
   }
 
-  Pslg out;
-  for (const Simplified& s : rings)
-    out.rings.push_back(s.ring());
+  SimplifiedOutline out;
+  for (const Simplified& s : rings) {
+    out.outline.rings.push_back(s.ring());
+    out.positions.emplace_back().reserve(s.kept.size());
+    for (const std::uint32_t k : s.kept)
+      out.positions.back().push_back({k, 0});
+  }
+  out.area_errors.assign(rings.size(), 0);
   return out;
 }
 
@@ -381,18 +388,17 @@ double left_for_refinement_steps(const Lattice& lattice, const SimplificationOpt
 }
 
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
-  const double tolerance = options.tolerance_mm / lattice.step_mm();
-  return options.method == SimplificationMethod::kArea && tolerance > 0
-             ? collapse_segments(contours, tolerance)
-             : douglas_peucker(contours, tolerance, {}, {});
+  return simplify_lines(contours, {}, lattice, options, {});
 }
 
 Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
                     const SimplificationOptions& options, const MarkMisplaced& mark_misplaced) {
   const double tolerance = options.tolerance_mm / lattice.step_mm();
-  return options.method == SimplificationMethod::kArea && tolerance > 0
-             ? collapse_segments(lines, tolerance, is_open)
-             : douglas_peucker(lines, tolerance, is_open, mark_misplaced);
+  const bool keeps_area = options.method == SimplificationMethod::kArea && tolerance > 0;
+  SimplifiedOutline out = keeps_area ? collapse_segments(lines, tolerance, is_open)
+                                     : douglas_peucker(lines, tolerance, is_open, mark_misplaced);
+  clear_outline(lines, is_open, keeps_area ? left_for_collapse(tolerance) : tolerance, out);
+  return std::move(out.outline);
 }
 
 }  // namespace trocar::pipeline

@@ -25,7 +25,8 @@ struct SimplificationOptions {
 /// the same other rings. With a tolerance of 0 both methods remove exactly the vertices on the line
 /// between their neighbours. Douglas-Peucker keeps more vertices where it would otherwise change
 /// the topology, if necessary all of them; its repair loop ends because each round adds contour
-/// vertices. O(n log n) typically.
+/// vertices. With both methods, clear_outline() (outline_clearance.h) then removes edges and gaps of a
+/// few lattice steps. O(n log n) typically.
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options);
 
 /// The same for lines that may share ends. Lines for which `is_open` holds keep their first and

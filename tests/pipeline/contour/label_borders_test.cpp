@@ -382,12 +382,12 @@ TEST(LabelBorders, NoPointIsPutOnANode) {
   const Ring roof{{0, 0}, {60, 90}, {120, 90}, {180, 0}};
   const LatticePoint left{80, 120}, right{100, 120};
   Pslg lines{{roof}};
-  EXPECT_EQ(collapse_segments(lines, 100, {true}).rings[0].size(), 3U);
+  EXPECT_EQ(collapse_segments(lines, 100, {true}).outline.rings[0].size(), 3U);
   for (const LatticePoint node : {left, right}) {
     for (const std::int32_t dx : {-5, 0, 5})
       lines.rings.push_back({{node.x + dx, 300}, node});
   }
-  EXPECT_EQ(collapse_segments(lines, 100, std::vector<bool>(7, true)).rings[0], roof);
+  EXPECT_EQ(collapse_segments(lines, 100, std::vector<bool>(7, true)).outline.rings[0], roof);
 }
 
 MaterialImage drawn(const std::vector<std::string>& rows) {

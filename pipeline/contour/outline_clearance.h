@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Clears a simplified outline of features at the scale of the lattice: edges of a few steps, and
+// parts of the outline that come within a few steps of each other. Simplification leaves or makes
+// them although the scan holds nothing of that size, and at that scale rounding to the lattice
+// decides the angles of triangles.
+//
+// Definitions, with the clearance c = clearance_steps(tolerance), at most 12 steps:
+//  - A tight spot is an edge shorter than c, or two edges without a common end whose distance is
+//    less than c (tight_spots.h).
+//  - The scan forces a tight spot if no step of clear_outline() removes it: each one would leave
+//    the tolerance or change the topology, or would make another tight spot. It also forces sharp
+//    corners: two neighbouring edges may meet at any angle. An outline with many more tight spots
+//    than vertices is a figure at the scale of the lattice, and stays as it is.
+//  - A free angle is an angle of a triangle that lies at no input angle below 60 degrees (see
+//    MeshQuality in triangulation/mesh_quality.h). An outline without tight spots has no free angle
+//    below 30 degrees: refinement makes no edge much shorter than the clearance, and the points
+//    that it rounds to the lattice move by one step or two. Measured on simple shapes, edges of 5
+//    steps and distances of 7 suffice; where many of them meet, 12 are needed.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/contour/collapse_geometry.h"
+
+namespace trocar::pipeline {
+
+inline constexpr double kClearance_steps = 12;
+
+/// A simplified outline with what later steps need to stay within the tolerance and keep the areas.
+struct SimplifiedOutline {
+  Pslg outline;
+  /// Each vertex, by ring, has a position on the contour of the same index, within the tolerance of
+  /// the vertex. Positions follow each other along the contour.
+  std::vector<std::vector<collapse::ContourPosition>> positions;
+  /// Twice the area that each ring lacks, or 0 if areas are not kept.
+  std::vector<std::int64_t> area_errors;
+};
+
+/// The clearance for a tolerance in lattice steps: kClearance_steps, but no more than half of the
+/// tolerance, because larger features may be wanted.
+double clearance_steps(double tolerance);
+
+/// Removes the tight spots that the scan does not force, by merging two vertices into one or by
+/// moving a vertex, each by a few steps. A step is made only if the new edges cross nothing, no
+/// vertex lies in the area that they sweep, they and the part of the contour that they replace are
+/// within `tolerance` (lattice steps) of each other, and fewer tight spots remain; so rings, their
+/// nesting and shared ends stay. Then vertices move by up to two steps at a time to restore the area
+/// of each ring, also if the outline has no tight spot but lacks more than 0.02 % of its area. Contours for which `is_open` holds, if it is given, are lines whose ends stay. The result
+/// does not depend on the order of rings and moves and rotates with the outline. O(n log n)
+/// typically; without tight spots it takes a fraction of the time of simplification.
+void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,
+                   SimplifiedOutline& simplified);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The tight spots of an outline: edges shorter than a clearance, and pairs of edges without a
+// common end that are nearer to each other. Edges must not cross; distances are in lattice steps.
+// Tests: tests/pipeline/contour/outline_clearance_test.cpp
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/contour/segment_distance.h"
+#include "pipeline/contour/segment_grid.h"
+
+namespace trocar::pipeline {
+
+inline std::int32_t margin_of(double clearance) {
+  return static_cast<std::int32_t>(std::ceil(clearance));
+}
+
+inline LatticeBox widened(LatticeBox box, std::int32_t margin) {
+  return {{box.low.x - margin, box.low.y - margin}, {box.high.x + margin, box.high.y + margin}};
+}
+
+inline bool is_short(const LatticeSegment& s, double clearance) {
+  return static_cast<double>(distance2(s.a, s.b)) < clearance * clearance;
+}
+
+/// Are the edges, which do not cross, nearer to each other than the clearance, without a common
+/// end?
+inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double clearance) {
+  if (s.a == t.a || s.a == t.b || s.b == t.a || s.b == t.b ||
+      apart(widened(box_around(s.a, s.b), margin_of(clearance)), box_around(t.a, t.b)))
+    return false;
+  const Point a = point(s.a), b = point(s.b), c = point(t.a), d = point(t.b);
+  return std::min({segment_distance2(a, b, c), segment_distance2(a, b, d),
+                   segment_distance2(c, d, a), segment_distance2(c, d, b)}) < clearance * clearance;
+}
+
+/// The edges of an outline, ring by ring. The end of a line (`is_open`, if given), which has no
+/// edge, counts as an edge of no length.
+std::vector<LatticeSegment> edges_of(const Pslg& outline, const std::vector<bool>& is_open);
+
+/// Calls visit(i, j) for each tight spot: for pairs of edges, perhaps repeatedly, and with i = j
+/// for short edges. The grid is that of the edges, made with margin_of(clearance).
+template <typename Visit>
+void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid& grid,
+                     double clearance, const Visit& visit) {
+  for (std::uint32_t i = 0; i < edges.size(); ++i)
+    if (edges[i].a != edges[i].b && is_short(edges[i], clearance)) visit(i, i);
+  grid.for_each_pair([&](std::uint32_t i, std::uint32_t j) {
+    if (is_tight(edges[i], edges[j], clearance)) visit(i, j);
+  });
+}
+
+/// O(n log n) typically.
+bool has_tight_spots(const std::vector<LatticeSegment>& edges, double clearance);
+std::size_t count_tight_spots(const Pslg& outline, const std::vector<bool>& is_open,
+                              double clearance);
+
+}  // namespace trocar::pipeline
