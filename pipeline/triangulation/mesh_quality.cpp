@@ -10,7 +10,7 @@
 namespace trocar::pipeline {
 namespace {
 
-constexpr double kSmallInputAngle_deg = 60;
+constexpr double kExplainingAngle_deg = 60;
 
 double angle_at(LatticePoint v, LatticePoint p, LatticePoint q) {
   return std::atan2(static_cast<double>(orient2d(v, p, q)),
@@ -22,7 +22,7 @@ class SmallInputAngles {
   explicit SmallInputAngles(const Refined& refined)
       : refined_(refined), at_vertex_(refined.mesh.vertices.size(), -1) {
     for (std::size_t s = 0; s < refined.segments.size(); ++s) {
-      if (refined.segments[s].angle_at_from_deg < kSmallInputAngle_deg)
+      if (refined.segments[s].angle_at_from_deg < kExplainingAngle_deg)
         at_vertex_[refined.segments[s].from] = static_cast<std::int32_t>(s);
     }
   }
@@ -41,8 +41,8 @@ class SmallInputAngles {
     const std::int32_t a = refined_.origins[t[k]].segment,
                        b = refined_.origins[t[(k + 1) % 3]].segment;
     if (a >= 0 && b >= 0) {
-      if (segment(b).previous == a && angle(b) < kSmallInputAngle_deg) best = smaller(best, b);
-      if (segment(a).previous == b && angle(a) < kSmallInputAngle_deg) best = smaller(best, a);
+      if (segment(b).previous == a && angle(b) < kExplainingAngle_deg) best = smaller(best, b);
+      if (segment(a).previous == b && angle(a) < kExplainingAngle_deg) best = smaller(best, a);
     }
     return best;
   }
@@ -115,7 +115,7 @@ MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, doub
       sharp.input_corner = refined.mesh.vertices[segment.from];
     }
     ++out.below_min_angle;
-    if (sharp.input_angle_deg < kSmallInputAngle_deg) ++out.below_at_small_input_angle;
+    if (sharp.input_angle_deg < kExplainingAngle_deg) ++out.below_at_small_input_angle;
     if (sharp.input_angle_deg >= min_angle_deg + kLatticeAllowance_deg) ++out.below_unexplained;
     out.sharp.push_back(sharp);
   }
