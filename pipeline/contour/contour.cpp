@@ -9,6 +9,7 @@
 #include <map>
 #include <opencv2/imgproc.hpp>
 
+#include "pipeline/contour/border_smoothing.h"
 #include "pipeline/contour/contour_crossing.h"
 
 namespace trocar::pipeline {
@@ -27,7 +28,8 @@ namespace {
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)
-      : image_(field.image),
+      : field_(field),
+        image_(field.image),
         iso_(field.iso),
         is_mask_(field.is_mask),
         grid_(grid),
@@ -53,6 +55,7 @@ class MarchingSquares {
         crossings.push_back(crossing_of(segments_[s].from));
         s = segment_from[segments_[s].to];
       }
+      smooth_changed(crossings);
       if (!is_mask_) restore_chord_areas(crossings);
       Ring ring;
       ring.reserve(crossings.size());
@@ -147,13 +150,17 @@ class MarchingSquares {
     return denominator > 0 ? numerator >= 0 : numerator <= 0;
   }
 
+  bool at_border(const Crossing& c) const {
+    return padding(c.x, c.y) || padding(c.x + (c.along_v ? 0 : 1), c.y + (c.along_v ? 1 : 0));
+  }
+
   // At the image's border the material ends at the pixel's edge, whatever its value. In a mask
   // every crossing is half way between two pixels.
   Crossing crossing_of(std::size_t edge) const {
     const int x = static_cast<int>(edge / 2 % columns_), y = static_cast<int>(edge / 2 / columns_);
     Crossing out{x, y, edge % 2 == 1, false, 0.5};
     const int dx = out.along_v ? 0 : 1, dy = 1 - dx;
-    out.fixed = padding(x, y) || padding(x + dx, y + dy);
+    out.fixed = at_border(out);
     if (out.fixed || is_mask_) return out;
     GridLine line;
     const int at = out.along_v ? y : x, end = (out.along_v ? rows_ : columns_) - 2;
@@ -174,6 +181,28 @@ class MarchingSquares {
     return out;
   }
 
+  // Whether the outline passes there because exactly one of the two pixels was changed.
+  bool is_changed(const Crossing& c) const {
+    const std::size_t at = static_cast<std::size_t>(c.y - 1) * image_.width + c.x - 1;
+    return !c.fixed && field_.changed[at] != field_.changed[at + (c.along_v ? image_.width : 1)];
+  }
+
+  // The values say nothing about where the border of a changed region lies between two pixels. It
+  // is smoothed like that of a label, between the crossings that the values give.
+  void smooth_changed(std::vector<Crossing>& ring) const {
+    if (field_.changed.empty()) return;
+    bool any = false;
+    for (Crossing& c : ring) {
+      c.fixed = !is_changed(c);
+      if (c.fixed) continue;
+      c.t = 0.5;
+      any = true;
+    }
+    if (any) smooth_border(ring, std::nullopt);
+    for (Crossing& c : ring)
+      c.fixed = at_border(c);
+  }
+
   LatticePoint snapped(const Crossing& c) const {
     const auto along = [&](int from, double spacing) {
       const std::int32_t low = grid_.lattice.snap_mm(from * spacing),
@@ -188,6 +217,7 @@ class MarchingSquares {
     return {along(px, grid_.spacing_u_mm), grid_.lattice.snap_mm(py * grid_.spacing_v_mm)};
   }
 
+  const Field& field_;
   const Image& image_;
   float iso_;
   bool is_mask_;

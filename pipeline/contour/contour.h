@@ -22,7 +22,8 @@ struct PixelGrid {
 /// A pixel must be at least this many lattice steps wide for the guarantees below.
 inline constexpr int kMinStepsPerPixel = 8;
 
-/// Traces the outline with material on the left: outer rings are counter-clockwise in (u, v), holes
+/// Traces the outline with material on the left. Borders of Field::changed are smooth curves
+/// (border_smoothing.h) between the crossings that the values give. Outer rings are counter-clockwise in (u, v), holes
 /// clockwise. Rings are simple, touch at most in vertices and never cross (contour.cpp gives the
 /// reasons). Everything beyond the image's border counts as outside. O(pixels + vertices log
 /// vertices).

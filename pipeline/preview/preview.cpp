@@ -79,6 +79,7 @@ class Maker {
       if (!made) return made.error();
       solid = std::move(*made);
       options_.mesh.solid = &*solid;
+      of_solid_ = solid->warnings();
     }
     const auto ends = find_ends();
     if (!ends) return ends.error();
@@ -325,7 +326,9 @@ class Maker {
                      (stack_.size() - 1);
     }
     out_.has_solid = options_.solid.any();
+    out_.is_filled = options_.solid.fill_mm2.has_value();
     out_.warnings = stack_.warnings;
+    out_.warnings.insert(out_.warnings.end(), of_solid_.begin(), of_solid_.end());
     if (stack_.voxel_conflict) {
       out_.warnings.push_back({kVoxelVolume, input_name(stack_),
                                stack_.voxel_conflict->reason + "; the sform is used"});
@@ -338,6 +341,7 @@ class Maker {
   const SliceStack& stack_;
   StackOptions options_;
   int first_ = 0, last_ = 0;
+  std::vector<Warning> of_solid_;
   std::vector<OneSlice> slices_;
   Preview out_;
 };

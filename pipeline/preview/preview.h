@@ -62,6 +62,7 @@ struct Preview {
   std::map<int, std::int64_t>
       label_voxels;  ///< number of voxels of each wanted label and each label except 0
   bool has_solid = false;
+  bool is_filled = false;  ///< SolidOptions::fill_mm2 is given
   std::vector<Warning> warnings;
 };
 

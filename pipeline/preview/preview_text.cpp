@@ -11,6 +11,21 @@
 namespace trocar::pipeline {
 namespace {
 
+// A sentence about how much of a bone is filled at the distance between the slices. The figures were
+// measured on vertebrae and ribs with expert masks, and on phantoms between them.
+std::string fill_text(const Preview& preview) {
+  if (!preview.is_filled || preview.slices < 2) return "";
+  return " With slices " + number_text(preview.step_mm, 2) +
+         " mm apart, expect filled bone to cover " +
+         (preview.step_mm <= 1.5  ? "94 to 98"
+          : preview.step_mm < 2.5 ? "80 to 95"
+                                  : "42 to 90") +
+         " % of a vertebra or rib" +
+         (preview.step_mm <= 1.5 ? "."
+                                 : ", since thin walls fade; slices up to 1.5 mm apart give "
+                                   "94 to 98 %.");
+}
+
 std::string solid_text(const SolidOptions& o) {
   std::string out;
   if (o.min_volume_mm3 > 0)
@@ -20,6 +35,7 @@ std::string solid_text(const SolidOptions& o) {
     if (std::isfinite(*o.fill_mm2)) out += " up to " + number_text(*o.fill_mm2) + " mm2";
     if (o.close_mm > 0) out += ", gaps up to " + number_text(2 * o.close_mm) + " mm closed";
   }
+  if (o.column) out += "; spinal column alone";
   if (!o.mask_labels.empty()) out += "; within mask " + named_ranges("label", o.mask_labels);
   if (!o.seeds_lps_mm.empty()) {
     out += "; nearest to the first of " + std::to_string(o.seeds_lps_mm.size()) +
@@ -38,12 +54,25 @@ std::string slices_shown(const Preview& preview) {
 
 std::vector<Warning> shown_warnings(const Preview& preview) {
   // The sentences of these warnings contain only fixed words and numbers.
-  static constexpr std::array kPlain = {
-      "copied_slice",      "gantry_tilt",      "localiser",       "looks_like_ct",
-      "looks_like_labels", "looks_offset",     "missing_slice",   "no_modality",
-      "no_orientation",    "no_pixel_spacing", "no_rescale",      "no_series_uid",
-      "no_sop_uid",        "not_dicom",        "spacing_ignored", "threshold_out_of_range",
-      "uneven_spacing",    "voxel_volume"};
+  static constexpr std::array kPlain = {"contrast_filled",
+                                        "copied_slice",
+                                        "gantry_tilt",
+                                        "localiser",
+                                        "looks_like_ct",
+                                        "looks_like_labels",
+                                        "looks_offset",
+                                        "missing_slice",
+                                        "no_modality",
+                                        "no_orientation",
+                                        "no_pixel_spacing",
+                                        "no_rescale",
+                                        "no_series_uid",
+                                        "no_sop_uid",
+                                        "not_dicom",
+                                        "spacing_ignored",
+                                        "threshold_out_of_range",
+                                        "uneven_spacing",
+                                        "voxel_volume"};
   std::vector<Warning> out;
   for (const Warning& w : preview.warnings) {
     const bool is_plain = std::find(kPlain.begin(), kPlain.end(), w.code) != kPlain.end();
@@ -59,7 +88,8 @@ std::vector<Warning> shown_warnings(const Preview& preview) {
 std::string changes_text(const Preview& preview) {
   return "Sums over " + slices_shown(preview) +
          (preview.has_solid ? ", of the contours before simplification and without solid bone."
-                            : ", of the contours before simplification.");
+                            : ", of the contours before simplification.") +
+         fill_text(preview);
 }
 
 std::string number_text(double value, int digits) {

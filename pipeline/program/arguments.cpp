@@ -92,11 +92,16 @@ void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
   group.value("--fill", a.fill, "MM2",
               "fill regions of at most this area, mm^2, that bone encloses in two\n"
-              "of the three slice directions; all: of any area");
+              "of the three slice directions; all: of any area; canals stay open");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
                "with --fill: half the widest gap that counts as closed, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
                "drop smaller connected components, mm^3; done before --fill");
+  group
+      .choice("--keep", a.keep, {"all", "column"},
+              "with --fill: keep all bone, or the spinal column without contrast-\n"
+              "filled vessels; ribs are cut off 75 mm from the canal")
+      ->capture_default_str();
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep the N largest connected components; 0 keeps all");
   group

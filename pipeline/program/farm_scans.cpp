@@ -129,6 +129,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
               {"min-region", a.min_region_mm2},
               {"close", a.close_mm},
               {"min-volume", a.min_volume_mm3},
+              {"keep", a.keep},
               {"largest", a.largest},
               {"seed", seeds_json(o.solid.seeds_lps_mm)},
               {"mask", o.solid.mask_labels},

@@ -47,6 +47,9 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   if (a.close_mm > 0 && !out.fill_mm2)
     return usage(
         "--close needs --fill MM2 or --fill all: it says which gaps count as closed there");
+  out.column = a.keep == "column";
+  if (out.column && !out.fill_mm2)
+    return usage("--keep column needs --fill MM2 or --fill all, which finds the spinal canal");
   for (const std::string& seed : a.seeds) {
     const auto n = numbers<double>(seed, "#,#,#", "--seed", "X,Y,Z in mm");
     if (!n) return n.error();
@@ -164,6 +167,7 @@ void add_solid_parameters(const SolidOptions& o, json& out) {
     out["fill_mm2"] = std::isfinite(*o.fill_mm2) ? json(*o.fill_mm2) : json("all");
   }
   if (o.min_volume_mm3 > 0) out["min_volume_mm3"] = o.min_volume_mm3;
+  if (o.column) out["keep"] = "column";
   if (o.largest > 0) out["largest"] = o.largest;
   for (const Eigen::Vector3d& seed : o.seeds_lps_mm)
     out["seeds_lps_mm"].push_back({seed.x(), seed.y(), seed.z()});

@@ -252,6 +252,11 @@ void warn_of_labels(const Run& run, const Collected& all, const MaterialIndices&
        "all of its components are smaller than --min-region");
 }
 
+void add_warnings(const std::vector<Warning>& of_solid, json& warnings) {
+  for (json& warning : warnings_json(of_solid, {}))
+    warnings.push_back(std::move(warning));
+}
+
 json slices_report(std::vector<EncodedMaterial>& materials, const Asset& asset,
                    const MaterialIndices& indices) {
   json out = json::array();
@@ -341,6 +346,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   json used = used_parameters(run, parameters, all);
   json warnings =
       run_warnings(stack, options.mesh.segmentation, all.values, all.area_mm2, all.warnings);
+  if (solid) add_warnings(solid->warnings(), warnings);
 
   StackResult out;
   out.stages = std::move(all.stages);

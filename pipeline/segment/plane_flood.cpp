@@ -103,16 +103,42 @@ void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
   }
 }
 
+void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
+                       std::span<const std::uint8_t> set, std::vector<float>& squared_mm2) {
+  const PlaneGrid grid{at_mm[0], at_mm[1]};
+  squared_mm2.resize(set.size());
+  std::vector<float> plane;
+  for (std::size_t z = 0; z < at_mm[2].size(); ++z) {
+    squared_distances(grid, set.subspan(z * grid.size(), grid.size()), plane);
+    std::copy(plane.begin(), plane.end(),
+              squared_mm2.begin() + static_cast<std::ptrdiff_t>(z * grid.size()));
+  }
+  LowerEnvelope envelope;
+  std::vector<double> line;
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    line.resize(at_mm[2].size());
+    for (std::size_t z = 0; z < line.size(); ++z)
+      line[z] = static_cast<double>(squared_mm2[z * grid.size() + i]);
+    envelope.run(at_mm[2], line);
+    for (std::size_t z = 0; z < line.size(); ++z)
+      squared_mm2[z * grid.size() + i] = static_cast<float>(line[z]);
+  }
+}
+
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
-                   double largest_mm2, std::vector<std::uint8_t>& enclosed) {
+                   double largest_mm2, std::vector<std::uint8_t>& enclosed,
+                   std::vector<float>* squared_mm2) {
   const std::size_t width = grid.u_mm.size(), height = grid.v_mm.size();
   enclosed.assign(grid.size(), 0);
+  if (squared_mm2 != nullptr)
+    squared_mm2->assign(grid.size(), std::numeric_limits<float>::infinity());
   if (std::all_of(solid.begin(), solid.end(), [](std::uint8_t s) { return s == 0; })) return;
   // The limit is slightly above the radius, so that an equal distance does not depend on rounding.
   const double limit_mm = radius_mm * (1 + 1e-6);
   const auto squared = static_cast<float>(limit_mm * limit_mm);
   std::vector<float> distance;
   squared_distances(grid, solid, distance);
+  if (squared_mm2 != nullptr) *squared_mm2 = distance;
   std::vector<std::uint8_t> open(grid.size()), reached(grid.size(), 0);
   for (std::size_t i = 0; i < open.size(); ++i)
     open[i] = distance[i] > squared ? 1 : 0;

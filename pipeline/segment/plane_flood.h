@@ -2,6 +2,7 @@
 // Regions of a plane of pixels that a disc cannot enter from outside.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -19,6 +20,9 @@ struct PlaneGrid {
 /// Huttenlocher, Distance transforms of sampled functions, Theory of Computing 8, 2012.)
 void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
                        std::vector<float>& squared_mm2);
+/// The same in a volume, whose voxels are at these positions along x, y and z.
+void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
+                       std::span<const std::uint8_t> set, std::vector<float>& squared_mm2);
 
 /// Finds the pixels that `solid` (row-major, != 0) encloses and sets `enclosed` to 1 there, else to
 /// 0. A disc of radius `radius_mm` moves in from the plane's border without touching `solid`. The
@@ -28,8 +32,9 @@ void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
 ///
 /// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. A
 /// test of connectivity after a morphological closing would leak where an inner and an outer disc
-/// touch. O(pixels).
+/// touch. If `squared_mm2` is given, it becomes squared_distances() of `solid`. O(pixels).
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
-                   double largest_mm2, std::vector<std::uint8_t>& enclosed);
+                   double largest_mm2, std::vector<std::uint8_t>& enclosed,
+                   std::vector<float>* squared_mm2 = nullptr);
 
 }  // namespace trocar::pipeline

@@ -39,6 +39,9 @@ struct Field {
   float iso = 0;
   bool is_mask = false;       ///< whether the values are 0 and 1 only, which cannot be interpolated
   std::set<int> labels = {};  ///< the wanted labels that occur in the image
+  /// 1 for each pixel whose value was moved across the iso-value (solid_bone.h); empty if there is
+  /// none. A border between a changed and another pixel is one of the mask, not of the values.
+  std::vector<std::uint8_t> changed = {};
 };
 
 /// Mean of `values`, an image of the same size, over the pixels that are material; no value if

@@ -12,10 +12,12 @@
 #include "pipeline/read/nifti/nifti_stack.h"
 #include "pipeline/read/same_grid.h"
 #include "pipeline/read/stack_shape.h"
+#include "pipeline/segment/canals.h"
 #include "pipeline/segment/connected_components.h"
 #include "pipeline/segment/label_map_detection.h"
 #include "pipeline/segment/nearest_seed.h"
 #include "pipeline/segment/plane_flood.h"
+#include "pipeline/segment/soft_regions.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -41,6 +43,10 @@ Result<VoxelGrid> grid_of(const SliceStack& stack) {
   return grid;
 }
 
+bool has_hu(const SliceStack& stack, const Segmentation& how) {
+  return stack.pixel_unit() == PixelUnit::kHounsfield && std::holds_alternative<Threshold>(how);
+}
+
 // Calls work(slice) -> Result<void> for every slice, several at once. Returns the lowest slice's
 // error.
 template <typename Work>
@@ -52,21 +58,24 @@ Result<void> for_each_slice(int slices, const Work& work) {
   return {};
 }
 
-// The VoxelFlags of each voxel, one byte each.
-Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const VoxelGrid& grid) {
+// The VoxelFlags of each voxel, one byte each; the upper six bits are packed_hu() of a scan in HU.
+// Adds all slices to `means` if it is given.
+Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const VoxelGrid& grid,
+                        BlockMeans* means = nullptr) {
   const std::size_t pixels = grid.count(0) * grid.count(1);
   Bytes out(grid.size());
-  const bool is_hu =
-      stack.pixel_unit() == PixelUnit::kHounsfield && std::holds_alternative<Threshold>(how);
+  const bool is_hu = has_hu(stack, how);
   const auto ok = for_each_slice(stack.size(), [&](int k) -> Result<void> {
     auto image = stack.read(k);
     if (!image) return image.error();
+    if (means != nullptr) means->add(static_cast<std::size_t>(k), *image);
     const Field field = segment(std::move(*image), stack.pixel_unit(), how);
     std::uint8_t* flags = &out[static_cast<std::size_t>(k) * pixels];
     for (std::size_t i = 0; i < pixels; ++i) {
       const float value = field.image.values[i];
       flags[i] = static_cast<std::uint8_t>((value >= field.iso ? kMaterial : 0) |
-                                           (!is_hu || value >= kAir_HU ? kFillable : 0));
+                                           (!is_hu || value >= kAir_HU ? kFillable : 0) |
+                                           (is_hu ? packed_hu(value) : 0));
     }
     return {};
   });
@@ -98,42 +107,113 @@ void keep_largest(const VoxelGrid& grid, Bytes& material, int wanted) {
                   [&](std::uint32_t component, double) { return stays[component]; });
 }
 
-// The planes across one axis of a volume, read and written as images.
-struct Planes {
-  const VoxelGrid& grid;
-  std::size_t across, u, v;  // axes
-  std::size_t stride(std::size_t axis) const {
-    return axis == 0 ? 1 : axis == 1 ? grid.count(0) : grid.count(0) * grid.count(1);
-  }
-  template <typename Visit>  // visit(index in the plane, index in the volume)
-  void each(std::size_t plane, const Visit& visit) const {
-    std::size_t i = 0;
-    for (std::size_t y = 0; y < grid.count(v); ++y) {
-      std::size_t voxel = plane * stride(across) + y * stride(v);
-      for (std::size_t x = 0; x < grid.count(u); ++x, voxel += stride(u))
-        visit(i++, voxel);
-    }
-  }
-};
+// The axis of the volume that is nearest to the patient's long axis.
+std::size_t column_axis(const SliceStack& stack) {
+  const Eigen::Matrix3d axes = stack.plane(0).T_lps_plane.linear();
+  std::size_t out = 2;  // if equal, the direction across the slices
+  for (const std::size_t axis : {1U, 0U})
+    if (std::abs(axes(2, axis)) > std::abs(axes(2, static_cast<Eigen::Index>(out)))) out = axis;
+  return out;
+}
 
-// Step 2 of solid_bone.h.
-void fill(const VoxelGrid& grid, const SolidOptions& options, const Bytes& flags, Bytes& material) {
-  Bytes times(grid.size(), 0);  // number of directions in which the voxel is enclosed
-  const std::array<Planes, 3> directions{Planes{grid, 2, 0, 1}, Planes{grid, 1, 0, 2},
-                                         Planes{grid, 0, 1, 2}};
-  for (const Planes& planes : directions) {
-    const PlaneGrid plane_grid{grid.at_mm[planes.u], grid.at_mm[planes.v]};
-    parallel_for(static_cast<int>(grid.count(planes.across)), [&](int plane) {
+// Step 2 of solid_bone.h. Returns the canals.
+std::vector<Canal> fill(const VoxelGrid& grid, std::size_t column, bool is_hu,
+                        const SolidOptions& options, const Bytes& flags, Bytes& material) {
+  // The lower two bits count the directions in which the voxel is enclosed; the others are
+  // CanalFlags.
+  constexpr std::uint8_t kTimes = 3;
+  Bytes state(grid.size(), 0);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const VoxelPlanes planes(grid, axis);
+    const PlaneGrid plane_grid = planes.plane();
+    parallel_for(static_cast<int>(planes.count()), [&](int plane) {
       thread_local Bytes solid, enclosed;
+      thread_local std::vector<float> apart2;
       solid.resize(plane_grid.size());
       const auto here = static_cast<std::size_t>(plane);
       planes.each(here, [&](std::size_t i, std::size_t voxel) { solid[i] = material[voxel]; });
-      find_enclosed(plane_grid, solid, options.close_mm, *options.fill_mm2, enclosed);
-      planes.each(here, [&](std::size_t i, std::size_t voxel) { times[voxel] += enclosed[i]; });
+      find_enclosed(plane_grid, solid, options.close_mm, *options.fill_mm2, enclosed, &apart2);
+      planes.each(here, [&](std::size_t i, std::size_t voxel) {
+        state[voxel] += enclosed[i];
+        if (axis != column) return;
+        constexpr double kWide_mm2 = kCanalDisc_mm * kCanalDisc_mm;
+        state[voxel] |=
+            static_cast<std::uint8_t>((enclosed[i] != 0 ? kEnclosed : 0) |
+                                      (double{apart2[i]} > kWide_mm2 * (1 + 1e-6) ? kWide : 0));
+      });
     });
   }
+  std::vector<Canal> canals = find_canals(
+      VoxelPlanes(grid, column), material,
+      is_hu ? std::span<const std::uint8_t>(flags) : std::span<const std::uint8_t>(), state);
   for (std::size_t i = 0; i < material.size(); ++i)
-    if (times[i] >= 2 && (flags[i] & kFillable) != 0) material[i] = 1;
+    if ((state[i] & kTimes) >= 2 && (state[i] & kInCanal) == 0 && (flags[i] & kFillable) != 0)
+      material[i] = 1;
+  return canals;
+}
+
+std::string rounded(double value) {
+  return std::to_string(std::lround(value));
+}
+
+Warning contrast_warning(const SliceStack& stack, const SoftRegions& soft, bool is_dropped) {
+  const std::string hu = rounded(soft.low_HU) == rounded(soft.high_HU)
+                             ? rounded(soft.low_HU)
+                             : rounded(soft.low_HU) + " to " + rounded(soft.high_HU);
+  return {"contrast_filled", input_name(stack),
+          rounded(soft.volume_mm3 / 1000) + " ml of soft tissue at " + hu +
+              " HU are above the threshold" + (soft.touches_bone ? " and connected to bone" : "") +
+              ", such as vessels and organs filled with contrast medium; " +
+              (is_dropped ? "--keep column leaves them out"
+                          : "--preset column leaves them out, --seed or --mask select bone")};
+}
+
+// Drops soft regions, and keeps them from being filled.
+void drop_soft(const VoxelGrid& grid, const BlockMeans& means, const SoftRegions& soft,
+               Bytes& flags, Bytes& material) {
+  std::size_t voxel = 0;
+  for (std::size_t z = 0; z < grid.count(2); ++z) {
+    for (std::size_t y = 0; y < grid.count(1); ++y) {
+      for (std::size_t x = 0; x < grid.count(0); ++x, ++voxel) {
+        if (unpacked_hu(flags[voxel]) > soft.limit_HU[means.block(x, y, z)]) continue;
+        material[voxel] = 0;
+        flags[voxel] &= static_cast<std::uint8_t>(~kFillable);
+      }
+    }
+  }
+}
+
+// Keeps what kColumn_mm describes, around a canal.
+void keep_column(const VoxelPlanes& planes, const Canal& canal, Bytes& material) {
+  const std::vector<Canal::Section>& path = canal.sections;
+  const std::vector<double>& at = planes.grid.at_mm[planes.across];
+  Bytes core(material.size(), 0);
+  std::size_t next = 0;
+  for (std::size_t k = 0; k < planes.count(); ++k) {
+    while (next < path.size() && path[next].plane < k)
+      ++next;
+    const Canal::Section& b = path[std::min(next, path.size() - 1)];
+    const Canal::Section& a = next > 0 && next < path.size() && b.plane != k ? path[next - 1] : b;
+    const double t = a.plane == b.plane ? 0 : (at[k] - at[a.plane]) / (at[b.plane] - at[a.plane]);
+    const double u = a.u_mm + t * (b.u_mm - a.u_mm), v = a.v_mm + t * (b.v_mm - a.v_mm);
+    planes.each(k, [&](std::size_t i, std::size_t voxel) {
+      if (material[voxel] == 0) return;
+      const double du = planes.grid.at_mm[planes.u][i % planes.width()] - u;
+      const double dv = planes.grid.at_mm[planes.v][i / planes.width()] - v;
+      const double apart = du * du + dv * dv;
+      if (apart > kColumn_mm * kColumn_mm) material[voxel] = 0;
+      if (apart <= kColumnCore_mm * kColumnCore_mm) core[voxel] = 1;
+    });
+  }
+  const VoxelComponents components = find_components(planes.grid, material);
+  std::vector<bool> stays(components.volume_mm3.size(), false);
+  for (const VoxelComponents::Run& run : components.runs)
+    for (std::size_t i = run.begin; i < run.end; ++i)
+      if (core[i] != 0) stays[run.component] = true;
+  for (const VoxelComponents::Run& run : components.runs)
+    if (!stays[run.component])
+      std::fill(material.begin() + static_cast<std::ptrdiff_t>(run.begin),
+                material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
 }
 
 // Step 3. A voxel stays if its centre is within the margin of the centre of a wanted voxel.
@@ -230,19 +310,47 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
                                   std::optional<SliceAxis> axis, const SolidOptions& options) {
   const auto grid = grid_of(stack);
   if (!grid) return grid.error();
-  auto flags = segmented(stack, segmentation, *grid);
+  const bool is_hu = has_hu(stack, segmentation);
+  std::optional<BlockMeans> means;
+  if (is_hu && options.fill_mm2) means.emplace(*grid);
+  auto flags = segmented(stack, segmentation, *grid, means ? &*means : nullptr);
   if (!flags) return flags.error();
   Bytes material(grid->size());
   std::transform(flags->begin(), flags->end(), material.begin(), [](std::uint8_t f) {
     return static_cast<std::uint8_t>((f & kMaterial) != 0 ? 1 : 0);
   });
   const Bytes before = material;
+  SolidBone out;
 
-  if (options.min_volume_mm3 > 0) {
-    keep_components(*grid, material,
-                    [&](std::uint32_t, double mm3) { return mm3 >= options.min_volume_mm3; });
+  const auto drop_specks = [&] {
+    if (options.min_volume_mm3 > 0) {
+      keep_components(*grid, material,
+                      [&](std::uint32_t, double mm3) { return mm3 >= options.min_volume_mm3; });
+    }
+  };
+  drop_specks();
+  if (means) {
+    means->finish();
+    const SoftRegions soft = find_soft_regions(*means, std::get<Threshold>(segmentation).value);
+    if (soft.count > 0) {
+      out.warnings_.push_back(contrast_warning(stack, soft, options.column));
+      if (options.column) {
+        drop_soft(*grid, *means, soft, *flags, material);
+        drop_specks();
+      }
+    }
+    means.reset();
   }
-  if (options.fill_mm2) fill(*grid, options, *flags, material);
+  if (options.fill_mm2) {
+    const std::size_t column = column_axis(stack);
+    const std::vector<Canal> canals = fill(*grid, column, is_hu, options, *flags, material);
+    if (options.column && canals.empty())
+      return refused(
+          input_name(stack) +
+          ": no spinal canal found, a soft tunnel in a ring of bone; --keep column needs "
+          "one, --seed and --mask do not");
+    if (options.column) keep_column(VoxelPlanes(*grid, column), canals.front(), material);
+  }
   *flags = {};
   if (!options.mask_file.empty()) {
     if (auto ok = keep_near_mask(stack, *grid, axis, options, material); !ok) return ok.error();
@@ -264,7 +372,6 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
                    " none of the " + std::to_string(std::lround(volume_mm3(*grid, before))) +
                    " mm^3 of material");
 
-  SolidBone out;
   out.width_ = stack.width();
   out.height_ = stack.height();
   out.filled_mm3_ = volume_mm3(*grid, difference(material, before));
@@ -286,6 +393,8 @@ std::optional<double> SolidBone::apply(int slice, int offset_x, int offset_y, Fi
         ++count;
       }
       if ((value >= field.iso) == wanted) continue;
+      if (field.changed.empty()) field.changed.resize(image.values.size(), 0);
+      field.changed[static_cast<std::size_t>(y) * image.width + x] = 1;
       const float mirrored = 2 * field.iso - value;
       // A value equal to the iso-value, or to it after rounding, moves by the smallest step.
       const float nearest = std::nextafter(field.iso, -std::numeric_limits<float>::infinity());

@@ -6,9 +6,11 @@
 // The steps follow in this order. A step whose option is not given is left out.
 //  1. min_volume: components of less volume are dropped. This precedes filling, because specks
 //     would close gaps.
+//     With `column`, soft tissue above the threshold (soft_regions.h) is dropped next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
-//     directions of slices. A region that is enclosed in one direction only, such as the spinal
-//     canal, stays open. Input in HU is never filled below kAir_HU.
+//     directions of slices. Canals (canals.h) along the patient's long axis stay open. Input in HU
+//     is never filled below kAir_HU.
+//     With `column`, the components near the longest canal stay, as far as they are near to it.
 //  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is dropped.
 //  4. seeds: only material that is connected to the first seed stays, as far as it is nearer to it
 //     than to any other seed along paths in the material.
@@ -32,6 +34,9 @@ namespace trocar::pipeline {
 
 inline constexpr float kAir_HU = -200;
 inline constexpr double kMaskMargin_mm = 1.5;
+/// The option `column` keeps material within the first distance of the spinal canal's middle, in
+/// planes across it, if its component comes within the second one. It cuts ribs off at the first.
+inline constexpr double kColumn_mm = 75, kColumnCore_mm = 20;
 /// A seed farther than this from any material is refused.
 inline constexpr double kMaxSeedDistance_mm = 10;
 
@@ -39,6 +44,7 @@ struct SolidOptions {
   double close_mm = 0;             ///< radius of the disc; gaps of up to twice this count as closed
   std::optional<double> fill_mm2;  ///< largest region that is filled in a plane; may be infinite
   double min_volume_mm3 = 0;
+  bool column = false;                        ///< keep the spinal column alone; needs fill_mm2
   int largest = 0;                            ///< 0: all
   std::vector<Eigen::Vector3d> seeds_lps_mm;  ///< patient coordinates (LPS)
   std::string mask_file;                      ///< a NIfTI label map on the scan's grid
@@ -54,7 +60,7 @@ class SolidBone {
  public:
   /// Reads all slices, several at the same time. Errors: those of reading; (refused) slices that
   /// are not parallel or not in ascending order, a mask on another grid, a seed that is not near
-  /// any material, nothing left. O(voxels log voxels) with seeds, else O(voxels).
+  /// any material, no canal with `column`, nothing left. O(voxels log voxels) with seeds, else O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
                                 std::optional<SliceAxis> axis, const SolidOptions& options);
 
@@ -63,12 +69,14 @@ class SolidBone {
     return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
   }
   /// Makes a slice's field agree with the voxels: values on the wrong side of the iso-value are
-  /// mirrored at it, so that the outline passes half-way between a changed pixel and an equal
-  /// neighbour and is unchanged elsewhere. (offset_x, offset_y) is the position of a cropped field
+  /// mirrored at it and marked in Field::changed. The outline is unchanged where the values bound the
+  /// material, and smooth (contour.h) where only the voxels do. (offset_x, offset_y) is the position of a cropped field
   /// in its slice. Returns the mean of the material's values before the change; no value if nothing
   /// is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
+  /// A warning of soft tissue above the threshold (contrast_filled), if there is any.
+  const std::vector<Warning>& warnings() const { return warnings_; }
   /// Volumes for the report.
   double filled_mm3() const { return filled_mm3_; }
   double dropped_mm3() const { return dropped_mm3_; }
@@ -77,6 +85,7 @@ class SolidBone {
   int width_ = 0, height_ = 0;
   std::vector<std::uint8_t> material_;
   double filled_mm3_ = 0, dropped_mm3_ = 0;
+  std::vector<Warning> warnings_;
 };
 
 }  // namespace trocar::pipeline

@@ -181,7 +181,7 @@ def test_presets_are_their_options(programs, scan, work):
     mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
     shown = run(mesh, "--explain").stdout.splitlines()
     presets = {line.split(":")[0]: line.split(":")[1].split() for line in shown if not line.startswith(" ")}
-    assert set(presets) == {"bone", "solid-bone", "vertebra", "skin", "paper"}, f"presets: {sorted(presets)}"
+    assert set(presets) == {"bone", "solid-bone", "vertebra", "column", "skin", "paper"}, f"presets: {sorted(presets)}"
     made = {}
     for name, options in presets.items():
         one, other = work / f"{name}.glb", work / f"{name}_options.glb"
@@ -196,6 +196,7 @@ def test_presets_are_their_options(programs, scan, work):
           and parameters["min_volume_mm3"] == 100), f"parameters: {parameters}"
     out = ("-o", work / "never.glb")
     refuses(2, "--close needs --fill", mesh, volume, *out, "--close", "3")
+    refuses(2, "--keep column needs --fill", mesh, volume, *out, "--keep", "column")
     refuses(2, "--fill some: must be an area in mm^2, or all", mesh, volume, *out, "--fill", "some")
     refuses(2, "--seed 1,2: must be X,Y,Z in mm", mesh, volume, *out, "--seed", "1,2")
     refuses(2, "must be LABELS.nii.gz:L[,L]", mesh, volume, *out, "--mask", "labels.nii.gz")

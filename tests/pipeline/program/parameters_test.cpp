@@ -75,6 +75,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
       {"close", {{{"fill", "all"}}, 1}},
       {"fill", {json::object(), "all"}},
       {"min-volume", {json::object(), 9}},
+      {"keep", {{{"fill", "all"}}, "column"}},
       {"largest", {json::object(), 2}},
       {"seed", {json::object(), "1,2,3"}},
       {"mask", {json::object(), "m.nii:3"}},

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The filling of bone on phantoms of a spinal column, whose canal, marrow and vessels are known.
+#include "pipeline/segment/canals.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "pipeline/segment/solid_bone.h"
+
+namespace trocar::pipeline {
+namespace {
+
+enum class Tissue { kSoft, kCanal, kDisc, kMarrow, kCortex, kVessel };
+
+struct Phantom {
+  double pixel_mm = 1, slice_mm = 1.5, noise_HU = 0;
+  double tilt = 0.3;  // shift of the canal per mm along the body
+  bool has_vessels = false;
+  SliceAxis axis = SliceAxis::kAxial;
+};
+
+constexpr double kPeriod_mm = 25;
+
+// Vertebrae of thin cortex and dark marrow, 25 mm apart, with a canal of 16 x 15 mm, pedicles,
+// laminae with gaps, foramina and discs. x left, y back, z up, in mm; the canal is at 0, 0.
+Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
+  y -= phantom.tilt * (z - 30);
+  const double level = z - kPeriod_mm * std::floor(z / kPeriod_mm) - kPeriod_mm / 2;
+  const double from_canal = (std::hypot(x / 8, y / 7.5) - 1) * 7.5;
+  if (from_canal < 0) return Tissue::kCanal;
+  const double body_side = (std::hypot(x / 15, (y + 20.5) / 13) - 1) * 13;
+  const double body = std::max({body_side, std::abs(level) - 10, -from_canal});
+  const double side = std::abs(x);
+  const double pedicle =
+      std::max({std::abs(side - 11.5) - 3.5, std::abs(level - 3) - 6, -14 - y, y - 6});
+  const double lamina =
+      std::max({from_canal - 5, -from_canal, 0.5 - y, std::abs(level + 1) - kPeriod_mm / 2 + 2});
+  const double process = std::max({side - 3, std::abs(level + 2) - 6, 8 - y, y - 28});
+  const double bone = std::min({body, pedicle, lamina, process});
+  if (bone < 0) return bone > -1.2 ? Tissue::kCortex : Tissue::kMarrow;
+  if (body_side < 0) return Tissue::kDisc;
+  if (!phantom.has_vessels) return Tissue::kSoft;
+  const bool is_aorta = std::hypot(x - 5, y + 45) < 11.5;
+  const bool is_bridge = std::abs(x - 3) < 3 && std::abs(z - 30) < 3 && y < -32 && y > -45;
+  const bool is_heart = std::hypot(x / 30, (y + 80) / 24, (z - 30) / 32) < 1;
+  return is_aorta || is_bridge || is_heart ? Tissue::kVessel : Tissue::kSoft;
+}
+
+double hu_of(Tissue tissue) {
+  switch (tissue) {
+    case Tissue::kCanal:
+      return 20;
+    case Tissue::kDisc:
+      return 100;
+    case Tissue::kMarrow:
+      return 58;
+    case Tissue::kCortex:
+      return 600;
+    case Tissue::kVessel:
+      return 300;
+    default:
+      return 50;
+  }
+}
+
+// The phantom within x -45 to 45, y -65 to 40 (-110 with vessels), z 0 to 60 mm. Each voxel is the
+// mean of 2 x 2 x 2 points.
+class ColumnStack final : public SliceStack {
+ public:
+  explicit ColumnStack(const Phantom& phantom) {
+    const double front = phantom.has_vessels ? -110 : -65;
+    std::mt19937_64 random(7);
+    std::normal_distribution<double> noise(0, 1);
+    const bool is_sagittal = phantom.axis == SliceAxis::kSagittal;
+    const double a_mm = phantom.pixel_mm, b_mm = phantom.slice_mm;
+    // Steps along x, y, z. Sagittal slices run along x, with rows along z.
+    const Eigen::Vector3d step =
+        is_sagittal ? Eigen::Vector3d(b_mm, a_mm, a_mm) : Eigen::Vector3d(a_mm, a_mm, b_mm);
+    const auto count = [](double length, double by) { return static_cast<int>(length / by); };
+    const int nx = count(90, step.x()), ny = count(40 - front, step.y()), nz = count(60, step.z());
+    width_ = is_sagittal ? ny : nx;
+    height_ = is_sagittal ? nz : ny;
+    const int slices = is_sagittal ? nx : nz;
+    for (int k = 0; k < slices; ++k) {
+      Image image{width_, height_, {}};
+      std::vector<Tissue> tissue;
+      for (int v = 0; v < height_; ++v) {
+        for (int u = 0; u < width_; ++u) {
+          const Eigen::Vector3d index =
+              is_sagittal ? Eigen::Vector3d(k, u, v) : Eigen::Vector3d(u, v, k);
+          const Eigen::Vector3d at = Eigen::Vector3d(-45, front, 0) + index.cwiseProduct(step);
+          const auto [hu, middle] = voxel(phantom, at, step);
+          image.values.push_back(static_cast<float>(hu + phantom.noise_HU * noise(random)));
+          tissue.push_back(middle);
+        }
+      }
+      images_.push_back(std::move(image));
+      tissue_.push_back(std::move(tissue));
+      SlicePlane plane{a_mm, a_mm, Eigen::Affine3d::Identity(), k * b_mm};
+      if (is_sagittal) plane.T_lps_plane.linear() << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+      plane.T_lps_plane.translation() = plane.T_lps_plane.linear().col(2) * (k * b_mm);
+      planes_.push_back(plane);
+    }
+  }
+  int size() const override { return static_cast<int>(images_.size()); }
+  int width() const override { return width_; }
+  int height() const override { return height_; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
+  std::string name(int slice) const override { return "column, slice " + std::to_string(slice); }
+  Result<Image> read(int slice) const override { return images_[slice]; }
+  Tissue tissue(int slice, int u, int v) const {
+    return tissue_[slice][static_cast<std::size_t>(v) * width_ + u];
+  }
+
+ private:
+  static std::pair<double, Tissue> voxel(const Phantom& phantom, const Eigen::Vector3d& at,
+                                         const Eigen::Vector3d& step) {
+    double sum = 0;
+    for (int i = 0; i < 8; ++i) {
+      const Eigen::Vector3d part((i & 1) - 0.5, (i >> 1 & 1) - 0.5, (i >> 2 & 1) - 0.5);
+      const Eigen::Vector3d p = at + 0.5 * part.cwiseProduct(step);
+      sum += hu_of(tissue_at(phantom, p.x(), p.y(), p.z()));
+    }
+    return {sum / 8, tissue_at(phantom, at.x(), at.y(), at.z())};
+  }
+
+  int width_ = 0, height_ = 0;
+  std::vector<Image> images_;
+  std::vector<std::vector<Tissue>> tissue_;
+  std::vector<SlicePlane> planes_;
+};
+
+SolidBone filled(const ColumnStack& stack, bool column = false) {
+  SolidOptions options;
+  options.close_mm = 3;
+  options.fill_mm2 = 2500;
+  options.min_volume_mm3 = 100;
+  options.column = column;
+  auto out = SolidBone::make(stack, Threshold{180}, SliceAxis::kAxial, options);
+  EXPECT_TRUE(out) << out.error().message;
+  return std::move(*out);
+}
+
+// The largest part of the canal that is filled in a slice, of its pixels that touch no other tissue.
+double canal_filled(const ColumnStack& stack, const SolidBone& solid) {
+  double out = 0;
+  for (int k = 0; k < stack.size(); ++k) {
+    const Image image = *stack.read(k);
+    int count = 0, wrong = 0;
+    for (int v = 1; v + 1 < stack.height(); ++v) {
+      for (int u = 1; u + 1 < stack.width(); ++u) {
+        bool is_inner = true;
+        for (int b = -1; b <= 1; ++b)
+          for (int a = -1; a <= 1; ++a)
+            is_inner = is_inner && stack.tissue(k, u + a, v + b) == Tissue::kCanal;
+        if (!is_inner) continue;
+        ++count;
+        wrong += solid.inside(k, u, v) && image.at(u, v) < 180 ? 1 : 0;
+      }
+    }
+    if (count >= 20) out = std::max(out, static_cast<double>(wrong) / count);
+  }
+  return out;
+}
+
+double part_inside(const ColumnStack& stack, const SolidBone& solid, Tissue tissue) {
+  int count = 0, inside = 0;
+  for (int k = 0; k < stack.size(); ++k) {
+    for (int v = 0; v < stack.height(); ++v) {
+      for (int u = 0; u < stack.width(); ++u) {
+        if (stack.tissue(k, u, v) != tissue) continue;
+        ++count;
+        inside += solid.inside(k, u, v) ? 1 : 0;
+      }
+    }
+  }
+  return static_cast<double>(inside) / count;
+}
+
+TEST(Canals, TheSpinalCanalStaysOpenAtAllNoiseLevelsAndSliceDistances) {
+  for (const double noise_HU : {0.0, 15.0, 30.0, 45.0, 60.0}) {
+    for (const double slice_mm : {0.6, 1.5, 3.0}) {
+      const Phantom phantom{.pixel_mm = 1, .slice_mm = slice_mm, .noise_HU = noise_HU};
+      const ColumnStack stack(phantom);
+      const SolidBone solid = filled(stack);
+      EXPECT_LE(canal_filled(stack, solid), 0.01) << noise_HU << " HU, " << slice_mm << " mm";
+      if (slice_mm > 2) continue;
+      EXPECT_GT(part_inside(stack, solid, Tissue::kMarrow), 0.8) << noise_HU << ", " << slice_mm;
+    }
+  }
+}
+
+TEST(Canals, AnObliqueCanalStaysOpen) {
+  for (const double tilt : {-0.6, 0.0, 0.6}) {
+    const ColumnStack stack(Phantom{.noise_HU = 20, .tilt = tilt});
+    EXPECT_LE(canal_filled(stack, filled(stack)), 0.01) << tilt;
+  }
+}
+
+TEST(Canals, TheCanalIsFoundInSagittalSlicesToo) {
+  const ColumnStack stack(Phantom{.noise_HU = 20, .axis = SliceAxis::kSagittal});
+  EXPECT_LE(canal_filled(stack, filled(stack)), 0.01);
+}
+
+TEST(Canals, VesselsAreNamedAndLeftOutOfTheColumn) {
+  const ColumnStack stack(Phantom{.noise_HU = 20, .has_vessels = true});
+  const SolidBone all = filled(stack), column = filled(stack, true);
+  ASSERT_EQ(all.warnings().size(), 1U);
+  EXPECT_EQ(all.warnings()[0].code, "contrast_filled");
+  EXPECT_NE(all.warnings()[0].sentence.find("connected to bone"), std::string::npos);
+  EXPECT_GT(part_inside(stack, all, Tissue::kVessel), 0.95);
+  EXPECT_LT(part_inside(stack, column, Tissue::kVessel), 0.03);
+  EXPECT_GT(part_inside(stack, column, Tissue::kMarrow),
+            part_inside(stack, all, Tissue::kMarrow) - 0.05);
+  EXPECT_LE(canal_filled(stack, column), 0.01);
+}
+
+TEST(Canals, WithoutContrastNothingIsNamed) {
+  const ColumnStack stack(Phantom{.noise_HU = 20});
+  EXPECT_TRUE(filled(stack).warnings().empty());
+}
+
+TEST(Canals, PackedValuesAreTrueToHalfAStep) {
+  for (float value = -200; value < 560; value += 3.5F)
+    EXPECT_NEAR(unpacked_hu(packed_hu(value)), double{value}, 6);
+  EXPECT_GT(unpacked_hu(packed_hu(3000)), 550);
+  EXPECT_LT(unpacked_hu(packed_hu(-1000)), -190);
+}
+
+}  // namespace
+}  // namespace trocar::pipeline
