@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "formats/asset/draco_mesh.h"
+#include "formats/asset/hu_volume.h"
 #include "formats/base/result.h"
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
@@ -43,11 +44,13 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline: exactly the mesh's boundary edges
   SliceMesh mesh;  ///< without triangles if the slice is empty
-  /// Figures of the slice: a JSON object as text. Schema 2 stores only `mean_hu`, and only if `hu`
-  /// is empty; schema 1 has more figures (asset.md).
+  /// Figures of the slice: a JSON object as text. Schema 2 stores only `mean_hu`; schema 1 has more
+  /// figures (asset.md).
   std::string measures_json = "{}";
-  int material = 0;            ///< index in Asset::materials
-  std::vector<float> hu = {};  ///< one value for each vertex of the mesh; empty if unknown
+  int material = 0;  ///< index in Asset::materials
+  /// Viewers colour by these: one value for each vertex of the mesh; empty if the file has none. Asset::hu has HU as
+  /// they were measured.
+  std::vector<float> hu = {};
 };
 
 struct AssetMaterial {
@@ -74,6 +77,8 @@ struct Asset {
   /// Digest of the input (defined in slice_stack.h) with the user's key, hex; empty without a key.
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
+  HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if unknown
+  HuVolume context = {};      ///< HU of everything, coarser; no planes if the file has none
   bool lines = false;         ///< the file holds the outlines as lines, for viewers
   bool colours = false;       ///< the file holds the HU as vertex colours, for viewers
   int schema = kAssetSchema;  ///< schema of the file that the asset was read from
@@ -82,13 +87,14 @@ struct Asset {
 /// The labels from which the asset was made (`labels` in its parameters); empty if it was made by a
 /// threshold. Numbers that do not fit an int are left out.
 std::vector<int> labels_of(const Asset& asset);
-/// Mean HU of the slice's material, if known: the mean of `hu` over the mesh, or if `hu` is empty,
-/// `mean_hu` of its measures.
+/// Mean HU of the slice's material, if known: `mean_hu` of its measures or, without it, the mean of
+/// `hu` over the mesh.
 std::optional<double> mean_hu_of(const AssetSlice& slice);
 
 /// Number of bytes by kind of content.
 struct AssetSizes {
   std::uint64_t json_bytes = 0, index_bytes = 0, triangle_bytes = 0, outline_bytes = 0;
+  std::uint64_t hu_bytes = 0;       ///< HU, without those at vertices
   std::uint64_t surface_bytes = 0;  ///< surfaces for display, not included in the numbers above
   std::uint64_t triangles = 0;      ///< number of triangles in all slices
 };
@@ -126,10 +132,21 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& outline,
                                   const DracoGrid& grid);
 
-/// The file's bytes: everything in `head` except its slices, which `slices` replace.
+/// A volume of HU with its planes compressed (hu_codec.h), ready for the file.
+struct EncodedHuPlane {
+  int index = 0;  ///< AssetSlice::index
+  std::vector<std::uint8_t> bytes;
+};
+struct EncodedHuVolume {
+  HuGrid grid;
+  std::vector<EncodedHuPlane> planes;  ///< ascending by index
+};
+
+/// The file's bytes: everything in `head` except its slices and HU, which `slices` and `hu` replace.
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
-                                                 AssetSizes* sizes = nullptr);
+                                                 AssetSizes* sizes = nullptr,
+                                                 const std::vector<EncodedHuVolume>& hu = {});
 
 /// Counts a file's bytes. Errors: (refused) the file is not an asset's container.
 Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
@@ -152,7 +169,8 @@ struct AssetPart {
   std::size_t asset_slices = 0;  ///< number of slices in the file, whatever their materials
   std::uint64_t file_bytes = 0, read_bytes = 0;
 };
-/// Reads the slices with these AssetSlice::index, with all their materials. Only their bytes are
+/// Reads the slices with these AssetSlice::index, with all their materials and their planes of
+/// Asset::hu, but without Asset::context and surfaces. Only their bytes are
 /// read: time, memory and bytes read do not depend on the number of other slices (asset_index.h). A
 /// file without a slice index is read completely. Errors: (refused) a slice does not exist, or
 /// decode_asset() would refuse it.

@@ -2,15 +2,17 @@
 // Decodes a complete file: container, JSON, slice index, then slice by slice.
 // Tests: tests/formats/asset/asset_test.cpp
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
-#include "formats/asset/decode_surfaces.h"
+#include "formats/asset/hu_section.h"
 #include "formats/asset/slice_payload.h"
 #include "formats/asset/stated_entries.h"
+#include "formats/asset/surface_payload.h"
 #include "formats/base/file_io.h"
 
 namespace trocar {
@@ -168,9 +170,106 @@ Result<std::vector<Entry>> read_entries(const tinygltf::Model& model,
   return out;
 }
 
+// The HU of the decoded slices. Where there is a slice index, the extras state where the volumes lie, as a reader
+// of some slices relies on.
+Result<void> decode_hu_volumes(const GltfDocument& document, bool has_index,
+                               const DecodeOptions& options, Asset& asset) {
+  auto sections = hu_sections(trocar_extras(document.extras), asset.lattice);
+  if (!sections) return sections.error();
+  const std::vector<unsigned char>& buffer = document.model.buffers[0].data;
+  MemorySource source(buffer);
+  for (HuSection& section : *sections) {
+    const auto bytes = view_bytes(document.model, static_cast<int>(section.view));
+    if (!bytes) return refused("its HU have no buffer view");
+    const auto offset = static_cast<std::uint64_t>(bytes->data() - buffer.data());
+    if (has_index && (section.offset != offset || section.bytes != bytes->size()))
+      return refused("its HU are not where its JSON states");
+    section.offset = offset;
+    section.bytes = bytes->size();
+    if (section.bytes < 8 * std::uint64_t{section.planes})
+      return refused("the directory of its HU is damaged");
+    if (auto ok = check_hu_directory(source, 0, section, asset); !ok) return ok;
+  }
+  return read_hu_volumes(source, 0, buffer.size(), *sections, options.all, asset);
+}
+
 bool is_wanted(const DecodeOptions& options, int index) {
   return options.all || std::find(options.slice_indices.begin(), options.slice_indices.end(),
                                   index) != options.slice_indices.end();
+}
+
+// Reads the numbers in the node's extras; the surface has no geometry yet.
+Result<AssetSurface> read_surface_node(const nlohmann::json& json_node, std::size_t materials) {
+  const nlohmann::json& extras = json_node["extras"]["trocar"];
+  const auto number = [&extras](const char* key) {
+    const auto at = extras.find(key);
+    return at != extras.end() && at->is_number() ? at->get<double>()
+                                                 : std::numeric_limits<double>::quiet_NaN();
+  };
+  AssetSurface out;
+  const double material = number("surface"), bits = number("lattice_bits"),
+               distance = number("distance_mm");
+  if (!(material >= 0 && material < static_cast<double>(materials) &&
+        material == std::rint(material)))
+    return refused("its material is not a number of the list");
+  if (!(bits >= kMinLatticeBits && bits <= kMaxLatticeBits && bits == std::rint(bits)))
+    return refused("its lattice_bits are no lattice's");
+  if (!(distance >= 0 && distance < 1e6)) return refused("its distance_mm is no distance");
+  out.material = static_cast<int>(material);
+  out.surface.lattice.bits = static_cast<int>(bits);
+  out.distance_mm = distance;
+  const auto matrix = json_node.find("matrix");
+  if (matrix == json_node.end() || *matrix != surface_matrix(out.surface.lattice))
+    return refused("its matrix is not its lattice's");
+  return out;
+}
+
+// The payload of a surface's node.
+Result<DracoPrimitive> surface_primitive(const tinygltf::Model& model, const tinygltf::Node& node) {
+  if (node.mesh < 0 || static_cast<std::size_t>(node.mesh) >= model.meshes.size())
+    return refused("mesh index out of range");
+  const auto& primitives = model.meshes[static_cast<std::size_t>(node.mesh)].primitives;
+  if (primitives.size() != 1 || primitives[0].mode != TINYGLTF_MODE_TRIANGLES)
+    return refused("expected one primitive of triangles");
+  return draco_primitive(model, primitives[0]);
+}
+
+Result<TriangleSurface> decode_surface_geometry(const DracoPrimitive& draco,
+                                                const Lattice& lattice) {
+  auto decoded = decode_surface(draco.payload, draco.vertices, draco.triangles, lattice);
+  if (!decoded) return decoded.error();
+  const std::vector<double>&stated_low = draco.position->minValues,
+        &stated_high = draco.position->maxValues;
+  for (std::size_t k = 0; k < 3; ++k) {
+    double low = kMaxSpaceCoordinate, high = -kMaxSpaceCoordinate;
+    for (const SpacePoint& p : decoded->vertices) {
+      low = std::min(low, static_cast<double>(p[k]));
+      high = std::max(high, static_cast<double>(p[k]));
+    }
+    if (stated_low.size() != 3 || stated_high.size() != 3 || stated_low[k] != low ||
+        stated_high[k] != high)
+      return refused("accessor bounds differ from the vertices");
+  }
+  return decoded;
+}
+
+Result<void> decode_surfaces(const GltfDocument& document, Asset& asset) {
+  const tinygltf::Model& model = document.model;
+  std::size_t bytes = 0;
+  for (const std::size_t node : surface_nodes(document)) {
+    auto surface = read_surface_node(document.nodes[node], asset.materials.size());
+    if (!surface) return surface.error();
+    const auto draco = surface_primitive(model, model.nodes[node]);
+    if (!draco) return draco.error();
+    // Surfaces may not share bytes, so that the work is bounded by the file's size.
+    bytes += draco->payload.size();
+    if (bytes > model.buffers[0].data.size()) return refused("they share their bytes");
+    auto geometry = decode_surface_geometry(*draco, surface->surface.lattice);
+    if (!geometry) return geometry.error();
+    surface->surface = std::move(*geometry);
+    asset.surfaces.push_back(std::move(*surface));
+  }
+  return {};
 }
 
 }  // namespace
@@ -232,6 +331,8 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
        (*index)->header.last_index != asset.slices.back().index)) {
     return refused(name + ": its slice index and its JSON differ");
   }
+  if (auto ok = decode_hu_volumes(*document, index->has_value(), options, asset); !ok)
+    return refused(name + ": " + ok.error().message);
   if (options.all) {
     if (auto ok = decode_surfaces(*document, asset); !ok)
       return refused(name + ": surface: " + ok.error().message);

@@ -15,6 +15,8 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf_elements.h"
 #include "formats/asset/gltf_writer.h"
+#include "formats/asset/hu_codec.h"
+#include "formats/asset/hu_section.h"
 #include "formats/asset/slice_payload.h"
 
 namespace trocar {
@@ -106,9 +108,8 @@ void add_top_nodes(GltfWriter& gltf, std::size_t nodes, const Eigen::Affine3d& f
   gltf.add_node(nodes > 0 ? json{{"children", children}} : json::object());
 }
 
-// The mean HU that the file states, in tenths: only without HU at the vertices.
+// The mean HU that the file states, in tenths.
 std::optional<double> stated_mean_hu(const EncodedSlice& slice) {
-  if (slice.has_hu) return std::nullopt;
   const json measures = json::parse(slice.measures_json);
   const auto mean_hu = measures.find("mean_hu");
   if (mean_hu == measures.end() || !mean_hu->is_number()) return std::nullopt;
@@ -192,11 +193,36 @@ Result<void> check_order(const Asset& head, const std::vector<EncodedSlice>& sli
   return {};
 }
 
+// The volume's planes, compressed again. Errors: (bug) a plane that is not stored as its slice's outlines say.
+Result<EncodedHuVolume> encode_hu_volume(const HuVolume& volume, const Asset& asset) {
+  EncodedHuVolume out{volume.grid, {}};
+  for (const HuPlane& plane : volume.planes) {
+    std::vector<const Pslg*> outlines;
+    for (const AssetSlice& slice : asset.slices) {
+      if (slice.index == plane.index) outlines.push_back(&slice.pslg);
+    }
+    const auto mask = hu_mask(volume.grid, asset.lattice, outlines);
+    if (!mask) return mask.error();
+    if (mask->first_column != plane.first_column || mask->first_row != plane.first_row ||
+        mask->columns != plane.columns || mask->rows != plane.rows ||
+        plane.hu.size() != mask->is_stored.size())
+      return bug("HU of slice " + std::to_string(plane.index) + ": not those of its outlines");
+    const auto value = [&plane](int column, int row) {
+      return plane.hu[static_cast<std::size_t>(row - plane.first_row) *
+                          static_cast<std::size_t>(plane.columns) +
+                      static_cast<std::size_t>(column - plane.first_column)];
+    };
+    out.planes.push_back({plane.index, encode_hu_plane(volume.grid, *mask, value)});
+  }
+  return out;
+}
+
 }  // namespace
 
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
-                                                 AssetSizes* sizes) {
+                                                 AssetSizes* sizes,
+                                                 const std::vector<EncodedHuVolume>& hu) {
   json parameters = json::parse(head.parameters_json, nullptr, false);
   if (parameters.is_discarded()) return bug("the asset's parameters are not JSON");
   if (auto ok = check_order(head, slices); !ok) return ok.error();
@@ -249,6 +275,11 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
     record_nodes.insert(record_nodes.end(), count, static_cast<std::size_t>(gltf.add_node(node)));
   }
   json scene = json::array({0});
+  for (const EncodedHuVolume& volume : hu) {
+    json element = add_hu_volume(gltf, volume);
+    counted.hu_bytes += element["byteLength"].get<std::uint64_t>();
+    extras["trocar"]["hu_volumes"].push_back(std::move(element));
+  }
   for (const AssetSurface& surface : head.surfaces) {
     const auto node = add_surface(gltf, surface, counted);
     if (!node) return node.error();
@@ -286,7 +317,14 @@ Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* s
     if (!encoded) return encoded.error();
     slices.push_back(std::move(*encoded));
   }
-  return assemble_asset(asset, std::move(slices), sizes);
+  std::vector<EncodedHuVolume> volumes;
+  for (const HuVolume* volume : {&asset.hu, &asset.context}) {
+    if (volume->planes.empty()) continue;
+    auto encoded = encode_hu_volume(*volume, asset);
+    if (!encoded) return encoded.error();
+    volumes.push_back(std::move(*encoded));
+  }
+  return assemble_asset(asset, std::move(slices), sizes, volumes);
 }
 
 }  // namespace trocar

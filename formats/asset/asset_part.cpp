@@ -5,6 +5,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
+#include "formats/asset/hu_section.h"
 #include "formats/asset/slice_payload.h"
 #include "formats/base/file_io.h"
 
@@ -93,6 +94,12 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
       part.asset.slices.push_back(std::move(*slice));
     }
   }
+  const auto volumes = hu_sections(trocar_extras(*extras), part.asset.lattice);
+  if (!volumes) return refused(name + ": " + volumes.error().message);
+  if (auto ok =
+          read_hu_volumes(source, file.binary_at, header.binary_bytes, *volumes, false, part.asset);
+      !ok)
+    return refused(name + ": " + ok.error().message);
   return part;
 }
 

@@ -6,6 +6,8 @@
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf_document.h"
+#include "formats/asset/hu_section.h"
+#include "formats/asset/slice_payload.h"
 #include "formats/base/file_io.h"
 
 namespace trocar {
@@ -19,6 +21,12 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
   out.json_bytes = *json_bytes_of(source);  // cannot fail: the container was parsed
   const auto index = find_index(source);
   if (index && *index) out.index_bytes = (*index)->bytes();
+  if (const auto volumes = hu_sections(trocar_extras(document->extras), {}); volumes) {
+    for (const HuSection& volume : *volumes) {
+      const auto bytes = view_bytes(model, static_cast<int>(volume.view));
+      if (bytes) out.hu_bytes += bytes->size();
+    }
+  }
   std::vector<bool> is_surface(model.meshes.size(), false);
   for (const std::size_t node : surface_nodes(*document)) {
     const int mesh = model.nodes[node].mesh;

@@ -61,7 +61,7 @@ const std::map<std::string, Allowed>& allowed_values() {
     add(Kind::kObject, "",
         ". asset materials/[] scenes/[] buffers/[] bufferViews/[] accessors/[] meshes/[] nodes/[] "
         "extras extras/trocar extras/trocar/materials/[] extras/trocar/parameters "
-        "nodes/[]/extras nodes/[]/extras/trocar");
+        "nodes/[]/extras nodes/[]/extras/trocar extras/trocar/hu_volumes/[]");
     add(Kind::kObject, "/materials/[]",
         "pbrMetallicRoughness extensions extensions/KHR_materials_unlit");
     add(Kind::kObject, primitive, ". attributes extensions");
@@ -69,7 +69,9 @@ const std::map<std::string, Allowed>& allowed_values() {
     add(Kind::kList, "",
         "extensionsRequired extensionsUsed materials scenes scenes/[]/nodes buffers bufferViews "
         "accessors accessors/[]/min accessors/[]/max meshes meshes/[]/primitives nodes "
-        "materials/[]/pbrMetallicRoughness/baseColorFactor extras/trocar/materials");
+        "materials/[]/pbrMetallicRoughness/baseColorFactor extras/trocar/materials "
+        "extras/trocar/hu_volumes extras/trocar/hu_volumes/[]/origin_mm "
+        "extras/trocar/hu_volumes/[]/pitch_mm extras/trocar/hu_volumes/[]/size");
     add(Kind::kList, node, "children matrix translation extras/trocar/mean_hu");
     add(Kind::kList, parameters,
         "labels joined_labels joined_labels/[] slices crop spacing_mm seeds_lps_mm "
@@ -85,10 +87,14 @@ const std::map<std::string, Allowed>& allowed_values() {
     add(Kind::kNumber, node, "mesh children/[] matrix/[] translation/[]");
     add(Kind::kNumber, node_trocar, "index z_mm mean_hu/[] surface lattice_bits distance_mm");
     add(Kind::kNumber, trocar, "schema lattice_bits slices hu_step materials/[]/label");
+    add(Kind::kNumber, trocar + "/hu_volumes/[]",
+        "version bufferView byteOffset byteLength planes origin_mm/[] pitch_mm/[] size/[] step_hu "
+        "margin_steps");
     add(Kind::kNumber, parameters,
         "tolerance_mm min_angle_deg min_region_mm2 lattice_bits max_area_mm2 max_area_px2 grade_hu "
         "threshold equalize labels/[] joined_labels/[]/[] slices/[] crop/[] spacing_mm/[] close_mm "
-        "min_volume_mm3 largest surface_triangles seeds_lps_mm/[]/[] mask_labels/[] volume");
+        "min_volume_mm3 largest context_mm surface_triangles seeds_lps_mm/[]/[] mask_labels/[] "
+        "volume");
     add(Kind::kFlag, "", "materials/[]/doubleSided accessors/[]/normalized");
     add(Kind::kFlag, parameters, "hu values_are_hu");
     const auto extension = [](const std::string& text) {
@@ -178,7 +184,7 @@ std::uint64_t unsigned_at(const json& object, const char* key) {
   return found != object.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
 }
 
-// The buffer views that a primitive or accessor uses.
+// The buffer views that a primitive, an accessor or a volume of HU uses.
 std::set<std::uint64_t> used_views(const json& document) {
   std::set<std::uint64_t> out;
   for (const json& mesh : document.value("meshes", json::array())) {
@@ -191,6 +197,8 @@ std::set<std::uint64_t> used_views(const json& document) {
   for (const json& accessor : document.value("accessors", json::array())) {
     if (accessor.contains("bufferView")) out.insert(unsigned_at(accessor, "bufferView"));
   }
+  for (const json& volume : document.at("extras").at("trocar").value("hu_volumes", json::array()))
+    out.insert(unsigned_at(volume, "bufferView"));
   return out;
 }
 
@@ -317,6 +325,13 @@ Result<void> check_deidentified_asset(std::span<const std::uint8_t> glb, const s
   if (text.size() - end > 3 || json_text(*document).size() != end)
     return found("its JSON text has more characters than its contents need");
   if (auto ok = check_json(*document, ""); !ok) return found(ok.error().message);
+  for (const json& volume :
+       document->at("extras").at("trocar").value("hu_volumes", json::array())) {
+    if (!volume.contains("margin_steps"))
+      return found(
+          "it holds HU of everything around its material, which can show a face; make it again "
+          "without --context");
+  }
   if (auto ok = check_binary(glb.subspan((*index)->binary_at), (*index)->bytes(), *document); !ok)
     return found(ok.error().message);
   return {};

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#define TINYGLTF_IMPLEMENTATION
 #include "formats/asset/gltf_document.h"
 
 #include <algorithm>

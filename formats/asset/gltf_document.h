@@ -1,8 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // An asset's container as tinygltf reads it, and checked access to its accessors and buffer views.
-// Internal to formats/; includes tinygltf (see gltf.h).
+// Internal to formats/; includes tinygltf. Debian's libdraco exports a tinygltf built with other options; to keep the
+// two apart, every file that includes this one is compiled with hidden visibility.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
+
+#define TINYGLTF_NO_STB_IMAGE
+#define TINYGLTF_NO_STB_IMAGE_WRITE
+#define TINYGLTF_NO_INCLUDE_STB_IMAGE
+#define TINYGLTF_NO_INCLUDE_STB_IMAGE_WRITE
+#define TINYGLTF_NO_EXTERNAL_IMAGE
+#include <tiny_gltf.h>
+
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -10,7 +19,6 @@
 #include <string>
 #include <vector>
 
-#include "formats/asset/gltf.h"
 #include "formats/base/result.h"
 
 namespace trocar {

@@ -2,6 +2,8 @@
 #include "formats/asset/one_sheet.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
@@ -64,13 +66,56 @@ Result<AssetSlice> welded(std::span<const AssetSlice> materials) {
   out.T_lps_plane = materials[0].T_lps_plane;
   out.pslg = std::move(*outline);
   out.hu = mean_of_welded(materials, *made);
-  if (const auto mean = mean_by_area(materials); out.hu.empty() && mean)
+  if (const auto mean = mean_by_area(materials); mean)
     out.measures_json = json_text(nlohmann::json{{"mean_hu", *mean}});
   out.mesh = std::move(made->mesh);
   return out;
 }
 
+// HU of a triangle: the mean at its centroid and half-way from there to its corners. NaN if unknown.
+double mean_in(const HuPlane& plane, const Lattice& lattice,
+               const std::array<LatticePoint, 3>& corners) {
+  Eigen::Vector2d centroid = Eigen::Vector2d::Zero();
+  for (const LatticePoint p : corners)
+    centroid += Eigen::Vector2d(lattice.to_mm(p.x), lattice.to_mm(p.y)) / 3;
+  auto sum = static_cast<double>(plane.at(centroid.x(), centroid.y()));
+  for (const LatticePoint p : corners) {
+    const Eigen::Vector2d at =
+        (centroid + Eigen::Vector2d(lattice.to_mm(p.x), lattice.to_mm(p.y))) / 2;
+    sum += static_cast<double>(plane.at(at.x(), at.y()));
+  }
+  return sum / 4;
+}
+
+std::vector<float> hu_at_vertices(const SliceMesh& mesh, const HuPlane& plane,
+                                  const Lattice& lattice) {
+  std::vector<double> sum(mesh.vertices.size(), 0), area(mesh.vertices.size(), 0);
+  for (const Triangle& t : mesh.triangles) {
+    const std::array<LatticePoint, 3> corners{mesh.vertices[t[0]], mesh.vertices[t[1]],
+                                              mesh.vertices[t[2]]};
+    const double hu = mean_in(plane, lattice, corners);
+    const auto weight = static_cast<double>(orient2d(corners[0], corners[1], corners[2]));
+    if (std::isnan(hu)) continue;
+    for (const std::uint32_t v : t) {
+      sum[v] += weight * hu;
+      area[v] += weight;
+    }
+  }
+  std::vector<float> out;
+  for (std::size_t v = 0; v < sum.size(); ++v)
+    out.push_back(area[v] > 0 ? static_cast<float>(sum[v] / area[v]) : 0.0F);
+  return out;
+}
+
 }  // namespace
+
+void add_hu_at_vertices(Asset& asset) {
+  for (AssetSlice& slice : asset.slices) {
+    const HuPlane* const plane = asset.hu.find(slice.index);
+    if (plane != nullptr && slice.hu.empty())
+      slice.hu = hu_at_vertices(slice.mesh, *plane, asset.lattice);
+  }
+}
 
 Result<void> weld_materials(Asset& asset, const std::string& name) {
   if (slice_count(asset) == asset.slices.size()) return {};

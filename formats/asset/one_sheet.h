@@ -17,4 +17,9 @@ namespace trocar {
 /// in different planes.
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
+/// Sets AssetSlice::hu, where it is empty, from Asset::hu, to colour the meshes: at each vertex the mean over the
+/// triangles around it. On the outline itself, where most vertices lie, HU are those of the border. Call it before
+/// weld_materials().
+void add_hu_at_vertices(Asset& asset);
+
 }  // namespace trocar

@@ -169,6 +169,12 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   group.flag("--lines", a.lines, "also store the outlines as lines, for viewers");
   group.flag("--colour", a.colour,
              "also store HU as colours, -200 dark to 1848 light, for viewers");
+  a.context_given =
+      group
+          .value("--context", a.context, "[MM]",
+                 "also store the HU of everything around, every MM mm (2 to 4 by size),\n"
+                 "for X-ray pictures; a head's show a face")
+          ->expected(0, 1);
   group.value("--input-key", a.input_key, "FILE",
               "key of 16 to 64 bytes: store a keyed digest of the input, by which\n"
               "holders of the key can recognise the scan; default: no digest");

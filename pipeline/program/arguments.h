@@ -18,7 +18,7 @@ struct Arguments {
   double threshold = 226, equalize = 230, tolerance_mm = 0.2, min_angle_deg = 30, max_area_mm2 = 50,
          max_area_px2 = 200, min_region_mm2 = 1, close_mm = 0, min_volume_mm3 = 0, grade_hu = 0;
   std::vector<std::string> labels, seeds;
-  std::string fill, mask, names, keep = "all";
+  std::string fill, mask, names, context, keep = "all";
   std::string contour = "subpixel", simplify = "area", axis = "transverse", preset, series, spacing,
               slices, crop;
   int lattice_bits = 8, jobs = 0, dump_slice = -1, volume = 0, largest = 0, count = 12,
@@ -27,7 +27,7 @@ struct Arguments {
        colour = false, surface = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
               *area_given = nullptr, *area_px_given = nullptr, *axis_given = nullptr,
-              *dump_slice_given = nullptr, *volume_given = nullptr,
+              *dump_slice_given = nullptr, *volume_given = nullptr, *context_given = nullptr,
               *surface_triangles_given = nullptr;
 };
 

@@ -118,6 +118,16 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
               {"box_mm", or_null(all)},
               {"surfaces", std::move(surfaces)},
               {"slices", std::move(slices)}};
+  for (const HuVolume* volume : {&asset.hu, &asset.context}) {
+    if (volume->planes.empty()) continue;
+    out["hu_volumes"].push_back(
+        {{"covers", volume->grid.covers_everything() ? "everything" : "material"},
+         {"planes", volume->planes.size()},
+         {"pitch_mm", {volume->grid.pitch_mm.x(), volume->grid.pitch_mm.y()}},
+         {"step_hu", volume->grid.step_hu}});
+    if (!volume->grid.covers_everything())
+      out["hu_volumes"].back()["margin_mm"] = asset.lattice.to_mm(volume->grid.margin_steps);
+  }
   // Assets of schema 1 have a digest, and so have assets of schema 2 that were made with
   // --input-key.
   if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;

@@ -147,6 +147,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
   out["fill"] = o.solid.fill_mm2
                     ? (std::isfinite(*o.solid.fill_mm2) ? json(*o.solid.fill_mm2) : json("all"))
                     : json();
+  if (o.context_mm) out["context"] = *o.context_mm;
   if (open.volume) out["volume"] = *open.volume;
   // The default number of triangles of the surface may be exceeded, but a given number may not.
   out["surface-triangles"] = o.surface && o.surface->at_most ? json(o.surface->triangles) : json();

@@ -54,6 +54,13 @@ void print_description(const fs::path& file, const json& out) {
                   json_text(material["name"]).c_str());
     }
   }
+  for (const json& volume : out.value("hu_volumes", json::array())) {
+    const bool is_context = volume["covers"] == "everything";
+    std::printf("  HU of %s: %zu planes, a sample every %.2f mm, steps of %d HU%s\n",
+                is_context ? "everything around" : "the material and a margin",
+                volume["planes"].get<std::size_t>(), volume["pitch_mm"][0].get<double>(),
+                volume["step_hu"].get<int>(), is_context ? "; a head's can show a face" : "");
+  }
   for (const json& s : out["surfaces"]) {
     std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",
                 s["material"].get<int>(), s["triangles"].get<std::size_t>(),

@@ -117,7 +117,8 @@ Result<void> set_mesh(const Arguments& a, StackOptions& out) {
   }
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
-  out.mesh.hu_field = !a.no_hu;
+  out.mesh.hu_volume = !a.no_hu;
+  out.mesh.hu_field = a.colour;
   out.mesh.grade_hu = a.grade_hu;
   return {};
 }
@@ -131,6 +132,18 @@ Result<void> set_outputs(const Arguments& a, StackOptions& out) {
   out.lines = a.lines;
   if (a.colour && a.no_hu) return usage("--colour shows the HU that --no-hu leaves out");
   out.colours = a.colour;
+  if (a.context_given != nullptr && a.context_given->count() > 0) {
+    if (a.no_hu) return usage("--context stores HU, which --no-hu leaves out");
+    out.context_mm = 0;
+    if (!a.context.empty()) {
+      const auto mm =
+          numbers<double>(a.context, "#", "--context", "MM, a length in mm, or nothing");
+      if (!mm) return mm.error();
+      if (!((*mm)[0] >= 1 && (*mm)[0] <= 20))
+        return usage("--context " + a.context + ": must lie between 1 and 20 mm");
+      out.context_mm = (*mm)[0];
+    }
+  }
   if (!a.input_key.empty()) {
     auto key = read_file(a.input_key, kMaxKeyBytes);
     if (!key) return key.error();
@@ -224,8 +237,9 @@ json parameters_json(const StackOptions& o, const OpenOptions& input) {
               {"min_region_mm2", o.mesh.min_region_mm2},
               {"lattice_bits", o.mesh.lattice.bits}};
   if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
-  if (!o.mesh.hu_field) out["hu"] = false;
+  if (!o.mesh.hu_volume) out["hu"] = false;
   if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
+  if (o.context_mm) out["context_mm"] = *o.context_mm;
   if (o.mesh.max_area_px2) {
     out["max_area_px2"] = *o.mesh.max_area_px2;
   } else {

@@ -32,14 +32,22 @@ struct HuRange {
   float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
 };
 
+// The HU at a triangle's centroid; NaN if the asset has none.
+float hu_at(const Asset& asset, const AssetSlice& slice, const Triangle& t) {
+  const HuPlane* const plane = asset.hu.find(slice.index);
+  if (plane == nullptr) return std::numeric_limits<float>::quiet_NaN();
+  double x = 0, y = 0;
+  for (const std::uint32_t v : t) {
+    x += asset.lattice.to_mm(slice.mesh.vertices[v].x) / 3;
+    y += asset.lattice.to_mm(slice.mesh.vertices[v].y) / 3;
+  }
+  return plane->at(x, y);
+}
+
 // Brightness of a triangle, from 0 for the lowest HU of the slice to 1 for the highest.
-double brightness(const AssetSlice& slice, const Triangle& t, const HuRange& range) {
-  if (slice.hu.empty() || !(range.high > range.low)) return 1;
-  double sum = 0;
-  for (const std::uint32_t v : t)
-    sum += slice.hu[v];
-  return std::clamp((sum / 3 - range.low) / (static_cast<double>(range.high) - range.low), 0.0,
-                    1.0);
+double brightness(float hu, const HuRange& range) {
+  if (std::isnan(hu) || !(range.high > range.low)) return 1;
+  return (static_cast<double>(hu) - range.low) / (static_cast<double>(range.high) - range.low);
 }
 
 cv::Scalar colour(int material, double light) {
@@ -70,8 +78,11 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
       box.low_x = std::min(box.low_x, p.x), box.high_x = std::max(box.high_x, p.x);
       box.low_y = std::min(box.low_y, p.y), box.high_y = std::max(box.high_y, p.y);
     }
-    for (const float hu : s.hu)
-      range.low = std::min(range.low, hu), range.high = std::max(range.high, hu);
+    for (const Triangle& t : s.mesh.triangles) {
+      const float hu = hu_at(asset, s, t);
+      if (hu < range.low) range.low = hu;
+      if (hu > range.high) range.high = hu;
+    }
   }
   const double width = static_cast<double>(box.high_x) - box.low_x,
                height = static_cast<double>(box.high_y) - box.low_y;
@@ -90,7 +101,7 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
       const std::array<cv::Point, 3> corners{pixel(s->mesh.vertices[t[0]]),
                                              pixel(s->mesh.vertices[t[1]]),
                                              pixel(s->mesh.vertices[t[2]])};
-      const double light = kDarkest + (1 - kDarkest) * brightness(*s, t, range);
+      const double light = kDarkest + (1 - kDarkest) * brightness(hu_at(asset, *s, t), range);
       cv::fillConvexPoly(sheet, corners.data(), 3, colour(s->material, light), cv::LINE_8, kShift);
       for (std::size_t k = 0; k < 3; ++k)
         cv::line(sheet, corners[k], corners[(k + 1) % 3], colour(s->material, light * kEdge), 1,

@@ -204,6 +204,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     for (MeshedMaterial& material : out.materials)
       material.hu = fit_hu_field(material.refined.mesh, *hu, pixel_grid(plane, options));
   }
+  if (options.hu_volume) out.hu = pixels->take_hu();
   out.times.hu_ms = watch.lap_ms();
   return out;
 }

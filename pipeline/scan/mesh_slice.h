@@ -28,7 +28,8 @@ struct MeshOptions : MaterialOptions {
       max_area_px2;  ///< overrides refinement.max_area_mm2; in pixels of the slice
   Lattice lattice;
   const SliceStack* hu = nullptr;  ///< the CT of a label map (open/labels_with_ct.h), if any
-  bool hu_field = true;            ///< whether to fit a field of HU, for input in HU
+  bool hu_volume = true;  ///< whether the asset gets the HU, for input in HU or with its CT
+  bool hu_field = false;  ///< whether to fit a field of HU to the mesh, likewise
   double grade_hu =
       0;  ///< change of HU along an edge (graded_area.h), for input in HU; 0: not graded
 };
@@ -69,6 +70,7 @@ struct MeshedSlice {
   std::size_t not_numbers = 0;  ///< Image::not_numbers, of the CT of a label map, too
   ValueTally values;            ///< statistics of input in HU, or with material chosen by labels
   double max_area_bound_mm2 = 0;
+  std::optional<Image> hu;  ///< the cropped HU of all pixels, with MeshOptions::hu_volume
   StageTimes times;
 
   double area_mm2() const;

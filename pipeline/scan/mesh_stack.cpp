@@ -19,6 +19,8 @@
 #include "pipeline/scan/asset_materials.h"
 #include "pipeline/scan/empty_asset.h"
 #include "pipeline/scan/encoding_grid.h"
+#include "pipeline/scan/hu_context.h"
+#include "pipeline/scan/hu_planes.h"
 #include "pipeline/scan/report.h"
 #include "pipeline/scan/run_stages.h"
 #include "pipeline/scan/warnings.h"
@@ -37,9 +39,17 @@ struct Run {
   int first, last;
   int threads;
   RunStages stages;
+  HuSampling sampling = {};
 
   // The label map, if the material is chosen by labels; else null.
   const Labels* labels() const { return std::get_if<Labels>(&options.mesh.segmentation); }
+  // The size of slices as they are read.
+  int width() const {
+    return options.mesh.crop ? options.mesh.crop->x1 - options.mesh.crop->x0 + 1 : stack.width();
+  }
+  int height() const {
+    return options.mesh.crop ? options.mesh.crop->y1 - options.mesh.crop->y0 + 1 : stack.height();
+  }
   bool is_stopped() const { return options.stop != nullptr && options.stop->load(); }
   double waited_ms() const {
     return stack.waited_ms() + (options.mesh.hu != nullptr ? options.mesh.hu->waited_ms() : 0);
@@ -55,6 +65,7 @@ struct EncodedMaterial {
 
 struct FinishedSlice {
   std::vector<EncodedMaterial> materials;
+  EncodedHuPlane hu;  // no bytes: none
   json stages;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
@@ -72,6 +83,7 @@ struct Finished {
 // All slices together.
 struct Collected {
   std::vector<EncodedMaterial> materials;
+  std::vector<EncodedHuPlane> hu;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
   ValueTally values;
@@ -115,6 +127,17 @@ Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<Dr
   }
   out.ms = stage_times(meshed->times);
   out.ms["encode"] = watch.lap_ms();
+  if (meshed->hu) {
+    std::vector<const Pslg*> outlines;
+    for (const EncodedMaterial& material : out.materials)
+      outlines.push_back(&material.slice.pslg);
+    auto hu = encode_hu(index, *meshed->hu, run.sampling, options.mesh.lattice, outlines);
+    if (!hu)
+      return Error{hu.error().code,
+                   stack.name(index) + ": " + hu.error().message + " (--no-hu leaves HU out)"};
+    out.hu = std::move(*hu);
+  }
+  out.ms["hu"] = out.ms["hu"].get<double>() + watch.lap_ms();
   reports[0]["ms"] = out.ms;
   for (std::size_t k = 0; k < reports.size(); ++k)
     out.materials[k].report = json::to_cbor(reports[k]);
@@ -200,6 +223,7 @@ Collected collect(std::vector<std::optional<Result<FinishedSlice>>> slices) {
   Collected out;
   for (auto& result : slices) {
     FinishedSlice one = std::move(**result);
+    if (!one.hu.bytes.empty()) out.hu.push_back(std::move(one.hu));
     std::move(one.materials.begin(), one.materials.end(), std::back_inserter(out.materials));
     out.warnings.insert(out.warnings.end(), one.warnings.begin(), one.warnings.end());
     out.values.add(one.values);
@@ -207,6 +231,22 @@ Collected collect(std::vector<std::optional<Result<FinishedSlice>>> slices) {
     out.labels.merge(one.labels);
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
+  return out;
+}
+
+// The volumes of HU: that of the slices, and the context if it is wanted.
+Result<std::vector<EncodedHuVolume>> hu_volumes(const Run& run,
+                                                std::vector<EncodedHuPlane> planes) {
+  std::vector<EncodedHuVolume> out;
+  if (!planes.empty()) out.push_back({run.sampling.grid, std::move(planes)});
+  if (!run.options.context_mm) return out;
+  const SliceStack& ct = run.options.mesh.hu != nullptr ? *run.options.mesh.hu : run.stack;
+  const double pitch_mm = *run.options.context_mm > 0
+                              ? *run.options.context_mm
+                              : default_context_mm(ct.plane(run.first), run.width(), run.height());
+  auto context = encode_context(ct, run.first, run.last, pitch_mm, run.options.mesh);
+  if (!context) return context.error();
+  out.push_back(std::move(*context));
   return out;
 }
 
@@ -231,6 +271,17 @@ MaterialIndices material_indices(const std::vector<EncodedMaterial>& materials) 
   int next = 0;
   for (auto& [first_label, index] : out)
     index = next++;
+  return out;
+}
+
+// The slices with the indices of their materials.
+std::vector<EncodedSlice> take_slices(std::vector<EncodedMaterial>& materials,
+                                      const MaterialIndices& indices) {
+  std::vector<EncodedSlice> out;
+  for (EncodedMaterial& one : materials) {
+    if (one.slice.triangles > 0) one.slice.material = indices.at(one.first_label);
+    out.push_back(std::move(one.slice));
+  }
   return out;
 }
 
@@ -294,6 +345,10 @@ Result<void> check_ranges(const SliceStack& stack, const StackOptions& options) 
       (stack.pixel_unit() != PixelUnit::kHounsfield ||
        std::holds_alternative<Labels>(options.mesh.segmentation)))
     return usage("--colour needs HU: a scan in HU, or the CT of a label map (--hu)");
+  if (options.context_mm && options.mesh.hu == nullptr &&
+      (stack.pixel_unit() != PixelUnit::kHounsfield ||
+       std::holds_alternative<Labels>(options.mesh.segmentation)))
+    return usage("--context needs HU: a scan in HU, or the CT of a label map (--hu)");
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
     if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||
@@ -332,6 +387,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
     options.mesh.solid = &*solid;
     run.stages.lap("solid");
   }
+  run.sampling = hu_sampling(stack.plane(run.first), run.width(), run.height(), options.mesh);
   Result<DracoGrid> grid = encoding_grid(stack, run.first, run.last, options.mesh);
   if (grid) grid->colours = options.colours;
 
@@ -365,11 +421,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
       return refused(input_name(stack) + ": more than " + std::to_string(kMaxMaterials) +
                      " labels; join some to one material, as --labels 1-20+21");
   }
-  std::vector<EncodedSlice> encoded;
-  for (EncodedMaterial& one : all.materials) {
-    if (one.slice.triangles > 0) one.slice.material = indices.at(one.first_label);
-    encoded.push_back(std::move(one.slice));
-  }
+  std::vector<EncodedSlice> encoded = take_slices(all.materials, indices);
   json surface;
   run.stages.lap("collect");
   if (options.surface) {
@@ -380,8 +432,11 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
     surface = std::move(*added);
     run.stages.lap("surface");
   }
+  const auto volumes = hu_volumes(run, std::move(all.hu));
+  if (!volumes) return volumes.error();
+  run.stages.lap("collect");
   AssetSizes sizes;
-  auto glb = assemble_asset(asset, std::move(encoded), &sizes);
+  auto glb = assemble_asset(asset, std::move(encoded), &sizes, *volumes);
   if (!glb) return glb.error();
   out.glb = std::move(*glb);
   run.stages.lap("assemble");

@@ -29,7 +29,9 @@ struct StackOptions {
   std::vector<std::uint8_t> input_key;        ///< key of the input's digest; empty: no digest
   bool lines = false;                         ///< Asset::lines
   bool colours = false;                       ///< Asset::colours
-  std::optional<int> dump_slice;              ///< slice whose StackResult::stages are wanted
+  /// Pitch of Asset::context, mm; 0: default_context_mm(); no value: without it.
+  std::optional<double> context_mm;
+  std::optional<int> dump_slice;  ///< slice whose StackResult::stages are wanted
   std::function<void(int done, int total)> progress;  ///< called by any thread, one call at a time
   const std::atomic<bool>* stop = nullptr;            ///< set by a signal handler to stop early
   /// Start of the report's total_ms, which includes opening the scan.
@@ -45,7 +47,7 @@ struct StackResult {
 };
 
 /// Checks the options against the stack. Errors (usage): slices or crop are outside the stack;
-/// vertex colours, or areas graded by HU (graded_area.h), are wanted but the values are not HU.
+/// vertex colours, areas graded by HU (graded_area.h) or a context are wanted but the values are not HU.
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
 /// The same stack and options give the same glb, with any number of threads. If values are not HU,

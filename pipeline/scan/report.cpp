@@ -120,7 +120,8 @@ json asset_report(const AssetSizes& sizes, std::size_t bytes) {
           {"triangle_bytes_per_triangle", per_triangle(sizes.triangle_bytes)},
           {"outline_bytes", sizes.outline_bytes},
           {"json_bytes", sizes.json_bytes},
-          {"index_bytes", sizes.index_bytes}};
+          {"index_bytes", sizes.index_bytes},
+          {"hu_bytes", sizes.hu_bytes}};
 }
 
 std::uint64_t peak_rss_bytes() {

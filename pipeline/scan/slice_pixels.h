@@ -4,6 +4,7 @@
 #pragma once
 
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "pipeline/scan/mesh_slice.h"
@@ -27,6 +28,12 @@ struct SlicePixels {
     if (ct) return &*ct;
     if (!needs_hu) return nullptr;
     return original ? &*original : &field.image;
+  }
+  /// The same image, which is taken out.
+  std::optional<Image> take_hu() {
+    if (ct) return std::move(ct);
+    if (!needs_hu) return std::nullopt;
+    return original ? std::move(original) : std::move(field.image);
   }
 };
 

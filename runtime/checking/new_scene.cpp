@@ -102,7 +102,7 @@ class Proposal {
     for (const AssetSlice& slice : asset_.slices) {
       if (slice.mesh.triangles.empty()) continue;
       levels_.push_back({&slice, slice.z_mm});
-      has_hu_ = has_hu_ && !slice.hu.empty();
+      has_hu_ = has_hu_ && (!slice.hu.empty() || asset_.hu.find(slice.index) != nullptr);
     }
     if (levels_.empty())
       return refused(name +

@@ -62,6 +62,7 @@ Result<Loaded> load(const std::filesystem::path& scene_file, const std::filesyst
     if (!whole) return whole.error();
     loaded.surfaces = std::move(whole->surfaces);
     loaded.asset = std::move(*whole);
+    add_hu_at_vertices(loaded.asset);
     loaded.all = loaded.asset.slices;
     std::erase_if(loaded.asset.slices,
                   [&](const AssetSlice& slice) { return !is_of_scene(loaded.scene, slice.index); });
@@ -76,6 +77,7 @@ Result<Loaded> load(const std::filesystem::path& scene_file, const std::filesyst
     Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(indices));
     if (!part) return part.error();
     loaded.asset = std::move(part->asset);
+    add_hu_at_vertices(loaded.asset);
   }
   if (const auto ok = weld_materials(loaded.asset, name); !ok) return ok.error();
   if (const auto ok = place_body(loaded.scene, loaded.asset, name); !ok) return ok.error();

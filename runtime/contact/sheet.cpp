@@ -139,8 +139,8 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     if (!slices[i]->hu.empty())
       sheet->hu = std::make_shared<const std::vector<float>>(slices[i]->hu);
     if (traits_of(scene.force_law.kind).uses_bone_volume)
-      sheet->field =
-          std::make_shared<const SliceField>(slices[i]->mesh, slices[i]->hu, asset.lattice);
+      sheet->field = std::make_shared<const SliceField>(
+          slices[i]->mesh, slices[i]->hu, asset.lattice, asset.hu.find(slices[i]->index));
     sheets.push_back(std::move(sheet));
   }
   std::sort(sheets.begin(), sheets.end(),

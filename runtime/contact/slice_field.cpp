@@ -16,29 +16,11 @@ namespace {
 
 constexpr float kNoMaterial = std::numeric_limits<float>::quiet_NaN();
 
-// Points in a disc of radius 1, in rings of 1, 6 and 12 points. Each point stands for
-// the same area.
-std::array<Eigen::Vector2d, 19> make_points() {
-  std::array<Eigen::Vector2d, 19> points;
-  points[0].setZero();
-  std::size_t n = 1;
-  for (int ring = 1; ring <= 2; ++ring) {
-    const int count = 6 * ring;
-    const double inner = 3.0 * ring * (ring - 1) + 1, outer = inner + count;
-    const double radius =
-        2.0 / 3 * (std::pow(outer, 1.5) - std::pow(inner, 1.5)) / (outer - inner) / std::sqrt(19.0);
-    for (int k = 0; k < count; ++k) {
-      const double angle = 2 * std::numbers::pi * k / count;
-      points[n++] = radius * Eigen::Vector2d(std::cos(angle), std::sin(angle));
-    }
-  }
-  return points;
-}
-
 }  // namespace
 
-SliceField::SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice)
-    : has_hu_(!hu.empty()) {
+SliceField::SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice,
+                       const HuPlane* plane)
+    : has_hu_(plane != nullptr || !hu.empty()) {
   if (mesh.vertices.empty()) return;
   const LatticeBox box = box_around(std::span<const LatticePoint>(mesh.vertices));
   const double step_mm = lattice.step_mm();
@@ -67,8 +49,14 @@ SliceField::SliceField(const SliceMesh& mesh, std::span<const float> hu, const L
         const double at_b = (p.x() * ac.y() - p.y() * ac.x()) / doubled,
                      at_c = (ab.x() * p.y() - ab.y() * p.x()) / doubled;
         if (at_b < 0 || at_c < 0 || at_b + at_c > 1) continue;
-        const double value =
-            has_hu_ ? (1 - at_b - at_c) * hu[t[0]] + at_b * hu[t[1]] + at_c * hu[t[2]] : 0;
+        double value = 0;
+        if (plane != nullptr) {
+          value = static_cast<double>(
+              plane->at(left_mm_ + (c + 0.5) * pixel_mm_, bottom_mm_ + (r + 0.5) * pixel_mm_));
+          if (std::isnan(value)) value = 0;
+        } else if (has_hu_) {
+          value = (1 - at_b - at_c) * hu[t[0]] + at_b * hu[t[1]] + at_c * hu[t[2]];
+        }
         hu_[static_cast<std::size_t>(r) * static_cast<std::size_t>(columns_) +
             static_cast<std::size_t>(c)] = static_cast<float>(value);
       }
@@ -96,7 +84,7 @@ float SliceField::at(double x_mm, double y_mm) const noexcept {
 
 SliceField::Mean SliceField::mean(const PlanarTransform& transform, const Eigen::Vector2d& at_m,
                                   double radius_m) const noexcept {
-  static const std::array<Eigen::Vector2d, 19> points = make_points();
+  const std::array<Eigen::Vector2d, 19>& points = disc_points();
   const double step_mm = transform.lattice.step_mm();
   const Eigen::Vector2d middle_mm = transform.to_lattice(at_m) * step_mm;
   Mean mean;

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "formats/asset/hu_volume.h"
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/slice_mesh.h"
 #include "runtime/contact/tool.h"
@@ -14,8 +15,9 @@
 namespace trocar::runtime {
 
 /// Contract (tests/runtime/contact/slice_field_test.cpp):
-///  1. A pixel has material if its centre lies in a triangle. Its HU is interpolated linearly between the
-///     corners of the triangle. If the asset has no HU, it is 0.
+///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's volume at the
+///     centre. If the asset has HU at vertices only, it is interpolated linearly between the corners of the
+///     triangle. If the asset has no HU, it is 0.
 ///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than
 ///     kMaxPixels.
 class SliceField {
@@ -24,8 +26,10 @@ class SliceField {
   static constexpr std::size_t kMaxPixels = 400'000;
 
   SliceField() = default;
-  /// `mesh` must be valid; `hu` has a value for each of its vertices, or is empty.
-  SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice);
+  /// `mesh` must be valid; `hu` has a value for each of its vertices, or is empty. `plane` has the HU of the slice, or
+  /// is null.
+  SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice,
+             const HuPlane* plane = nullptr);
 
   bool has_hu() const noexcept { return has_hu_; }
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material

@@ -63,6 +63,7 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   Result<AssetPart> part = load_asset(arguments, inputs.scene);
   if (!part) return part.error();
   const std::string asset = inputs.scene.asset.string();
+  add_hu_at_vertices(part->asset);
   if (const auto ok = weld_materials(part->asset, asset); !ok) return ok.error();
   if (const auto ok = place_body(inputs.scene, part->asset, asset); !ok) return ok.error();
   auto sheets = place_slices(inputs.scene, part->asset, asset);

@@ -116,7 +116,7 @@ install(EXPORT trocar_formats_targets NAMESPACE Trocar:: FILE trocar-formats-tar
 install(DIRECTORY formats/base formats/geometry formats/asset formats/session
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar/formats COMPONENT trocar-formats-dev
   FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
-  PATTERN draco_settings.h EXCLUDE PATTERN decode_surfaces.h EXCLUDE PATTERN stated_entries.h EXCLUDE
+  PATTERN draco_settings.h EXCLUDE PATTERN stated_entries.h EXCLUDE PATTERN hu_section.h EXCLUDE
   PATTERN scene_readers.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
   PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE
   # Their code is in libraries of their own, which are not installed.

@@ -42,7 +42,7 @@ def check_colours(plain, coloured):
     assert len(coloured) == 5, f"{len(coloured)} slices"
     used = set()
     for a, b in zip(plain, coloured):
-        assert a["has_hu"] and a["colours"] is None, f"slice {a['index']}: coloured without --colour"
+        assert not a["has_hu"] and a["colours"] is None, f"slice {a['index']}: coloured without --colour"
         assert (a["index"], a["triangles"], a["bounds"]) == (b["index"], b["triangles"], b["bounds"]), f"slice {b['index']}: another mesh"
         assert b["colours"] and len(b["colours"]) == b["vertices"], f"slice {b['index']}: a colour is missing"
         for hu, *rgb in b["colours"] or []:

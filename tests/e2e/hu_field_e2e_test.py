@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The HU field of whole scans, as the report states it: SCAN is trocar-sample-ct's folder;
+"""The HU at the vertices of whole scans (--colour), as the report states it: SCAN is trocar-sample-ct's folder;
 the vertebra of the folder TROCAR_REAL_CT and the head CT of the file TROCAR_HEAD_CT are taken where they are."""
 import json
 
@@ -11,7 +11,8 @@ MOST_BIAS_HU = 5
 
 def report_of(scan, *options, name="out"):
     asset, report = WORK / f"{name}.glb", WORK / f"{name}.json"
-    run(PROGRAMS / "trocar-mesh", scan, "-o", asset, "--report", report, "--quiet", *options)
+    run(PROGRAMS / "trocar-mesh", scan, "-o", asset, "--report", report, "--quiet", *(() if "--no-colour" in options else ("--colour",)),
+        *(word for word in options if word != "--no-colour"))
     report = json.loads(report.read_text())
     for entry in report["slices"]:
         entry.pop("ms", None)  # of several materials only the first has it
@@ -65,12 +66,13 @@ def test_hu_field():
     assert one == two, "the field depends on the number of threads"
     assert b"_HU" in (WORK / "out.glb").read_bytes(), "the asset has no HU"
 
-    for what, scan, options in (("--no-hu", sample, ("--no-hu",)), ("images", SCAN / "png", ("--spacing", "0.3125,0.3125,1", "--threshold", "150"))):
-        report = report_of(scan, "--slices", "15:16", *options)
+    for what, scan, options in (("plain", sample, ()), ("--no-hu", sample, ("--no-hu",)),
+                                ("images", SCAN / "png", ("--spacing", "0.3125,0.3125,1", "--threshold", "150"))):
+        report = report_of(scan, "--slices", "15:16", "--no-colour", *options)
         assert not any(field(entry) for entry in report["slices"]), f"{what}: has {FIELDS}"
         assert b"_HU" not in (WORK / "out.glb").read_bytes(), f"{what}: the asset has HU"
         assert ("hu" in report["parameters"]) == (what == "--no-hu"), f"{what}: {report['parameters']}"
     labels = scans["L3"].with_name("sub-ct_seg-vert_label-22_msk.nii.gz")
     if labels.exists():
-        report = report_of(labels, "--labels", "all")
+        report = report_of(labels, "--no-colour", "--labels", "all")
         assert not any(field(entry) for entry in report["slices"]), "labels: have HU"

@@ -94,7 +94,7 @@ def reports(source, programs, scan, work):
     seen = set()
     for name, words in (
             ("solid", (scan / "sample.nii.gz", "--preset", "solid-bone", "--slices", "10:20", "--seed", "0,0,0")),
-            ("skin", (scan / "sample.nii.gz", "--preset", "skin", "--slices", "10:14")),
+            ("skin", (scan / "sample.nii.gz", "--preset", "skin", "--slices", "10:14", "--context")),
             ("mask", (labelled, "--threshold", "1", "--mask", f"{labelled}:20-22")),
             ("modality", (magnetic, "--any-modality", "--threshold", "100")),
             ("volumes", (sheared, "--labels", "20-24")),

@@ -2,6 +2,7 @@
 // One asset: decoded and verified, or refused. Reading single slices gives the same as reading the
 // whole asset, or a refusal.
 #include <cstdlib>
+#include <cstring>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -17,6 +18,15 @@ bool same(const AssetSlice& a, const AssetSlice& b) {
          a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
          a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles &&
          a.material == b.material && a.hu == b.hu;
+}
+
+// Planes of HU, which may hold NaN.
+bool same(const trocar::HuPlane* a, const trocar::HuPlane* b) {
+  if (a == nullptr || b == nullptr) return a == b;
+  return a->origin_mm == b->origin_mm && a->pitch_mm == b->pitch_mm && a->columns == b->columns &&
+         a->rows == b->rows && a->hu.size() == b->hu.size() &&
+         (a->hu.empty() ||
+          std::memcmp(a->hu.data(), b->hu.data(), a->hu.size() * sizeof(float)) == 0);
 }
 
 }  // namespace
@@ -42,6 +52,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const int index = asset->slices[at].index;
     const auto part = trocar::decode_asset_part({data, size}, "input.glb", {index});
     if (!part || part->asset.slices.empty()) std::abort();
+    if (!same(part->asset.hu.find(index), asset->hu.find(index))) std::abort();
     for (const AssetSlice& slice : part->asset.slices) {
       if (at == asset->slices.size() || !same(slice, asset->slices[at++])) std::abort();
     }

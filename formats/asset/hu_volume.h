@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// The HU of a scan: one plane of samples for each slice, in the slice's own plane, so that tilt and uneven
+// spacing need no resampling. A volume covers the material and a margin around it, or everything.
+// asset.md has the layout in the file.
+// Tests: tests/formats/asset/hu_volume_test.cpp
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace trocar {
+
+/// The grid of samples, the same in all planes of a volume.
+struct HuGrid {
+  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< sample (0, 0), in the slice's plane
+  Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distance of columns, of rows
+  int columns = 0, rows = 0;
+  int step_hu = 8;  ///< stored HU are multiples of this
+  /// Samples nearer to the material than this are stored; below 0: all samples. Lattice steps.
+  std::int32_t margin_steps = -1;
+
+  bool covers_everything() const { return margin_steps < 0; }
+};
+
+/// The samples of one slice.
+class HuPlane {
+ public:
+  int index = 0;                                              ///< AssetSlice::index
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< that of the slice, mm
+  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();        ///< the first sample below
+  Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();
+  int first_column = 0, first_row = 0;  ///< the first sample below, in the volume's grid
+  int columns = 0, rows = 0;
+  std::vector<float> hu;  ///< HU row by row; NaN where no sample is stored
+
+  /// Bilinear in the four samples around (x, y) in mm; samples that are not stored have no weight. NaN if
+  /// none of the four is stored. No allocation.
+  float at(double x_mm, double y_mm) const noexcept;
+  /// The mean of at() over a disc, by 19 points of equal weight; those without a value do not count. NaN
+  /// if none has one. No allocation; less than a microsecond.
+  float mean(double x_mm, double y_mm, double radius_mm) const noexcept;
+};
+
+struct HuVolume {
+  HuGrid grid;
+  std::vector<HuPlane> planes;  ///< ascending by index
+
+  /// The plane of a slice, or null. O(log planes).
+  const HuPlane* find(int index) const noexcept;
+  /// HU at a position in the patient's frame (LPS, mm): linear between the two planes around it, along the
+  /// planes' normals, and bilinear in each; beyond the outermost planes the value of the nearest one. NaN if
+  /// neither has one. Expects planes whose order along the normal is that of their indices. O(log planes).
+  float at(const Eigen::Vector3d& p_lps_mm) const noexcept;
+};
+
+/// 19 points of a disc of radius 1 that stand for equal areas: rings of 1, 6 and 12.
+const std::array<Eigen::Vector2d, 19>& disc_points() noexcept;
+
+}  // namespace trocar

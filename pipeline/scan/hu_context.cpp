@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/scan/hu_context.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "formats/asset/hu_codec.h"
+#include "pipeline/base/parallel_for.h"
+#include "pipeline/segment/slice_field.h"
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr int kStep_hu = 16;
+
+struct Blocks {
+  int columns_each = 1, rows_each = 1;  // pixels of a block
+  HuGrid grid;
+};
+
+Blocks blocks_of(const SlicePlane& plane, int width, int height, double pitch_mm,
+                 const MeshOptions& options) {
+  Blocks out;
+  const auto each = [pitch_mm](double spacing_mm, int pixels) {
+    const double wanted =
+        std::clamp(std::rint(pitch_mm / spacing_mm), 1.0, static_cast<double>(kMaxHuSide));
+    return std::max(static_cast<int>(wanted), 1 + (pixels - 1) / 4096);  // kMaxHuSamples in a plane
+  };
+  const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
+  out.columns_each = each(u, width);
+  out.rows_each = each(v, height);
+  const Crop crop = options.crop.value_or(Crop{});
+  HuGrid& grid = out.grid;
+  grid.origin_mm = {((options.crop ? crop.x0 : 0) + 0.5 * (out.columns_each - 1)) * u,
+                    ((options.crop ? crop.y0 : 0) + 0.5 * (out.rows_each - 1)) * v};
+  grid.pitch_mm = {out.columns_each * u, out.rows_each * v};
+  grid.columns = (width - 1) / out.columns_each + 1;
+  grid.rows = (height - 1) / out.rows_each + 1;
+  grid.step_hu = kStep_hu;
+  return out;
+}
+
+// Adds the blocks' means, times the weight.
+void add_means(const Image& hu, const Blocks& blocks, double weight, std::vector<double>& sums) {
+  const auto columns = static_cast<std::size_t>(blocks.grid.columns);
+  std::vector<double> row(columns);
+  for (int r = 0; r < blocks.grid.rows; ++r) {
+    const int top = r * blocks.rows_each, bottom = std::min(hu.height, top + blocks.rows_each);
+    std::fill(row.begin(), row.end(), 0.0);
+    for (int y = top; y < bottom; ++y) {
+      for (int x = 0; x < hu.width; ++x) {
+        const auto value = static_cast<double>(hu.at(x, y));
+        row[static_cast<std::size_t>(x / blocks.columns_each)] +=
+            std::isfinite(value) ? value : static_cast<double>(kNoData_HU);
+      }
+    }
+    for (std::size_t c = 0; c < columns; ++c) {
+      const int left = static_cast<int>(c) * blocks.columns_each;
+      const int pixels = (bottom - top) * (std::min(hu.width, left + blocks.columns_each) - left);
+      sums[static_cast<std::size_t>(r) * columns + c] += weight * row[c] / pixels;
+    }
+  }
+}
+
+}  // namespace
+
+double default_context_mm(const SlicePlane& plane, int width, int height) {
+  const double size_mm = std::max(width * plane.spacing_u_mm, height * plane.spacing_v_mm);
+  return size_mm <= 128 ? 2 : size_mm <= 256 ? 3 : 4;
+}
+
+Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int last,
+                                       double pitch_mm, const MeshOptions& options) {
+  const int slices = last - first + 1;
+  const double thick_mm =
+      slices > 1 ? std::abs(stack.plane(last).z_mm - stack.plane(first).z_mm) / (slices - 1)
+                 : pitch_mm;
+  const int each = static_cast<int>(
+      std::clamp(std::rint(pitch_mm / std::max(thick_mm, 1e-6)), 1.0, static_cast<double>(slices)));
+  const int width = options.crop ? options.crop->x1 - options.crop->x0 + 1 : stack.width(),
+            height = options.crop ? options.crop->y1 - options.crop->y0 + 1 : stack.height();
+  const Blocks blocks = blocks_of(stack.plane(first), width, height, pitch_mm, options);
+  EncodedHuVolume out{blocks.grid, {}};
+  // The first plane is so placed that as many slices lie beyond it as beyond the last one.
+  for (int index = first + (slices - 1) % each / 2; index <= last; index += each)
+    out.planes.push_back({index, {}});
+  const auto mask = hu_mask(blocks.grid, options.lattice, {});
+  if (!mask) return mask.error();
+  std::vector<std::optional<Error>> errors(out.planes.size());
+  parallel_for(static_cast<int>(out.planes.size()), [&](int i) {
+    EncodedHuPlane& plane = out.planes[static_cast<std::size_t>(i)];
+    std::vector<double> sums(mask->is_stored.size(), 0);
+    double weights = 0;
+    for (int k = std::max(first, plane.index - each + 1);
+         k <= std::min(last, plane.index + each - 1); ++k) {
+      const auto image = read_cropped(stack, k, options.crop);
+      if (!image) {
+        errors[static_cast<std::size_t>(i)] = image.error();
+        return;
+      }
+      const double weight = each - std::abs(k - plane.index);
+      add_means(*image, blocks, weight, sums);
+      weights += weight;
+    }
+    plane.bytes = encode_hu_plane(blocks.grid, *mask, [&](int column, int row) {
+      return static_cast<float>(
+          sums[static_cast<std::size_t>(row) * static_cast<std::size_t>(blocks.grid.columns) +
+               static_cast<std::size_t>(column)] /
+          weights);
+    });
+  });
+  for (const auto& error : errors) {
+    if (error) return *error;
+  }
+  return out;
+}
+
+}  // namespace trocar::pipeline

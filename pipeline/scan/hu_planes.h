@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The HU of slices for the asset (formats/asset/hu_volume.h): on the scan's own pixels where these are about 1 mm or
+// coarser, else on every second, third, ... pixel.
+// Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
+#pragma once
+
+#include <vector>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/hu_codec.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/scan/mesh_slice.h"
+
+namespace trocar::pipeline {
+
+/// The places of samples in an image: sample (i, j) at pixel (i * columns_each, j * rows_each). The last column and
+/// row may lie beyond the image.
+struct HuSampling {
+  HuGrid grid;
+  int columns_each = 1, rows_each = 1;
+};
+
+/// The sampling of the (cropped) slices of a stack. The pitch is between 0.57 and 1.15 mm if pixels are finer than that,
+/// the margin 1.5 mm, for means over a needle's cross-section at the border of bone, or a pitch if that
+/// is larger. The step is 72 HU at a pitch of 1 mm and inversely proportional to it, from 8 to 96 HU, so that the
+/// rounding errors of a mean over 3 mm are 2 to 5 HU whatever the pitch.
+HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options);
+
+/// The samples of an image of HU inside the box, row by row. Between samples HU are bilinear; on a coarser grid
+/// than the pixels' this is the least-squares fit to the pixels in and around the box.
+std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box);
+
+/// The plane of a slice; no bytes if it is empty. Errors: (refused) those of hu_mask().
+Result<EncodedHuPlane> encode_hu(int index, const Image& hu, const HuSampling& sampling,
+                                 const Lattice& lattice, Outlines outlines);
+
+}  // namespace trocar::pipeline
