@@ -12,10 +12,10 @@
 //    corners: two neighbouring edges may meet at any angle. An outline with many more tight spots
 //    than vertices is a figure at the scale of the lattice, and stays as it is.
 //  - A free angle is an angle of a triangle that lies at no input angle below 60 degrees (see
-//    MeshQuality in triangulation/mesh_quality.h). An outline without tight spots has no free angle
-//    below 30 degrees: refinement makes no edge much shorter than the clearance, and the points
-//    that it rounds to the lattice move by one step or two. Measured on simple shapes, edges of 5
-//    steps and distances of 7 suffice; where many of them meet, 12 are needed.
+//    MeshQuality in triangulation/mesh_quality.h). An outline without tight spots has, but for rare
+//    exceptions, no free angle below 30 degrees: refinement makes no edge much shorter than the
+//    clearance, and the points that it rounds to the lattice move by one step or two. The test
+//    bounds how often an exception occurs.
 #pragma once
 
 #include <cstdint>
@@ -47,7 +47,8 @@ double clearance_steps(double tolerance);
 /// vertex lies in the area that they sweep, they and the part of the contour that they replace are
 /// within `tolerance` (lattice steps) of each other, and fewer tight spots remain; so rings, their
 /// nesting and shared ends stay. Then vertices move by up to two steps at a time to restore the area
-/// of each ring, also if the outline has no tight spot but lacks more than 0.02 % of its area. Contours for which `is_open` holds, if it is given, are lines whose ends stay. The result
+/// of each ring, also if the outline has no tight spot but lacks more than 0.02 % of its area.
+/// Contours for which `is_open` holds, if it is given, are lines whose ends stay. The result
 /// does not depend on the order of rings and moves and rotates with the outline. O(n log n)
 /// typically; without tight spots it takes a fraction of the time of simplification.
 void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,

@@ -327,6 +327,10 @@ json labels_report(const Run& run, const std::set<int>& labels) {
   return out;
 }
 
+json solid_report(const SolidBone& solid) {
+  return {{"filled_mm3", solid.filled_mm3()}, {"dropped_mm3", solid.dropped_mm3()}};
+}
+
 }  // namespace
 
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options) {
@@ -455,9 +459,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};
   if (run.labels() != nullptr) out.report["labels"] = labels_report(run, all.labels);
-  if (solid)
-    out.report["solid"] = {{"filled_mm3", solid->filled_mm3()},
-                           {"dropped_mm3", solid->dropped_mm3()}};
+  if (solid) out.report["solid"] = solid_report(*solid);
   if (options.surface) {
     out.report["surface"] = std::move(surface);
     out.report["asset"]["surface_bytes"] = sizes.surface_bytes;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The zero level of a volume as a closed triangle surface: marching cubes with a consistent
-// topology.
+// The zero level of a volume as a closed triangle surface, by marching cubes whose cells agree on
+// the topology of ambiguous faces.
 // Tests: tests/pipeline/surface/isosurface_test.cpp
 #pragma once
 
