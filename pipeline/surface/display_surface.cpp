@@ -38,10 +38,11 @@ Result<TriangleSurface> decimated(Decimation& decimation, std::size_t triangles,
                                   const SurfaceOptions& options, DisplaySurface& out,
                                   Stopwatch& watch) {
   for (std::size_t undone = 1;; undone *= 2) {
-    if (options.stop != nullptr && options.stop->load())
-      return unwritable("interrupted; nothing was written");
     auto surface = decimation.decimated(triangles);
     out.decimate_ms += watch.lap_ms();
+    // A decimation that is stopped ends early, with more triangles.
+    if (options.stop != nullptr && options.stop->load())
+      return unwritable("interrupted; nothing was written");
     const auto bad = self_intersecting_triangles(surface);
     if (bad.empty()) {
       if (auto ok = check_triangle_surface(surface); !ok) return bug(ok.error().message);
