@@ -241,7 +241,8 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
                triangles = sum_of(report, "triangles"), vertices = sum_of(report, "vertices"),
                mesh_bytes = sizeof(Triangle) * triangles + sizeof(LatticePoint) * vertices,
                asset_bytes = static_cast<double>(run->batch.glb.size());
-  const bool has_hu = sum_of(report, "hu_pixels") > 0;
+  const double hu_bytes = report["asset"].value("hu_bytes", 0.0);
+  const bool has_hu = hu_bytes > 0;
   const auto moved = [&](double bytes) { return Bound{"memory", bytes / bytes_per_ms}; };
   const auto bound = [&](const std::string& stage) -> std::optional<Bound> {
     if (stage == "unpack" && is_gzip) return Bound{"inflate", median(inflate_ms)};
@@ -255,8 +256,7 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
     if (stage == "simplify") return moved(contour_bytes + outline_bytes);
     if (stage == "triangulate") return moved(outline_bytes + sizeof(Triangle) * triangles);
     if (stage == "refine" || stage == "check") return moved(mesh_bytes);
-    if (stage == "hu" && has_hu)
-      return moved(sizeof(float) * (sum_of(report, "hu_pixels") + vertices) + mesh_bytes);
+    if (stage == "hu" && has_hu) return moved(hu_bytes);
     if (stage == "encode") return Bound{"Draco", median(draco_ms)};
     if (stage == "digest") return Bound{"BLAKE2b", median(digest_ms)};
     if (stage == "assemble") return moved(2 * asset_bytes);

@@ -66,10 +66,16 @@ Asset repeated(const Asset& source, std::size_t count) {
     if (!slice.mesh.triangles.empty()) material.push_back(&slice);
   Asset out = source;
   out.slices.clear();
+  out.hu.planes.clear();
   for (std::size_t i = 0; i < count; ++i) {
-    out.slices.push_back(*material[(i + material.size() / 2) % material.size()]);
+    const AssetSlice& slice = *material[(i + material.size() / 2) % material.size()];
+    out.slices.push_back(slice);
     out.slices.back().index = static_cast<int>(i);
     out.slices.back().z_mm = static_cast<double>(i);
+    if (const HuPlane* plane = source.hu.find(slice.index)) {
+      out.hu.planes.push_back(*plane);
+      out.hu.planes.back().index = static_cast<int>(i);
+    }
   }
   return out;
 }
