@@ -161,7 +161,7 @@ def check_angles(page, source, programs, asset, work, angles_of_vector):
         worst = max(mechanism.errors_m(moving.angles[row], moving.positions[row], moving.rotations[row]))
         assert worst < 1e-9, f"row {row}: the formulas are {worst} m off"
     # The state's vector, at the pose that the page states.
-    stated = re.search(r"origin at \((.*?)\) m in \{B\}, rotated by (\S+), (\S+) and (\S+) deg", page)
+    stated = re.search(r"origin at \((.*?)\) m in \{B\}\. The plate is rotated by the rotation vector \((\S+), (\S+), (\S+)\)\s+deg", page)
     rotation = rotation_by([math.radians(float(text)) for text in stated.groups()[1:]])
     worst = max(mechanism.errors_m(angles_of_vector, np.array(numbers(stated[1])), rotation))
     assert worst < 1e-9, f"the state's vector is {worst} m off"
