@@ -177,7 +177,7 @@ class OutlineSplitter {
   // side or, if that keeps the loop's area better, the nearest one on the void's side.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
-    const auto [a, b, c] = v;
+    const LatticePoint a = v[0], b = v[1], c = v[2];
     SplitCell cell(a, b, fraction);
     std::size_t p = cell.nearest_inside();
     while (cell.is_inside(p) && !may_split(a, b, c, cell.point(p)))
