@@ -88,6 +88,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
       {"any-modality", {json::object(), true}},
       {"axis", {json::object(), "coronal"}},
       {"no-hu", {json::object(), true}},
+      {"context", {json::object(), "3"}},
       {"preset", {json::object(), "skin"}},
       {"lattice-bits", {json::object(), 7}},
       {"lines", {json::object(), true}},
