@@ -86,7 +86,7 @@ class SegmentGrid {
     const std::int64_t first = cell(std::min(ay, by) - margin_),
                        last = cell(std::max(ay, by) + margin_);
     std::int64_t from = cell(std::min(ax, bx) - margin_), to = cell(std::max(ax, bx) + margin_);
-    const bool is_steep_or_flat = last - first < 2 || to - from < 2;
+    const bool is_steep_or_flat = ay == by || last - first < 2 || to - from < 2;
     for (std::int64_t row = first; row <= last; ++row) {
       if (!is_steep_or_flat) [[unlikely]]
         std::tie(from, to) = cells_in_row(segment, row);
