@@ -176,6 +176,8 @@ Result<void> decode_hu_volumes(const GltfDocument& document, bool has_index,
                                const DecodeOptions& options, Asset& asset) {
   auto sections = hu_sections(trocar_extras(document.extras), asset.lattice);
   if (!sections) return sections.error();
+  if (sections->empty()) return {};
+  if (document.model.buffers.empty()) return refused("its HU have no buffer");
   const std::vector<unsigned char>& buffer = document.model.buffers[0].data;
   MemorySource source(buffer);
   for (HuSection& section : *sections) {
