@@ -8,6 +8,7 @@
 #include <numeric>
 #include <optional>
 
+#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/lattice_cells.h"
@@ -309,6 +310,15 @@ bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>&
   return any;
 }
 
+bool rotation_may_map_to_itself(const Pslg& outline) {
+  CentroidOffset offset;
+  for (const Ring& ring : outline.rings) {
+    for (const LatticePoint p : ring)
+      offset.add(p);
+  }
+  return offset.x() == 0 && offset.y() == 0;
+}
+
 // If `is_open` is given, lines for which it holds are open, and `mark_misplaced` must be given too.
 SimplifiedOutline douglas_peucker(const Pslg& contours, double tolerance,
                                   const std::vector<bool>& is_open,
@@ -397,7 +407,10 @@ Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const L
   const bool keeps_area = options.method == SimplificationMethod::kArea && tolerance > 0;
   SimplifiedOutline out = keeps_area ? collapse_segments(lines, tolerance, is_open)
                                      : douglas_peucker(lines, tolerance, is_open, mark_misplaced);
-  clear_outline(lines, is_open, keeps_area ? left_for_collapse(tolerance) : tolerance, out);
+  // The result of Douglas-Peucker moves with every outline, also with one that a rotation maps to
+  // itself. Such an outline has no canonical orientation to order the steps of clearing by.
+  if (keeps_area || !rotation_may_map_to_itself(lines))
+    clear_outline(lines, is_open, keeps_area ? left_for_collapse(tolerance) : tolerance, out);
   return std::move(out.outline);
 }
 
