@@ -41,7 +41,8 @@ HuMask whole(const HuGrid& grid) {
 }
 
 TEST(HuSampling, HasAPitchOfAboutAMillimetre) {
-  for (double spacing_mm = 0.05; spacing_mm < 5; spacing_mm *= 1.07) {
+  for (int i = 0; i < 69; ++i) {  // from 0.05 to 5 mm
+    const double spacing_mm = 0.05 * std::pow(1.07, i);
     const HuSampling sampling = sampling_of(spacing_mm, 512, 400);
     const HuGrid& grid = sampling.grid;
     EXPECT_TRUE(check_hu_grid(grid, kLattice));
@@ -125,10 +126,11 @@ TEST(HuSamples, OfABoxAreThoseOfTheImage) {
   double sum2 = 0;
   for (int r = 0; r < box.rows; ++r) {
     for (int c = 0; c < box.columns; ++c) {
-      const auto error = static_cast<double>(
-          part[static_cast<std::size_t>(r * box.columns + c)] -
-          all[static_cast<std::size_t>((r + box.first_row) * sampling.grid.columns + c +
-                                       box.first_column)]);
+      const std::ptrdiff_t in_box = std::ptrdiff_t{r} * box.columns + c,
+                           in_all = std::ptrdiff_t{r + box.first_row} * sampling.grid.columns + c +
+                                    box.first_column;
+      const auto error = static_cast<double>(part[static_cast<std::size_t>(in_box)] -
+                                             all[static_cast<std::size_t>(in_all)]);
       EXPECT_LT(std::abs(error), 5);
       sum2 += error * error;
     }

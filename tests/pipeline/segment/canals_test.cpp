@@ -225,8 +225,10 @@ TEST(Canals, WithoutContrastNothingIsNamed) {
 }
 
 TEST(Canals, PackedValuesAreTrueToHalfAStep) {
-  for (float value = -200; value < 560; value += 3.5F)
+  for (int i = 0; i < 218; ++i) {
+    const float value = -200 + 3.5F * static_cast<float>(i);
     EXPECT_NEAR(unpacked_hu(packed_hu(value)), double{value}, 6);
+  }
   EXPECT_GT(unpacked_hu(packed_hu(3000)), 550);
   EXPECT_LT(unpacked_hu(packed_hu(-1000)), -190);
 }

@@ -83,6 +83,7 @@ TEST(Isosurface, OfNoiseIsProved) {
   for (const auto& [name, value] : kinds) {
     for (int i = 0; i < 8; ++i) {
       std::vector<Vector3d> origins;
+      origins.reserve(12);
       const double tilt_mm = 0.5 * (i % 3);
       for (int z = 0; z < 12; ++z)
         origins.emplace_back(0, tilt_mm * z, z == 0 ? 0 : origins.back().z() + 0.5 + random());
