@@ -5,7 +5,10 @@
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
-#include <cmath>
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
 #include <optional>
 
 #include "formats/geometry/edge_predicates.h"
@@ -19,41 +22,72 @@ inline constexpr double kAcuteCorner_deg = 75, kAcuteCorner_cos = 0.258819045102
 /// steps.
 inline constexpr double kSameShell_steps = 2;
 
+/// The four lattice points around the point at a fraction of the way from a to b: where each lies
+/// with respect to ab, and how far from that point. Which of them lie on the inner side of ab cannot
+/// be predicted, so nothing here branches on that.
+class SplitCell {
+ public:
+  /// The edge must be within the lattice, and the fraction within 0 and 1.
+  SplitCell(LatticePoint a, LatticePoint b, double fraction) noexcept {
+    const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y;
+    const double x = fraction * static_cast<double>(dx), y = fraction * static_cast<double>(dy);
+    const std::int64_t low_x = floor_of(x), low_y = floor_of(y);
+    const double left = x - static_cast<double>(low_x), right = 1 - left,
+                 below = y - static_cast<double>(low_y), above = 1 - below;
+    low_ = {static_cast<std::int32_t>(a.x + low_x), static_cast<std::int32_t>(a.y + low_y)};
+    const std::int64_t side = dx * low_y - dy * low_x;
+    sides_ = {side, side + dx, side - dy, side - dy + dx};
+    distances2_ = {left * left + below * below, left * left + above * above,
+                   right * right + below * below, right * right + above * above};
+  }
+
+  /// Number of the nearest point on ab or on its left, or strictly on its right. Points that were
+  /// excluded come last.
+  std::size_t nearest_inside() const noexcept { return nearest(0); }
+  std::size_t nearest_outside() const noexcept { return nearest(-1); }
+  bool is_inside(std::size_t k) const noexcept { return sides_[k] >= 0 && distances2_[k] < kFar; }
+  bool is_outside(std::size_t k) const noexcept { return sides_[k] < 0 && distances2_[k] < kFar; }
+  void exclude(std::size_t k) noexcept { distances2_[k] = 2 * kFar; }
+  LatticePoint point(std::size_t k) const noexcept {
+    return {low_.x + static_cast<std::int32_t>(k / 2), low_.y + static_cast<std::int32_t>(k % 2)};
+  }
+  /// Twice the signed area of the triangle of a, b and the point.
+  std::int64_t side(std::size_t k) const noexcept { return sides_[k]; }
+
+ private:
+  static constexpr double kFar = 4;
+  // std::floor() of a number within the lattice's bounds, without a function call.
+  static std::int64_t floor_of(double x) noexcept {
+    const auto whole = static_cast<std::int64_t>(x);
+    return whole - static_cast<std::int64_t>(static_cast<double>(whole) > x);
+  }
+  // `sign` is 0 or -1: the sign of the sides that count.
+  std::size_t nearest(std::int64_t sign) const noexcept {
+    constexpr std::array kPenalty{0.0, kFar};
+    std::array<double, 4> far{};
+    for (std::size_t k = 0; k < 4; ++k)
+      far[k] = distances2_[k] + kPenalty[static_cast<std::size_t>((sides_[k] >> 63) != sign)];
+    const std::size_t low = far[1] < far[0] ? 1 : 0, high = far[3] < far[2] ? 3 : 2;
+    return std::min(far[2], far[3]) < std::min(far[0], far[1]) ? high : low;
+  }
+
+  LatticePoint low_;
+  std::array<std::int64_t, 4> sides_;
+  std::array<double, 4> distances2_;
+};
+
 /// Among the four lattice points around the point at this fraction from a to b, the nearest one
 /// that may_split() the edge ab of the triangle abc; std::nullopt if none of the four may.
 inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, LatticePoint c,
                                               double fraction) noexcept {
-  const double x = fraction * (static_cast<double>(b.x) - a.x),
-               y = fraction * (static_cast<double>(b.y) - a.y);
-  const LatticePoint near{round_half_up(a.x, x), round_half_up(a.y, y)};
-  const double off_x = x - (static_cast<double>(near.x) - a.x),
-               off_y = y - (static_cast<double>(near.y) - a.y);
-  // One step towards the exact point along each axis. Which of the four points lie on the inner
-  // side of ab cannot be predicted, so the code does not branch on it. The nearest one that does is
-  // nearly always allowed.
-  const std::int32_t step_x = 1 - 2 * static_cast<std::int32_t>(off_x < 0),
-                     step_y = 1 - 2 * static_cast<std::int32_t>(off_y < 0);
-  const auto x_first = static_cast<std::int32_t>(std::abs(off_x) > std::abs(off_y));
-  const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y;
-  const std::int64_t side = orient2d(a, b, near), beside_x = side - step_x * dy,
-                     beside_y = side + step_y * dx;
-  const auto is_left = [](std::int64_t product) { return static_cast<std::int32_t>(product >= 0); };
-  const std::int32_t x_is_left = is_left(beside_x), y_is_left = is_left(beside_y),
-                     is_last = (x_is_left | y_is_left) ^ 1,
-                     prefers_x = (x_is_left & (x_first | (y_is_left ^ 1))),
-                     moves = is_left(side) ^ 1;
-  const std::int32_t goes_x = moves & (is_last | prefers_x), goes_y = moves & (prefers_x ^ 1);
-  const LatticePoint first{near.x + goes_x * step_x, near.y + goes_y * step_y};
-  if (may_split(a, b, c, first)) [[likely]]
-    return first;
-  const LatticePoint beside_in_x{near.x + step_x, near.y}, beside_in_y{near.x, near.y + step_y},
-      last{near.x + step_x, near.y + step_y};
-  const LatticePoint second = x_first != 0 ? beside_in_x : beside_in_y,
-                     third = x_first != 0 ? beside_in_y : beside_in_x;
-  for (const LatticePoint m : {near, second, third, last}) {
-    if (may_split(a, b, c, m)) return m;
+  SplitCell cell(a, b, fraction);
+  while (true) {
+    const std::size_t k = cell.nearest_inside();
+    if (!cell.is_inside(k)) return std::nullopt;
+    if (may_split(a, b, c, cell.point(k))) [[likely]]
+      return cell.point(k);
+    cell.exclude(k);
   }
-  return std::nullopt;
 }
 
 /// The wanted position of a split on an edge ab.

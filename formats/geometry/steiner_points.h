@@ -24,13 +24,23 @@ struct EdgeOffset {
 // Therefore round_half_up() is used in a plane in canonical orientation (canonical_rotation.h), and
 // round_half_away() in any orientation.
 
-/// The lattice coordinate nearest to from + away; if two are equally near, the upper one. The
-/// result is clamped to the lattice's bounds. (std::floor would be a function call.)
-inline std::int32_t round_half_up(std::int32_t from, double away) noexcept {
-  const double up = std::clamp(away, -2.0 * kMaxCoordinate, 2.0 * kMaxCoordinate) + 0.5;
-  const auto whole = static_cast<std::int32_t>(up);
-  const std::int64_t at = std::int64_t{from} + whole - (whole > up ? 1 : 0);
-  return static_cast<std::int32_t>(std::clamp<std::int64_t>(at, -kMaxCoordinate, kMaxCoordinate));
+/// The lattice point nearest to p + (x, y); if two coordinates are equally near, the upper one. The
+/// result is clamped to the lattice's bounds. (Both coordinates are computed at once, with GCC's and
+/// clang's vector types; std::floor would be a function call.)
+inline LatticePoint round_half_up(LatticePoint p, double x, double y) noexcept {
+  using Two = double __attribute__((vector_size(16)));
+  using TwoWhole = std::int32_t __attribute__((vector_size(8)));
+  using TwoMasks = std::int64_t __attribute__((vector_size(16)));
+  constexpr double kMax = kMaxCoordinate;
+  const Two origin{static_cast<double>(p.x), static_cast<double>(p.y)}, half{0.5, 0.5};
+  const Two low = -kMax - origin, high = kMax + half - origin;
+  Two up = Two{x, y} + half;
+  up = up < low ? low : up;
+  up = up > high ? high : up;
+  const TwoWhole whole = __builtin_convertvector(up, TwoWhole);
+  const TwoMasks is_above = __builtin_convertvector(whole, Two) > up;
+  return {p.x + whole[0] + static_cast<std::int32_t>(is_above[0]),
+          p.y + whole[1] + static_cast<std::int32_t>(is_above[1])};
 }
 
 /// The lattice point nearest to p + (x, y); if two are equally near, the one farther from p. The
@@ -43,8 +53,8 @@ inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept
 /// The lattice point nearest to an offset from the edge pq, rounded half up.
 inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset) noexcept {
   const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
-  return {round_half_up(p.x, 0.5 * dx + (offset.along * dx - offset.away * dy)),
-          round_half_up(p.y, 0.5 * dy + (offset.along * dy + offset.away * dx))};
+  return round_half_up(p, 0.5 * dx + (offset.along * dx - offset.away * dy),
+                       0.5 * dy + (offset.along * dy + offset.away * dx));
 }
 
 /// The circumcentre of the triangle pqr, but at most `max_away` (in units of the length of pq) from
@@ -56,7 +66,7 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
   // The centre lies on the bisector, this far away: half the cotangent of the angle at r.
   const double cross = qx * ry - qy * rx, dot = rx * (rx - qx) + ry * (ry - qy);
   const double away = std::min(0.5 * dot / cross, max_away);
-  return {round_half_up(p.x, 0.5 * qx - away * qy), round_half_up(p.y, 0.5 * qy + away * qx)};
+  return round_half_up(p, 0.5 * qx - away * qy, 0.5 * qy + away * qx);
 }
 
 /// The circle of an inscribed angle. It passes through the ends of an edge of length 1, and at each

@@ -1,68 +1,56 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/segment_grid.h"
 
-#include <utility>
+#include <cmath>
 
-#include "formats/geometry/lattice_box.h"
-#include "pipeline/contour/segment_distance.h"
+#include "formats/geometry/lattice_cells.h"
 
 namespace trocar::pipeline {
 
-// Visits, in each row, the cells between the segment's entry and exit, widened by the search
-// distance and by one lattice step for rounding.
-template <typename Visit>
-void SegmentGrid::for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
-  const std::int64_t columns = cells_.columns, rows = cells_.rows;
-  const auto cell = [this](double at, std::int64_t count) {
-    return std::clamp(static_cast<std::int64_t>(at / cells_.size), std::int64_t{0}, count - 1);
-  };
-  const auto relative = [this](LatticePoint p) {
-    return Point{static_cast<double>(p.x) - cells_.low.x, static_cast<double>(p.y) - cells_.low.y};
-  };
-  Point a = relative(segment.a), b = relative(segment.b);
-  if (a.y > b.y) std::swap(a, b);
-  const double margin = max_distance_ + 1;
-  const std::int64_t first = cell(a.y - margin, rows), last = cell(b.y + margin, rows);
-  if (first == last) {
-    const std::int64_t end = cell(std::max(a.x, b.x) + margin, columns);
-    for (std::int64_t x = cell(std::min(a.x, b.x) - margin, columns); x <= end; ++x)
-      visit(static_cast<std::size_t>(first * columns + x));
-    return;
-  }
-  for (std::int64_t row = first; row <= last; ++row) {
-    const auto x_at = [&](double y) {
-      return a.x + (b.x - a.x) * std::clamp((y - a.y) / (b.y - a.y), 0.0, 1.0);
-    };
-    double from = a.x, to = b.x;
-    if (a.y != b.y) {
-      from = x_at(static_cast<double>(row) * cells_.size - margin);
-      to = x_at(static_cast<double>(row + 1) * cells_.size + margin);
-    }
-    if (from > to) std::swap(from, to);
-    const std::int64_t end = cell(to + margin, columns);
-    for (std::int64_t x = cell(from - margin, columns); x <= end; ++x)
-      visit(static_cast<std::size_t>(row * columns + x));
-  }
-}
-
 SegmentGrid::SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance)
-    : max_distance_(max_distance) {
+    // A point in the middle between two segments is within half the distance of both. One more step
+    // is for rounding.
+    : margin_((max_distance + 1) / 2 + 1) {
   if (segments.empty()) return;
   LatticeBox box = box_around(segments[0].a, segments[0].b);
   for (const LatticeSegment& s : segments) {
     widen(box, s.a);
     widen(box, s.b);
   }
-  cells_ = LatticeCells(box, static_cast<double>(segments.size()));
-  first_.assign(cells_.count() + 1, 0);
-  for (const LatticeSegment& s : segments)
-    for_each_cell(s, [this](std::size_t cell) { ++first_[cell + 1]; });
-  for (std::size_t i = 1; i < first_.size(); ++i)
-    first_[i] += first_[i - 1];
-  numbers_.resize(first_.back());
-  std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
-  for (std::uint32_t k = 0; k < segments.size(); ++k)
-    for_each_cell(segments[k], [&](std::size_t cell) { numbers_[next[cell]++] = k; });
+  const LatticeCells cells(box, static_cast<double>(segments.size()));
+  shift_ = std::ilogb(cells.size);
+  const auto count = [&](std::int32_t low, std::int32_t high) {
+    return ((std::int64_t{high} - low + 2 * margin_) >> shift_) + 1;
+  };
+  low_ = {static_cast<std::int32_t>(box.low.x - margin_),
+          static_cast<std::int32_t>(box.low.y - margin_)};
+  columns_ = count(box.low.x, box.high.x);
+  newest_.assign(static_cast<std::size_t>(columns_ * count(box.low.y, box.high.y)), kNone);
+  entries_.reserve(4 * segments.size());
+  for (std::uint32_t k = 0; k < segments.size(); ++k) {
+    for_each_cell(segments[k], [&](std::size_t cell) {
+      entries_.push_back({k, newest_[cell]});
+      newest_[cell] = static_cast<std::uint32_t>(entries_.size() - 1);
+    });
+  }
+}
+
+std::pair<std::int64_t, std::int64_t> SegmentGrid::cells_in_row(const LatticeSegment& segment,
+                                                                std::int64_t row) const {
+  const auto relative = [this](LatticePoint p) {
+    return std::pair{static_cast<double>(p.x) - low_.x, static_cast<double>(p.y) - low_.y};
+  };
+  const auto [ax, ay] = relative(segment.a);
+  const auto [bx, by] = relative(segment.b);
+  const double per_y = (bx - ax) / (by - ay);
+  const auto x_at = [&, ax = ax, ay = ay, by = by](std::int64_t y) {
+    return ax +
+           per_y * (std::clamp(static_cast<double>(y), std::min(ay, by), std::max(ay, by)) - ay);
+  };
+  const double from = x_at((row << shift_) - margin_), to = x_at(((row + 1) << shift_) + margin_);
+  const auto cell = [this](double at) { return static_cast<std::int64_t>(at) >> shift_; };
+  return {cell(std::min(from, to) - static_cast<double>(margin_)),
+          cell(std::max(from, to) + static_cast<double>(margin_))};
 }
 
 }  // namespace trocar::pipeline

@@ -7,11 +7,12 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
-#include "formats/geometry/lattice_cells.h"
 
 namespace trocar::pipeline {
 
@@ -19,10 +20,11 @@ struct LatticeSegment {
   LatticePoint a, b;
 };
 
-/// The grid has about as many cells as there are segments. A segment across the whole grid passes
-/// through about as many cells as a row and a column have together.
+/// The grid has at most four times as many cells as there are segments. A segment across the whole
+/// grid passes through about as many cells as a row and a column have together.
 class SegmentGrid {
  public:
+  SegmentGrid() = default;
   /// Segments whose distance along each axis is at most `max_distance` lattice steps have a common
   /// cell.
   SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance);
@@ -30,42 +32,76 @@ class SegmentGrid {
   /// Calls visit(i, j), i > j, once for each common cell of each pair of segments.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
-    for (std::size_t cell = 0; cell + 1 < first_.size(); ++cell) {
-      for (std::size_t i = first_[cell]; i < first_[cell + 1]; ++i) {
-        for (std::size_t j = first_[cell]; j < i; ++j)
-          visit(numbers_[i], numbers_[j]);
+    for (const std::uint32_t newest : newest_) {
+      for (std::uint32_t i = newest; i != kNone; i = entries_[i].older) {
+        for (std::uint32_t j = entries_[i].older; j != kNone; j = entries_[j].older)
+          visit(entries_[i].segment, entries_[j].segment);
       }
     }
   }
 
-  /// Calls visit(i), perhaps repeatedly, at least for the segments within `max_distance` of the box
-  /// along each axis.
+  /// Calls visit(j) for each segment j in each cell of this one, which is in the grid, too.
+  template <typename Visit>
+  void for_each_near(const LatticeSegment& segment, const Visit& visit) const {
+    for_each_cell(segment, [&](std::size_t cell) {
+      for (std::uint32_t i = newest_[cell]; i != kNone; i = entries_[i].older)
+        visit(entries_[i].segment);
+    });
+  }
+
+  /// Calls visit(j), perhaps repeatedly, at least for the segments j within `max_distance` of the
+  /// box along each axis.
   template <typename Visit>
   void for_each_near(const LatticeBox& box, const Visit& visit) const {
+    if (newest_.empty()) return;
     const auto cell = [this](std::int64_t at, std::int64_t count) {
-      return std::clamp(static_cast<std::int64_t>(static_cast<double>(at) / cells_.size),
-                        std::int64_t{0}, count - 1);
+      return std::clamp(at >> shift_, std::int64_t{0}, count - 1);
     };
-    const std::int64_t columns = cells_.columns, rows = cells_.rows;
-    const std::int64_t left = cell(std::int64_t{box.low.x} - cells_.low.x, columns),
-                       right = cell(std::int64_t{box.high.x} - cells_.low.x, columns),
-                       top = cell(std::int64_t{box.high.y} - cells_.low.y, rows);
-    for (std::int64_t y = cell(std::int64_t{box.low.y} - cells_.low.y, rows); y <= top; ++y) {
-      const auto row = static_cast<std::size_t>(y * columns);
-      for (std::size_t at = first_[row + static_cast<std::size_t>(left)];
-           at < first_[row + static_cast<std::size_t>(right) + 1]; ++at)
-        visit(numbers_[at]);
+    const auto rows = static_cast<std::int64_t>(newest_.size()) / columns_;
+    const std::int64_t left = cell(std::int64_t{box.low.x} - low_.x - margin_, columns_),
+                       right = cell(std::int64_t{box.high.x} - low_.x + margin_, columns_),
+                       top = cell(std::int64_t{box.high.y} - low_.y + margin_, rows);
+    for (std::int64_t y = cell(std::int64_t{box.low.y} - low_.y - margin_, rows); y <= top; ++y) {
+      for (std::int64_t x = left; x <= right; ++x) {
+        for (std::uint32_t i = newest_[static_cast<std::size_t>(y * columns_ + x)]; i != kNone;
+             i = entries_[i].older)
+          visit(entries_[i].segment);
+      }
     }
   }
 
  private:
-  template <typename Visit>
-  void for_each_cell(const LatticeSegment& segment, const Visit& visit) const;
+  static constexpr std::uint32_t kNone = 0xffffffff;
+  struct Entry {
+    std::uint32_t segment, older;  // the next entry of its cell, or kNone
+  };
 
-  double max_distance_;
-  LatticeCells cells_;
-  std::vector<std::size_t> first_;      // by cell: its first entry in numbers_; then the end
-  std::vector<std::uint32_t> numbers_;  // segment numbers, ascending in each cell
+  // Visits, in each row, the cells between the segment's entry and exit, widened by the margin.
+  template <typename Visit>
+  void for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
+    const auto [a, b] = segment;
+    const auto cell = [this](std::int64_t at) { return at >> shift_; };
+    const std::int64_t ax = std::int64_t{a.x} - low_.x, ay = std::int64_t{a.y} - low_.y,
+                       bx = std::int64_t{b.x} - low_.x, by = std::int64_t{b.y} - low_.y;
+    const std::int64_t first = cell(std::min(ay, by) - margin_),
+                       last = cell(std::max(ay, by) + margin_);
+    std::int64_t from = cell(std::min(ax, bx) - margin_), to = cell(std::max(ax, bx) + margin_);
+    const bool is_steep_or_flat = ay == by || last - first < 2 || to - from < 2;
+    for (std::int64_t row = first; row <= last; ++row) {
+      if (!is_steep_or_flat) [[unlikely]]
+        std::tie(from, to) = cells_in_row(segment, row);
+      for (std::int64_t x = from; x <= to; ++x)
+        visit(static_cast<std::size_t>(row * columns_ + x));
+    }
+  }
+  std::pair<std::int64_t, std::int64_t> cells_in_row(const LatticeSegment& segment,
+                                                     std::int64_t row) const;
+
+  std::int64_t margin_ = 0, columns_ = 1;
+  int shift_ = 0;                      // the cells are squares of 2^shift_ lattice steps
+  LatticePoint low_;                   // the lower left corner of the grid
+  std::vector<std::uint32_t> newest_;  // by cell: its newest entry, or kNone
+  std::vector<Entry> entries_;
 };
 
 }  // namespace trocar::pipeline

@@ -91,15 +91,15 @@ class InsertionTrial {
   using Positions = std::array<LatticePoint, 4>;
 
   /// The flaws at each position: the number of bad triangles, and of encroached edges if an edge is
-  /// split, if it were inserted into this cavity; at least kManyFlaws if it cannot have this
-  /// cavity.
+  /// split, if it were inserted into this cavity; at least kManyFlaws if it cannot have this cavity,
+  /// is too near to a vertex or, in the material, encroaches upon the outline.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
   template <PointKind kKind>
-  [[gnu::always_inline]] Four flaws_of(const Positions& positions,
-                                       const InsertionCavity& cavity) const {
+  [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
+                                       double min_distance2) const {
     const auto [p, is_near_origin] = from_origin_of(cavity, positions);
-    const Clearance clearance(0);
-    Four flaws{}, is_turned{};
+    const Clearance clearance(min_distance2);
+    Four flaws{}, is_excluded{};
     const std::span<const BoundaryQuad> quads = cavity.quads();
     for (std::size_t k = 0; k < cavity.boundary().size(); ++k) {
       const BoundaryQuad& r = quads[k / 4];
@@ -112,13 +112,16 @@ class InsertionTrial {
             return out;
           });
       flaws += result.is_bad;
-      if (kKind == PointKind::kSplit)
+      is_excluded |= result.is_turned | result.is_near;
+      if (kKind == PointKind::kSplit) {
         flaws += (four_of(r.is_outline[k % 4]) & result.is_obtuse_at_p) +
                  (four_of(r.is_before[k % 4]) & result.is_obtuse_at_a) +
                  (four_of(r.is_after[k % 4]) & result.is_obtuse_at_b);
-      is_turned |= result.is_turned;
+      } else {
+        is_excluded |= four_of(r.is_outline[k % 4]) & result.is_obtuse_at_p;
+      }
     }
-    return -flaws | (is_turned & four_of(kManyFlaws));
+    return -flaws | (is_excluded & four_of(kManyFlaws));
   }
   /// The position with the fewest flaws among those that the mask allows; the first of equal ones.
   struct Fewest {
@@ -129,22 +132,6 @@ class InsertionTrial {
     const Four keys = 4 * (flaws | (~is_allowed_position & four_of(kManyFlaws))) + Four{0, 1, 2, 3};
     const std::int32_t key = std::min(std::min(keys[0], keys[1]), std::min(keys[2], keys[3]));
     return {key >> 2, static_cast<std::size_t>(key & 3)};
-  }
-  /// Mask of the positions that are not too near to a vertex and do not encroach.
-  [[gnu::always_inline]] Four allowed_by(const InsertionCavity& cavity, const Positions& positions,
-                                         double min_distance2) const {
-    const auto [p, is_near_origin] = from_origin_of(cavity, positions);
-    if (!is_near_origin) [[unlikely]]
-      return allowed_by_each(cavity, positions, min_distance2);
-    const Four clearance = four_of(Clearance(min_distance2).whole);
-    Four is_excluded{};
-    for (const BoundaryQuad& r : cavity.quads()) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        const FourPoints a = four_times(r.a, k) - p, b = four_times(r.b, k) - p;
-        is_excluded |= (dots(a, a) < clearance) | (four_of(r.is_outline[k]) & (dots(a, b) < 0));
-      }
-    }
-    return ~is_excluded;
   }
   /// Calls visit(k) for each edge of the boundary for which the mask is set.
   template <typename Visit>
@@ -231,19 +218,6 @@ class InsertionTrial {
     const LatticePoint o = cavity.origin;
     const FourPoints away = narrowed(from_origin(p[0], p[1], o), from_origin(p[2], p[3], o));
     return {away, cavity.is_near_origin() && !is_any(is_beyond_max_offset(away))};
-  }
-
-  [[gnu::noinline]] Four allowed_by_each(const InsertionCavity& cavity, const Positions& positions,
-                                         double min_distance2) const {
-    Four out = four_of(-1);
-    for (const InsertionCavity::BoundaryEdge& r : cavity.boundary()) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        if (static_cast<double>(distance2(at(r.a), positions[k])) < min_distance2 ||
-            (r.is_outline() && diametral_dot(at(r.a), at(r.b), positions[k]) < 0))
-          out[k] = 0;
-      }
-    }
-    return out;
   }
 
   const RefinementMesh& mesh_;

@@ -31,6 +31,9 @@ inline constexpr std::int64_t kMinEdge_steps = 4;
 // Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
+// Shorter edges have few splits left before kMinEdge_steps, so that each of them decides which
+// angles are left. With half of this length, grids of holes of 1 to 40 steps had more sharp angles.
+inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
 // An edge of the outline. It becomes stale when its triangle's generation changes.
 struct EncroachedEdge {
@@ -87,7 +90,7 @@ class OutlineSplitter {
         shared_.note(mesh_, t);
     }
     if (keep_area_ || has_shared_) outline_.find_loops();
-    if (keep_area_) outline_.find_clearance(mesh_.points);
+    if (keep_area_) outline_.start_clearance(mesh_.points);
     origins_.reserve(mesh_.points.capacity());
     origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
     encroached_.clear();
@@ -154,92 +157,61 @@ class OutlineSplitter {
   // repeated splits move away from the segment.
   struct Segment {
     LatticePoint from, to;
-    double max_area2;
+    double length2, max_area2;
     bool is_far(LatticePoint p) const {
       const auto area = static_cast<double>(orient2d(from, to, p));
       return area * area >= max_area2;
+    }
+    // Is the point on the void's side of the segment and more than a step away?
+    bool is_outside(LatticePoint p) const {
+      const auto area = static_cast<double>(orient2d(from, to, p));
+      return area < 0 && area * area > length2;
     }
   };
   Segment segment_at(std::uint32_t segment) const {
     const Refined::Segment& input = outline_.segments()[segment];
     const LatticePoint from = at(input.from), to = at(input.to);
-    return {from, to, max_distance2_ * static_cast<double>(distance2(from, to))};
+    const auto length2 = static_cast<double>(distance2(from, to));
+    return {from, to, length2, max_distance2_ * length2};
   }
 
   // Finds the position at which to split the edge ab of triangle t = abc at this fraction; false if
-  // there is none.
+  // there is none. Of the four lattice points around it, this is the nearest one on the material's
+  // side or, if that keeps the loop's area better, the nearest one on the void's side.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
-    const auto [a, b, c] = v;
-    const std::optional<LatticePoint> inside = split_near(a, b, c, fraction);
-    if (!keep_area_ || (inside && orient2d(a, b, *inside) == 0) ||
-        !outline_.has_clearance(segment)) {
-      if (!inside) return false;
-      out = *inside;
-      return !input.is_far(out);
-    }
-    const std::optional<LatticePoint> outside = split_outside(t, input, a, b, fraction);
-    if (!inside && !outside) return false;
-    // If both are allowed, take the one that better keeps the loop's area; without branches,
-    // because the choice is unpredictable.
-    const LatticePoint p = inside ? *inside : *outside, q = outside ? *outside : p;
-    const std::int64_t lost = outline_.lost_of_loop(segment),
-                       lost_at_p = std::abs(lost + orient2d(a, b, p)),
-                       lost_at_q = std::abs(lost + orient2d(a, b, q));
-    const bool p_is_far = input.is_far(p), q_is_far = input.is_far(q);
-    const auto takes_q =
-        static_cast<std::int32_t>(p_is_far | (!q_is_far & (lost_at_q < lost_at_p)));
-    out = {p.x + takes_q * (q.x - p.x), p.y + takes_q * (q.y - p.y)};
-    return !(p_is_far & q_is_far);
-  }
-
-  // Among the lattice points around the position at this fraction from a to b, returns the nearest
-  // one that lies on the void's side of the edge, at most a step from the input segment, and in the
-  // circumcircle of the triangle, so that the mesh stays Delaunay.
-  std::optional<LatticePoint> split_outside(std::uint32_t t, const Segment& input, LatticePoint a,
-                                            LatticePoint b, double fraction) const {
-    const LatticePoint from = input.from, to = input.to;
-    const double farthest = edge_length(from, to);
-    const double x = fraction * (static_cast<double>(b.x) - a.x),
-                 y = fraction * (static_cast<double>(b.y) - a.y);
-    const double low_x = floor_of(x), low_y = floor_of(y);
-    const LatticePoint low{a.x + static_cast<std::int32_t>(low_x),
-                           a.y + static_cast<std::int32_t>(low_y)};
-    // The four points are the steps right and up from `low`; there is no step along an axis on
-    // which the position is on the lattice already. The loop has no branches, because which of the
-    // four are allowed is unpredictable.
-    const std::array<std::int32_t, 2> right{0, x > low_x ? 1 : 0}, up{0, y > low_y ? 1 : 0};
-    const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y,
-                       input_dx = std::int64_t{to.x} - from.x,
-                       input_dy = std::int64_t{to.y} - from.y;
-    const std::int64_t side = orient2d(a, b, low), input_side = orient2d(from, to, low);
-    const std::int64_t ax = std::int64_t{a.x} - low.x, ay = std::int64_t{a.y} - low.y,
-                       bx = std::int64_t{b.x} - low.x, by = std::int64_t{b.y} - low.y;
-    std::array<LatticePoint, 4> positions;
-    std::array<double, 4> far{};
-    constexpr std::array kForbidden{1e300, 0.0};
-    for (std::size_t k = 0; k < 4; ++k) {
-      const std::int32_t i = right[k / 2], j = up[k % 2];
-      const double off_x = low_x + i - x, off_y = low_y + j - y;
-      const bool is_allowed =
-          (side + j * dx - i * dy < 0) & ((ax - i) * (bx - i) + (ay - j) * (by - j) < 0) &
-          (static_cast<double>(input_side + j * input_dx - i * input_dy) >= -farthest);
-      positions[k] = {low.x + i, low.y + j};
-      far[k] = off_x * off_x + off_y * off_y + kForbidden[is_allowed ? 1 : 0];
-    }
-    while (true) {
-      const std::size_t low_least = far[1] < far[0] ? 1 : 0, high_least = far[3] < far[2] ? 3 : 2;
-      const std::size_t is_high = far[high_least] < far[low_least] ? 1 : 0,
-                        least = low_least + is_high * (high_least - low_least);
-      if (far[least] >= kForbidden[0]) return std::nullopt;
-      if (mesh_.circumcircle_contains(t, positions[least])) return positions[least];
-      far[least] = kForbidden[0];
-    }
-  }
-  // std::floor() of a number within the lattice's bounds, without a function call.
-  static double floor_of(double x) {
-    const auto whole = static_cast<std::int32_t>(x);
-    return whole - static_cast<std::int32_t>(whole > x);
+    const LatticePoint a = v[0], b = v[1], c = v[2];
+    SplitCell cell(a, b, fraction);
+    std::size_t p = cell.nearest_inside();
+    while (cell.is_inside(p) && !may_split(a, b, c, cell.point(p)))
+      [[unlikely]] {
+        cell.exclude(p);
+        p = cell.nearest_inside();
+      }
+    const bool is_p = cell.is_inside(p);
+    if (is_p) out = cell.point(p);
+    if (!keep_area_ || (is_p && cell.side(p) == 0) || !outline_.has_clearance(segment))
+      return is_p && !input.is_far(out);
+    // On the void's side: in the circumcircle, so that the mesh stays Delaunay.
+    const auto may_split_outside = [&](LatticePoint q) {
+      return encroaches(a, b, q) & !input.is_outside(q) & mesh_.circumcircle_contains(t, q);
+    };
+    std::size_t q = cell.nearest_outside();
+    while (cell.is_outside(q) && !may_split_outside(cell.point(q)))
+      [[unlikely]] {
+        cell.exclude(q);
+        q = cell.nearest_outside();
+      }
+    const bool is_p_near = is_p && !input.is_far(out);
+    if (!cell.is_outside(q) || input.is_far(cell.point(q))) return is_p_near;
+    // Without a branch, because the choice is unpredictable.
+    const std::int64_t lost = outline_.lost_of_loop(segment);
+    const auto takes_q = static_cast<std::int32_t>(
+        !is_p_near | (std::abs(lost + cell.side(q)) < std::abs(lost + cell.side(p))));
+    const LatticePoint outside = cell.point(q);
+    if (!is_p) out = outside;
+    out = {out.x + takes_q * (outside.x - out.x), out.y + takes_q * (outside.y - out.y)};
+    return true;
   }
 
   // Splits an edge of the outline at the fraction `wanted`, or at the best position if it is 0.
@@ -272,17 +244,26 @@ class OutlineSplitter {
       while (!evaluate_at(kSplits[k])) {
         if (++k == kSplits.size()) return false;
       }
-      if (best_.flaws > 0) {
+      // If the apex is nearer than half the edge's length, the halves will be split again, and the
+      // flaws are not final, as long as enough splits are left.
+      const std::int64_t ab2 = distance2(a, b);
+      if (best_.flaws > 0 &&
+          (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {
+        // They are compared on the material's side.
         Positions positions;
         Four is_allowed_position{};
         positions.fill(best_.p);
-        for (std::size_t i = 0; i < 4; ++i)
-          is_allowed_position[i] =
-              -static_cast<std::int32_t>(find_position(kSplits[i + 1], positions[i]) & (i >= k));
+        for (std::size_t i = k; i < 4; ++i) {
+          const SplitCell cell(a, b, kSplits[i + 1]);
+          positions[i] = cell.point(cell.nearest_inside());
+          is_allowed_position[i] = -1;
+        }
         const InsertionTrial::Fewest best = InsertionTrial::fewest_of(
-            insertion_.flaws_of<PointKind::kSplit>(positions, best_.cavity), is_allowed_position);
-        if (best.flaws < best_.flaws && evaluate_split(s, positions[best.position], trial_) &&
-            trial_.growth < best_.growth)
+            insertion_.flaws_of<PointKind::kSplit>(positions, best_.cavity, 0),
+            is_allowed_position);
+        LatticePoint p;
+        if (best.flaws < best_.flaws && find_position(kSplits[best.position + 1], p) &&
+            evaluate_split(s, p, trial_) && trial_.growth < best_.growth)
           std::swap(best_, trial_);
       }
     }
@@ -336,8 +317,8 @@ class OutlineSplitter {
         } else {
           const Positions position{*p, *p, *p, *p};
           const int flaws =
-              insertion_.flaws_of<PointKind::kSplit>(position, best_.cavity)[0] +
-              insertion_.flaws_of<PointKind::kSplit>(position, best_beyond_.cavity)[0];
+              insertion_.flaws_of<PointKind::kSplit>(position, best_.cavity, 0)[0] +
+              insertion_.flaws_of<PointKind::kSplit>(position, best_beyond_.cavity, 0)[0];
           if (flaws < fewest) fewest = flaws, better = p;
         }
       }

@@ -45,10 +45,11 @@ class Refiner : private OutlineSplitter {
   using Tally = InsertionTrial::Tally;
 
  public:
-  Refiner(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options,
-          RefinementWorkspace& memory)
+  Refiner(const Triangulation& from, double doubled_area, const Lattice& lattice,
+          const RefinementOptions& options, RefinementWorkspace& memory)
       : OutlineSplitter(from, lattice, options, memory),
-        from_(from),
+        input_vertices_(from.mesh.vertices.size()),
+        doubled_area_(doubled_area),
         long_edges_(memory.long_edges),
         nodes_(memory.nodes),
         min_angle_deg_(options.min_angle_deg),
@@ -159,14 +160,13 @@ class Refiner : private OutlineSplitter {
     ++out_.bad_at_lattice_step;
   }
 
-  // Tries other positions, which may remove more bad triangles at once or leave the outline as it
-  // is. Puts the first one that leaves two fewer bad triangles, or else the best one, into best_;
-  // false if none is better than best_.
+  // Tries another position, which may remove more bad triangles at once or leave the outline as it
+  // is: the one of several that promises the fewest bad triangles. Puts it into best_ if it leaves
+  // fewer than best_ does, else returns false.
   bool find_better(std::uint32_t t, const std::array<std::uint32_t, 3>& v, std::uint32_t shortest,
                    const TriangleShape& shape, EdgeId blocking_edge) {
     if (shape.is_large) return blocking_edge == kNoEdge && find_more_even(t, v);
-    int growth = blocking_edge == kNoEdge ? best_.growth : 0;
-    bool is_found = false;
+    const int growth = blocking_edge == kNoEdge ? best_.growth : 0;
     if (growth < -1) return false;
     const LatticePoint a = at(v[shortest]), b = at(v[next_corner(shortest)]);
     const double allowance = rounding_allowance(std::sqrt(shape.shortest2));
@@ -176,19 +176,15 @@ class Refiner : private OutlineSplitter {
           a, b, {trial_offsets_[k].along * allowance, trial_offsets_[k].away * allowance});
     // Like the off-centre, these points keep the shortest edge's length as a distance from other
     // vertices, so that refinement terminates as it does without them.
-    unsigned left = bits_of(insertion_.allowed_by(best_.cavity, positions, shape.shortest2));
-    while (left != 0) {
-      const auto k = static_cast<unsigned>(std::countr_zero(left));
-      left &= left - 1;
-      if (!is_allowed(t, positions[k], shape.shortest2, trial_) || trial_.growth >= growth)
-        continue;
-      growth = trial_.growth;
-      is_found = true;
-      std::swap(best_, trial_);
-      if (growth < -1) break;
-      left = bits_of(insertion_.allowed_by(best_.cavity, positions, shape.shortest2)) & (14U << k);
-    }
-    return is_found;
+    const InsertionTrial::Fewest best = InsertionTrial::fewest_of(
+        insertion_.flaws_of<PointKind::kFree>(positions, best_.cavity, shape.shortest2),
+        four_of(-1));
+    if (best.flaws - best_.cavity.bad_triangles() >= growth ||
+        !is_allowed(t, positions[best.position], shape.shortest2, trial_) ||
+        trial_.growth >= growth)
+      return false;
+    std::swap(best_, trial_);
+    return true;
   }
 
   // The same for a triangle that is too large. The positions are the apexes of equilateral
@@ -215,8 +211,8 @@ class Refiner : private OutlineSplitter {
     one_edge[2] = one_edge[3] = one_edge[0];
     const auto fewest = [&](const Positions& positions, Four is_allowed_position) {
       return InsertionTrial::fewest_of(
-          insertion_.flaws_of<PointKind::kFree>(positions, best_.cavity),
-          is_allowed_position & insertion_.allowed_by(best_.cavity, positions, min_distance2));
+          insertion_.flaws_of<PointKind::kFree>(positions, best_.cavity, min_distance2),
+          is_allowed_position);
     };
     const InsertionTrial::Fewest of_two = fewest(two_edges, is_in_two),
                                  of_one = fewest(one_edge, is_in_one);
@@ -261,12 +257,10 @@ class Refiner : private OutlineSplitter {
   // If the largest area requires many triangles, most of them can belong to a lattice of
   // equilateral triangles of that area, inside which no position has to be searched for.
   void fill_large() {
-    if (bounds_.has_area_at() || from_.mesh.triangles.empty()) return;
-    const double wanted =
-        static_cast<double>(doubled_area(from_.mesh)) / bounds_.everywhere().doubled_area;
+    if (bounds_.has_area_at() || mesh_.triangles.empty()) return;
+    const double wanted = doubled_area_ / bounds_.everywhere().doubled_area;
     const double edge = fill_edge(bounds_.everywhere().doubled_area);
-    if (edge < kMinFillEdge_steps ||
-        wanted < kMinFilled * static_cast<double>(from_.mesh.vertices.size()))
+    if (edge < kMinFillEdge_steps || wanted < kMinFilled * static_cast<double>(input_vertices_))
       return;
     split_encroached();
     split_long(kFillPart * edge);
@@ -328,7 +322,8 @@ class Refiner : private OutlineSplitter {
     return std::move(out_);
   }
 
-  const Triangulation& from_;
+  std::size_t input_vertices_;
+  double doubled_area_;  // of the input
   std::vector<EncroachedEdge>& long_edges_;
   std::vector<FillNode>& nodes_;
   double min_angle_deg_, max_area_mm2_;
@@ -338,41 +333,42 @@ class Refiner : private OutlineSplitter {
 };
 
 // A vertex budget far above what refinement to a safe angle has needed on any input.
-std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
+std::uint32_t ample_budget(std::size_t input_vertices, double doubled_area, const Lattice& lattice,
                            const RefinementOptions& options) {
   const double step2 = lattice.step_mm() * lattice.step_mm();
   const double smallest_mm2 = options.area_mm2_at
                                   ? std::min(options.min_area_mm2, options.max_area_mm2)
                                   : options.max_area_mm2;
   const double doubled_area_bound = std::max(2 * smallest_mm2 / step2, 1.0);
-  const double vertices = 10'000 + 200.0 * static_cast<double>(from.mesh.vertices.size()) +
-                          4.0 * static_cast<double>(doubled_area(from.mesh)) / doubled_area_bound;
+  const double vertices = 10'000 + 200.0 * static_cast<double>(input_vertices) +
+                          4.0 * doubled_area / doubled_area_bound;
   return static_cast<std::uint32_t>(std::min(double{kMaxVertices}, vertices));
 }
 
 // The wanted area bound, or the smallest one that does not require too many triangles.
-double affordable_area_mm2(const Triangulation& from, const Lattice& lattice, double wanted_mm2) {
-  const double area_mm2 =
-      0.5 * static_cast<double>(doubled_area(from.mesh)) * lattice.step_mm() * lattice.step_mm();
+double affordable_area_mm2(double doubled_area, const Lattice& lattice, double wanted_mm2) {
+  const double area_mm2 = 0.5 * doubled_area * lattice.step_mm() * lattice.step_mm();
   return std::max(wanted_mm2, area_mm2 / kMaxTrianglesByArea);
 }
 
 Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
                          const RefinementOptions& wanted, RefinementWorkspace& memory) {
   RefinementOptions options = wanted;
-  options.max_area_mm2 = affordable_area_mm2(from, lattice, wanted.max_area_mm2);
-  options.min_area_mm2 = affordable_area_mm2(from, lattice, wanted.min_area_mm2);
+  const auto area = static_cast<double>(doubled_area(from.mesh));
+  options.max_area_mm2 = affordable_area_mm2(area, lattice, wanted.max_area_mm2);
+  options.min_area_mm2 = affordable_area_mm2(area, lattice, wanted.min_area_mm2);
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{
         angle_deg,           options.max_area_mm2,   std::min(max_vertices, kMaxVertices),
         options.keep_area,   options.shared_borders, options.max_distance_steps,
         options.area_mm2_at, options.min_area_mm2};
-    return Refiner(from, lattice, attempt, memory).run();
+    return Refiner(from, area, lattice, attempt, memory).run();
   };
   const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);
   Refined best =
-      refine_to(safe_deg, options.max_vertices != 0 ? options.max_vertices
-                                                    : ample_budget(from, lattice, options));
+      refine_to(safe_deg, options.max_vertices != 0
+                              ? options.max_vertices
+                              : ample_budget(from.mesh.vertices.size(), area, lattice, options));
   if (safe_deg == options.min_angle_deg || best.outcome == RefinementOutcome::kVertexBudget)
     return best;
 

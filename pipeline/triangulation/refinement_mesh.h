@@ -226,49 +226,49 @@ class RefinementMesh {
   [[gnu::noinline]] void find(std::uint32_t start, EdgeId split, LatticePoint p,
                               InsertionCavity& cavity) {
     // Each edge is written before it is known whether it counts, so the arrays always have space
-    // for the edges of one more triangle.
-    constexpr std::size_t kMargin = 3;
-    if (cavity.capacity() < kMargin + 1) cavity.grow();
+    // for the edges of one more triangle. (There are at most two more boundary edges than triangles.)
+    constexpr std::uint32_t kMargin = 6;
+    if (cavity.capacity() < kMargin) cavity.grow();
     const std::uint32_t visit = ++visits_;
     WorkingTriangle* const all = triangles.data();
     EdgeId* entries = cavity.entries_.data();
     std::uint64_t* sides = cavity.sides_.data();
-    std::size_t reached = 1, edges = 0;
-    const auto inspect_beyond = [&](std::uint32_t t, std::uint32_t i) {
+    auto most = static_cast<std::uint32_t>(cavity.capacity()) - kMargin;
+    std::uint32_t reached = 1, edges = 0;
+    const auto inspect_beyond = [&](std::uint32_t t, std::uint32_t i)
+        __attribute__((always_inline)) {
       const std::uint32_t beyond = all[t].beyond[i];
-      const std::uint32_t is_outline = beyond >> 31, outline_mask = -is_outline;
-      WorkingTriangle& next = all[(t & outline_mask) | (triangle_of(beyond) & ~outline_mask)];
+      const std::uint32_t is_outline = beyond >> 31;
+      // On the outline, the triangle itself takes the place of its neighbour.
+      const std::uint32_t across = triangle_of(beyond);
+      WorkingTriangle& next = all[across ^ ((across ^ t) & -is_outline)];
       std::uint32_t is_in = next.circle.contains(p);
       if (!next.circle.is_near(p)) [[unlikely]]
         is_in = far_circle_contains(next, p) ? 1 : 0;
-      is_in &= ~is_outline;
-      const std::uint32_t is_new = is_in & static_cast<std::uint32_t>(next.visit != visit);
       entries[reached] = beyond;
       sides[edges] = std::uint64_t{beyond} << 32 | edge_id(t, i);
-      reached += is_new;
-      edges += is_in ^ 1;
+      reached += is_in & static_cast<std::uint32_t>(next.visit != visit);
+      edges += (is_in ^ 1) | is_outline;
       next.visit = visit;  // a triangle outside the cavity is marked too: its test is repeated
     };
     all[start].visit = visit;
-    entries[0] = edge_id(start, 0);
-    int bad = all[start].is_bad;
-    const std::uint32_t first = kIsSplit ? index_of(split) : 0;
+    entries[0] = kIsSplit ? split : edge_id(start, 0);
+    int bad = 0;
     if (!kIsSplit) inspect_beyond(start, 0);
-    inspect_beyond(start, (first - 1) >> 31);
-    inspect_beyond(start, 2 - (first >> 1));
-    for (std::size_t k = 1; k < reached; ++k) {
-      if (std::max(reached, edges) + kMargin > cavity.capacity()) [[unlikely]] {
+    for (std::uint32_t k = 0; k < reached; ++k) {
+      if (reached > most) [[unlikely]] {
         cavity.grow();
         entries = cavity.entries_.data();
         sides = cavity.sides_.data();
+        most = static_cast<std::uint32_t>(cavity.capacity()) - kMargin;
       }
       const std::uint32_t t = triangle_of(entries[k]), from = index_of(entries[k]);
       bad += all[t].is_bad;
       inspect_beyond(t, (from - 1) >> 31);  // 1 if from is 0, else 0
       inspect_beyond(t, 2 - (from >> 1));   // 1 if from is 2, else 2
     }
-    cavity.triangles_ = static_cast<std::uint32_t>(reached);
-    cavity.edges_ = static_cast<std::uint32_t>(edges);
+    cavity.triangles_ = reached;
+    cavity.edges_ = edges;
     cavity.bad_ = bad;
     cavity.origin = p;
     if (edges == 0) return;

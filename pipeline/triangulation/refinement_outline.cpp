@@ -10,7 +10,6 @@
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/segment_split.h"
 #include "formats/geometry/triangle_shape.h"
-#include "pipeline/contour/segment_grid.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -137,33 +136,40 @@ void RefinementOutline::find_loops() {
   }
 }
 
-void RefinementOutline::find_clearance(const std::vector<LatticePoint>& points) {
-  const std::size_t n = segments_.size();
-  has_clearance_.assign(n, 1);
-  const auto previous = [this](std::size_t s) {
-    return static_cast<std::size_t>(segments_[s].previous);
-  };
-  std::vector<LatticeSegment> ends;
-  ends.reserve(n);
-  for (std::size_t s = 0; s < n; ++s) {
-    const LatticePoint a = points[segments_[s].from], b = points[segments_[s].to];
-    ends.push_back({a, b});
-    // The void must not be acute at a corner, since the two segments are near each other there.
-    const LatticePoint p = points[segments_[previous(s)].from];
-    if (orient2d(p, a, b) < 0 && diametral_dot(p, b, a) > 0)
-      has_clearance_[s] = has_clearance_[previous(s)] = 0;
+void RefinementOutline::start_clearance(const std::vector<LatticePoint>& points) {
+  clearance_.assign(segments_.size(), Clearance::kUnknown);
+  ends_.resize(segments_.size());
+  next_.resize(segments_.size());
+  for (std::uint32_t s = 0; s < segments_.size(); ++s) {
+    ends_[s] = {points[segments_[s].from], points[segments_[s].to]};
+    next_[static_cast<std::size_t>(segments_[s].previous)] = s;
   }
-  SegmentGrid(ends, kClearance_steps).for_each_pair([&](std::size_t s, std::size_t t) {
-    if (has_clearance_[s] == 0 && has_clearance_[t] == 0) return;
-    const auto& [a, b] = ends[s];
-    const auto& [c, d] = ends[t];
-    LatticeBox box = box_around(a, b);
-    box.low = {box.low.x - kClearance_steps, box.low.y - kClearance_steps};
-    box.high = {box.high.x + kClearance_steps, box.high.y + kClearance_steps};
-    if (!apart(box, box_around(c, d)) && previous(s) != t && previous(t) != s &&
-        are_near(a, b, c, d))
-      has_clearance_[s] = has_clearance_[t] = 0;
+  has_grid_ = false;
+}
+
+void RefinementOutline::find_clearance(std::uint32_t segment) {
+  const auto previous = static_cast<std::uint32_t>(segments_[segment].previous),
+             next = next_[segment];
+  const auto [a, b] = ends_[segment];
+  // The void must not be acute at a corner, since the two segments are near each other there.
+  const auto is_void_acute = [](LatticePoint p, LatticePoint v, LatticePoint q) {
+    return (orient2d(p, v, q) < 0) & (diametral_dot(p, q, v) > 0);
+  };
+  clearance_[segment] = Clearance::kNo;
+  if (is_void_acute(ends_[previous].a, a, b) | is_void_acute(a, b, ends_[next].b)) return;
+  if (!has_grid_) grid_ = SegmentGrid(ends_, kClearance_steps);
+  has_grid_ = true;
+  LatticeBox box = box_around(a, b);
+  box.low = {box.low.x - kClearance_steps, box.low.y - kClearance_steps};
+  box.high = {box.high.x + kClearance_steps, box.high.y + kClearance_steps};
+  bool is_any_near = false;
+  grid_.for_each_near(ends_[segment], [&, a = a, b = b](std::uint32_t t) {
+    const auto& [c, d] = ends_[t];
+    if ((t == segment) | (t == previous) | (t == next) | apart(box, box_around(c, d))) [[likely]]
+      return;
+    is_any_near = is_any_near || are_near(a, b, c, d);
   });
+  if (!is_any_near) clearance_[segment] = Clearance::kYes;
 }
 
 bool RefinementOutline::is_acute(std::uint32_t vertex) const {

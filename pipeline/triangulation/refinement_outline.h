@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "pipeline/contour/segment_grid.h"
 #include "pipeline/triangulation/refinement.h"
 
 namespace trocar::pipeline {
@@ -31,11 +32,16 @@ class RefinementOutline {
   /// Finds the loops that the segments form. If regions share borders, each part of a loop with the
   /// same material, or void, beyond it counts as a loop of its own.
   void find_loops();
-  /// Finds the segments that may be split up to a lattice step on the void's side.
-  void find_clearance(const std::vector<LatticePoint>& points);
+  /// Prepares has_clearance().
+  void start_clearance(const std::vector<LatticePoint>& points);
   /// Can no other part of the outline meet this segment even if each point of both moves up to one
-  /// step to the void's side and up to three to the material's? Valid after find_clearance().
-  bool has_clearance(std::uint32_t segment) const { return has_clearance_[segment] != 0; }
+  /// step to the void's side and up to three to the material's? Valid after start_clearance(). It is
+  /// decided when it is asked for the first time, because most segments are never split.
+  bool has_clearance(std::uint32_t segment) {
+    if (clearance_[segment] == Clearance::kUnknown) [[unlikely]]
+      find_clearance(segment);
+    return clearance_[segment] == Clearance::kYes;
+  }
   /// Twice the area that splits have removed from the segment's loop so far. Valid after
   /// find_loops().
   std::int64_t& lost_of_loop(std::uint32_t segment) { return lost_[loop_[segment]]; }
@@ -73,12 +79,18 @@ class RefinementOutline {
   }
   bool is_one_loop_with_previous(std::uint32_t segment) const;
   std::uint32_t small_corner_of_two(std::int32_t s, std::int32_t t) const;
+  void find_clearance(std::uint32_t segment);
 
   std::vector<Refined::Segment> segments_;
   std::vector<std::int32_t> into_;  // by input vertex: the segment that ends there
   std::vector<std::uint32_t> twins_;
   std::vector<double> angle_deg_;
-  std::vector<char> has_clearance_;
+  enum class Clearance : std::uint8_t { kUnknown, kNo, kYes };
+  std::vector<Clearance> clearance_;
+  std::vector<std::uint32_t> next_;   // by segment: the one that starts at its end
+  std::vector<LatticeSegment> ends_;  // of the segments, like grid_ for their clearance
+  SegmentGrid grid_;                  // made for the first segment that is asked for
+  bool has_grid_ = false;
   std::vector<std::uint32_t> loop_;
   std::vector<std::int64_t> lost_;  // by loop: see lost_of_loop()
 };

@@ -21,9 +21,8 @@ class RefinementQueue {
   };
 
   void clear() {
-    for (std::vector<Entry>& bucket : buckets_)
-      bucket.clear();
-    first_ = buckets_.size();
+    for (Entry rest{}; pop(rest, [](const Entry& /*entry*/) { return false; });) {
+    }
   }
 
   /// `shortest2` is the squared length of the shortest edge, from 1 to below 2^64.
@@ -32,18 +31,21 @@ class RefinementQueue {
     const auto digits = std::bit_cast<std::uint64_t>(shortest2) >> 50;
     const std::size_t k = (digits - (1023U << 2)) & (buckets_.size() - 1);
     buckets_[k].push_back(entry);
-    first_ = std::min(first_, k);
+    used_[k / 64] |= std::uint64_t{1} << (k % 64);
   }
 
   /// Puts the first entry for which is_valid() holds into `out`; false if there is none.
   template <typename IsValid>
   bool pop(Entry& out, IsValid is_valid) {
-    for (; first_ < buckets_.size(); ++first_) {
-      std::vector<Entry>& bucket = buckets_[first_];
-      while (!bucket.empty()) {
-        out = bucket.back();
-        bucket.pop_back();
-        if (is_valid(out)) return true;
+    for (std::size_t word = 0; word < used_.size(); ++word) {
+      for (; used_[word] != 0; used_[word] &= used_[word] - 1) {
+        std::vector<Entry>& bucket =
+            buckets_[64 * word + static_cast<std::size_t>(std::countr_zero(used_[word]))];
+        while (!bucket.empty()) {
+          out = bucket.back();
+          bucket.pop_back();
+          if (is_valid(out)) return true;
+        }
       }
     }
     return false;
@@ -51,7 +53,7 @@ class RefinementQueue {
 
  private:
   std::array<std::vector<Entry>, 256> buckets_;
-  std::size_t first_ = 256;
+  std::array<std::uint64_t, 4> used_{};  // one bit for each bucket that may have entries
 };
 
 }  // namespace trocar::pipeline
