@@ -72,14 +72,20 @@ class Maker {
   Result<Preview> make(int count) {
     first_ = options_.slices ? options_.slices->first : 0;
     last_ = options_.slices ? options_.slices->second : stack_.size() - 1;
+    std::optional<ScannerTable> table;
+    if (!options_.keep_table) table = ScannerTable::find(stack_, options_.mesh.segmentation);
+    if (table) {
+      options_.mesh.table = &*table;
+      of_volume_ = table->warnings();
+    }
     std::optional<SolidBone> solid;
     if (options_.solid.any()) {
-      auto made =
-          SolidBone::make(stack_, options_.mesh.segmentation, options_.axis, options_.solid);
+      auto made = SolidBone::make(stack_, options_.mesh.segmentation, options_.axis, options_.solid,
+                                  options_.mesh.table);
       if (!made) return made.error();
       solid = std::move(*made);
       options_.mesh.solid = &*solid;
-      of_solid_ = solid->warnings();
+      of_volume_.insert(of_volume_.end(), solid->warnings().begin(), solid->warnings().end());
     }
     const auto ends = find_ends();
     if (!ends) return ends.error();
@@ -280,6 +286,7 @@ class Maker {
   void measure_changes(OneSlice& one) const {
     MeshOptions options = options_.mesh;
     options.solid = nullptr;
+    options.table = nullptr;
     SliceField segmented = slice_field(stack_, one.shown.index, options, one.shown.image);
     if (std::holds_alternative<Equalize>(options.segmentation)) {
       one.cut = std::numeric_limits<double>::infinity();
@@ -326,9 +333,10 @@ class Maker {
                      (stack_.size() - 1);
     }
     out_.has_solid = options_.solid.any();
+    out_.has_table = options_.mesh.table != nullptr && !options_.mesh.table->runs().empty();
     out_.is_filled = options_.solid.fill_mm2.has_value();
     out_.warnings = stack_.warnings;
-    out_.warnings.insert(out_.warnings.end(), of_solid_.begin(), of_solid_.end());
+    out_.warnings.insert(out_.warnings.end(), of_volume_.begin(), of_volume_.end());
     if (stack_.voxel_conflict) {
       out_.warnings.push_back({kVoxelVolume, input_name(stack_),
                                stack_.voxel_conflict->reason + "; the sform is used"});
@@ -341,7 +349,7 @@ class Maker {
   const SliceStack& stack_;
   StackOptions options_;
   int first_ = 0, last_ = 0;
-  std::vector<Warning> of_solid_;
+  std::vector<Warning> of_volume_;  // of the table and of solid bone
   std::vector<OneSlice> slices_;
   Preview out_;
 };

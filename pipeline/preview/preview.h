@@ -32,7 +32,7 @@ struct PreviewSlice {
 };
 
 /// The material in all slices shown if the threshold or level were changed by `change`. It is
-/// computed by the same stages, but without solid bone.
+/// computed by the same stages, but without solid bone and with a scanner's table.
 struct Change {
   double change = 0, threshold = 0, area_mm2 = 0;
   std::size_t outlines = 0;
@@ -62,6 +62,7 @@ struct Preview {
   std::map<int, std::int64_t>
       label_voxels;  ///< number of voxels of each wanted label and each label except 0
   bool has_solid = false;
+  bool has_table = false;  ///< a scanner's table was found and left out
   bool is_filled = false;  ///< SolidOptions::fill_mm2 is given
   std::vector<Warning> warnings;
 };

@@ -70,6 +70,8 @@ std::vector<Warning> shown_warnings(const Preview& preview) {
                                         "no_sop_uid",
                                         "not_dicom",
                                         "spacing_ignored",
+                                        "table_connected",
+                                        "table_removed",
                                         "threshold_out_of_range",
                                         "uneven_spacing",
                                         "voxel_volume"};
@@ -86,10 +88,9 @@ std::vector<Warning> shown_warnings(const Preview& preview) {
 }
 
 std::string changes_text(const Preview& preview) {
-  return "Sums over " + slices_shown(preview) +
-         (preview.has_solid ? ", of the contours before simplification and without solid bone."
-                            : ", of the contours before simplification.") +
-         fill_text(preview);
+  return "Sums over " + slices_shown(preview) + ", of the contours before simplification" +
+         (preview.has_solid ? " and without solid bone" : "") +
+         (preview.has_table ? ", with the scanner's table." : ".") + fill_text(preview);
 }
 
 std::string number_text(double value, int digits) {

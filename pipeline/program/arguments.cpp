@@ -85,6 +85,8 @@ void add_material_options(CLI::App& app, Arguments& a) {
       "names of the labels: a JSON file {\"20\": \"L1\"}, or a table: verse\nor totalsegmentator");
   group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
                "drop smaller islands and fill smaller holes, mm^2");
+  group.flag("--keep-table", a.keep_table,
+             "mesh the scanner's table too; it is left out where it is separate");
 }
 
 // Options of solid_bone.h.

@@ -24,7 +24,7 @@ struct Arguments {
   int lattice_bits = 8, jobs = 0, dump_slice = -1, volume = 0, largest = 0, count = 12,
       surface_triangles = 50'000;
   bool any_modality = false, quiet = false, explain = false, no_hu = false, lines = false,
-       colour = false, surface = false;
+       colour = false, surface = false, keep_table = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
               *area_given = nullptr, *area_px_given = nullptr, *axis_given = nullptr,
               *dump_slice_given = nullptr, *volume_given = nullptr, *context_given = nullptr,

@@ -130,6 +130,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
               {"close", a.close_mm},
               {"min-volume", a.min_volume_mm3},
               {"keep", a.keep},
+              {"keep-table", a.keep_table},
               {"largest", a.largest},
               {"seed", seeds_json(o.solid.seeds_lps_mm)},
               {"mask", o.solid.mask_labels},

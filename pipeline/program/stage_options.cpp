@@ -101,6 +101,7 @@ Result<void> set_material(const Arguments& a, StackOptions& out) {
   }
   out.mesh.segmentation = std::move(*how);
   out.solid = std::move(*solid);
+  out.keep_table = a.keep_table;
   return {};
 }
 
@@ -255,6 +256,7 @@ json parameters_json(const StackOptions& o, const OpenOptions& input) {
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
   add_solid_parameters(o.solid, out);
+  if (o.keep_table) out["keep_table"] = true;
   if (o.surface) out["surface_triangles"] = o.surface->triangles;
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
   if (input.volume) out["volume"] = *input.volume;

@@ -169,6 +169,18 @@ std::map<std::string, double> thread_times(const std::vector<double>& task_ms, d
   return out;
 }
 
+// Solid bone, if the options want it.
+Result<std::optional<SolidBone>> make_solid(Run& run) {
+  const StackOptions& options = run.options;
+  if (!options.solid.any()) return std::optional<SolidBone>();
+  run.stages.lap("open");
+  auto made = SolidBone::make(run.stack, options.mesh.segmentation, options.axis, options.solid,
+                              options.mesh.table);
+  if (!made) return made.error();
+  run.stages.lap("solid");
+  return std::optional(std::move(*made));
+}
+
 // Digests the files and meshes the slices in parallel: a task for each file, then one for each
 // slice. Errors: (unwritable) stopped; the lowest slice's; those of a volume that is unpacked
 // meanwhile.
@@ -303,8 +315,8 @@ void warn_of_labels(const Run& run, const Collected& all, const MaterialIndices&
        "all of its components are smaller than --min-region");
 }
 
-void add_warnings(const std::vector<Warning>& of_solid, json& warnings) {
-  for (json& warning : warnings_json(of_solid, {}))
+void add_warnings(const std::vector<Warning>& added, json& warnings) {
+  for (json& warning : warnings_json(added, {}))
     warnings.push_back(std::move(warning));
 }
 
@@ -382,15 +394,12 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   if (options.surface) options.surface->stop = options.stop;
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(run.threads));
-  std::optional<SolidBone> solid;
-  if (options.solid.any()) {
-    run.stages.lap("open");
-    auto made = SolidBone::make(stack, options.mesh.segmentation, options.axis, options.solid);
-    if (!made) return made.error();
-    solid = std::move(*made);
-    options.mesh.solid = &*solid;
-    run.stages.lap("solid");
-  }
+  std::optional<ScannerTable> table;
+  if (!options.keep_table) table = ScannerTable::find(stack, options.mesh.segmentation);
+  if (table) options.mesh.table = &*table;
+  const auto solid = make_solid(run);
+  if (!solid) return solid.error();
+  if (*solid) options.mesh.solid = &**solid;
   run.sampling = hu_sampling(stack.plane(run.first), run.width(), run.height(), options.mesh);
   Result<DracoGrid> grid = encoding_grid(stack, run.first, run.last, options.mesh);
   if (grid) grid->colours = options.colours;
@@ -406,7 +415,8 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   json used = used_parameters(run, parameters, all);
   json warnings =
       run_warnings(stack, options.mesh.segmentation, all.values, all.area_mm2, all.warnings);
-  if (solid) add_warnings(solid->warnings(), warnings);
+  if (table) add_warnings(table->warnings(), warnings);
+  if (*solid) add_warnings((*solid)->warnings(), warnings);
 
   StackResult out;
   out.stages = std::move(all.stages);
@@ -459,7 +469,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};
   if (run.labels() != nullptr) out.report["labels"] = labels_report(run, all.labels);
-  if (solid) out.report["solid"] = solid_report(*solid);
+  if (*solid) out.report["solid"] = solid_report(**solid);
   if (options.surface) {
     out.report["surface"] = std::move(surface);
     out.report["asset"]["surface_bytes"] = sizes.surface_bytes;

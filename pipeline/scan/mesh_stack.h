@@ -21,7 +21,8 @@ namespace trocar::pipeline {
 struct StackOptions {
   MeshOptions mesh;
   SolidOptions solid;
-  LabelNames names;  ///< names of labels; other labels get the names in the scan
+  bool keep_table = false;  ///< without it, a scanner's table is left out (scanner_table.h)
+  LabelNames names;         ///< names of labels; other labels get the names in the scan
   std::optional<SurfaceOptions> surface;      ///< adds a surface for display
   std::optional<SliceAxis> axis;              ///< axis along which the stack was opened
   std::optional<std::pair<int, int>> slices;  ///< first and last index, both included

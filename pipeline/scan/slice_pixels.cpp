@@ -101,8 +101,8 @@ Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const Mesh
   pixels.ct = std::move(images.ct);
   pixels.needs_hu =
       is_hu && labels == nullptr && (options.hu_volume || options.hu_field || options.grade_hu > 0);
-  const bool changes_values =
-      options.solid != nullptr || !std::holds_alternative<Threshold>(options.segmentation);
+  const bool changes_values = options.solid != nullptr || options.table != nullptr ||
+                              !std::holds_alternative<Threshold>(options.segmentation);
   const bool may_be_several = labels != nullptr && (labels->all || are_several(*labels));
   if ((pixels.needs_hu && changes_values) || may_be_several) pixels.original = images.image;
   SliceField segmented = slice_field(stack, slice, options, std::move(images.image));

@@ -77,6 +77,75 @@ void take_patch(const PlaneGrid& grid, std::size_t start, std::vector<std::uint8
   }
 }
 
+// squared_distances() as far as `limit_mm`; larger ones are infinite. Without envelopes, since
+// the pixels within a short distance are few. O(pixels * limit / spacing).
+class NearDistances {
+ public:
+  void run(const PlaneGrid& grid, double limit_mm, std::span<const std::uint8_t> set,
+           std::vector<float>& squared_mm2) {
+    grid_ = grid;
+    limit2_ = limit_mm * limit_mm;
+    const std::size_t width = grid_.u_mm.size(), height = grid_.v_mm.size();
+    along_rows_.resize(set.size());
+    is_empty_.assign(height, 1);
+    for (std::size_t y = 0; y < height; ++y)
+      is_empty_[y] = run_row(&set[y * width], &along_rows_[y * width]) ? 0 : 1;
+    squared_mm2.resize(set.size());
+    for (std::size_t y = 0; y < height; ++y) {
+      row_.assign(width, kInfinite);
+      for (std::size_t other = y + 1; other-- > 0;)
+        if (!take_row(y, other)) break;
+      for (std::size_t other = y + 1; other < height; ++other)
+        if (!take_row(y, other)) break;
+      float* out = &squared_mm2[y * width];
+      for (std::size_t x = 0; x < width; ++x)
+        out[x] = row_[x] <= limit2_ ? static_cast<float>(row_[x])
+                                    : std::numeric_limits<float>::infinity();
+    }
+  }
+
+ private:
+  // Squared distances along a row. Returns whether any is within the limit.
+  bool run_row(const std::uint8_t* set, float* out) const {
+    const std::size_t width = grid_.u_mm.size();
+    std::fill(out, out + width, std::numeric_limits<float>::infinity());
+    bool any = false;
+    for (std::size_t x = 0; x < width; ++x) {
+      if (set[x] == 0) continue;
+      any = true;
+      out[x] = 0;
+      const auto take = [&](std::size_t other) {
+        const double step = grid_.u_mm[other] - grid_.u_mm[x];
+        if (set[other] != 0 || step * step > limit2_) return false;
+        out[other] = std::min(out[other], static_cast<float>(step * step));
+        return true;
+      };
+      for (std::size_t other = x; other-- > 0;)
+        if (!take(other)) break;
+      for (std::size_t other = x + 1; other < width; ++other)
+        if (!take(other)) break;
+    }
+    return any;
+  }
+
+  // Takes the distances to another row into row_. Returns whether that row is within the limit.
+  bool take_row(std::size_t y, std::size_t other) {
+    const double step = grid_.v_mm[y] - grid_.v_mm[other], step2 = step * step;
+    if (step2 > limit2_) return false;
+    if (is_empty_[other] != 0) return true;
+    const float* from = &along_rows_[other * row_.size()];
+    for (std::size_t x = 0; x < row_.size(); ++x)
+      row_[x] = std::min(row_[x], step2 + static_cast<double>(from[x]));
+    return true;
+  }
+
+  PlaneGrid grid_;
+  double limit2_ = 0;
+  std::vector<float> along_rows_;
+  std::vector<std::uint8_t> is_empty_;
+  std::vector<double> row_;
+};
+
 }  // namespace
 
 void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
@@ -126,24 +195,34 @@ void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
 }
 
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
-                   double largest_mm2, std::vector<std::uint8_t>& enclosed,
-                   std::vector<float>* squared_mm2) {
+                   double largest_mm2, std::vector<std::uint8_t>& enclosed, double near_mm,
+                   std::vector<float>* near_mm2) {
   const std::size_t width = grid.u_mm.size(), height = grid.v_mm.size();
   enclosed.assign(grid.size(), 0);
-  if (squared_mm2 != nullptr)
-    squared_mm2->assign(grid.size(), std::numeric_limits<float>::infinity());
+  if (near_mm2 != nullptr) near_mm2->assign(grid.size(), std::numeric_limits<float>::infinity());
   if (std::all_of(solid.begin(), solid.end(), [](std::uint8_t s) { return s == 0; })) return;
   // The limit is slightly above the radius, so that an equal distance does not depend on rounding.
   const double limit_mm = radius_mm * (1 + 1e-6);
   const auto squared = static_cast<float>(limit_mm * limit_mm);
-  std::vector<float> distance;
-  squared_distances(grid, solid, distance);
-  if (squared_mm2 != nullptr) *squared_mm2 = distance;
-  std::vector<std::uint8_t> open(grid.size()), reached(grid.size(), 0);
+  const double far_mm = std::max(limit_mm, near_mm) * (1 + 1e-6);
+  constexpr double kNear = 32;  // pixels, above which envelopes are faster
+  const bool is_near =
+      far_mm < kNear * std::min(cell_width(grid.u_mm, 0), cell_width(grid.v_mm, 0));
+  // A thread keeps its memory, because a caller has hundreds of planes.
+  thread_local NearDistances near;
+  thread_local std::vector<float> distance;
+  thread_local std::vector<std::uint8_t> open, reached;
+  thread_local std::vector<std::size_t> patch;
+  const auto measure = [&](std::span<const std::uint8_t> set) {
+    is_near ? near.run(grid, far_mm, set, distance) : squared_distances(grid, set, distance);
+  };
+  measure(solid);
+  if (near_mm2 != nullptr) *near_mm2 = distance;
+  open.resize(grid.size());
+  reached.assign(grid.size(), 0);
   for (std::size_t i = 0; i < open.size(); ++i)
     open[i] = distance[i] > squared ? 1 : 0;
 
-  std::vector<std::size_t> patch;
   const auto flood = [&](std::size_t start) {
     if (open[start] == 0) return;
     take_patch(grid, start, open, patch);
@@ -159,7 +238,7 @@ void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, d
     flood(y * width + width - 1);
   }
 
-  squared_distances(grid, reached, distance);
+  measure(reached);
   for (std::size_t i = 0; i < open.size(); ++i)
     open[i] = solid[i] == 0 && distance[i] > squared ? 1 : 0;
   for (std::size_t start = 0; start < open.size(); ++start) {

@@ -32,9 +32,10 @@ void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
 ///
 /// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. A
 /// test of connectivity after a morphological closing would leak where an inner and an outer disc
-/// touch. If `squared_mm2` is given, it becomes squared_distances() of `solid`. O(pixels).
+/// touch. If `near_mm2` is given, it becomes squared_distances() of `solid` as far as `near_mm`;
+/// it may be infinite beyond that. O(pixels * (1 + the larger of radius and near_mm / spacing)).
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
-                   double largest_mm2, std::vector<std::uint8_t>& enclosed,
-                   std::vector<float>* squared_mm2 = nullptr);
+                   double largest_mm2, std::vector<std::uint8_t>& enclosed, double near_mm = 0,
+                   std::vector<float>* near_mm2 = nullptr);
 
 }  // namespace trocar::pipeline

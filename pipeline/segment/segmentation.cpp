@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
 
@@ -30,6 +31,16 @@ void equalize(Image& image, PixelUnit unit) {
 }
 
 }  // namespace
+
+void put_on_side(Field& field, std::size_t pixel, bool wanted) {
+  if (field.changed.empty()) field.changed.resize(field.image.values.size(), 0);
+  field.changed[pixel] = 1;
+  float& value = field.image.values[pixel];
+  const float mirrored = 2 * field.iso - value;
+  // A value equal to the iso-value, or to it after rounding, moves by the smallest step.
+  const float nearest = std::nextafter(field.iso, -std::numeric_limits<float>::infinity());
+  value = wanted ? std::max(mirrored, field.iso) : std::min(mirrored, nearest);
+}
 
 std::optional<double> mean_of_material(const Field& field, const Image& of) {
   // Vector units add the eight partial sums at once, and the order of summation is fixed.

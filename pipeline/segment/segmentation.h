@@ -44,6 +44,10 @@ struct Field {
   std::vector<std::uint8_t> changed = {};
 };
 
+/// Puts the value of a pixel on the wanted side of the iso-value by mirroring it there, and marks it in
+/// Field::changed. It must be on the other side.
+void put_on_side(Field& field, std::size_t pixel, bool wanted);
+
 /// Mean of `values`, an image of the same size, over the pixels that are material; no value if
 /// there is no such pixel. The order of summation is fixed, so the result has the same bits
 /// everywhere.

@@ -28,8 +28,9 @@ Result<Image> read_cropped(const SliceStack& stack, int slice, const std::option
 SliceField slice_field(const SliceStack& stack, int slice, const MaterialOptions& options,
                        Image image) {
   SliceField out{segment(std::move(image), stack.pixel_unit(), options.segmentation), {}};
-  if (options.solid == nullptr) return out;
   const Crop crop = options.crop.value_or(Crop{});
+  if (options.table != nullptr) options.table->remove(slice, crop.x0, crop.y0, out.field);
+  if (options.solid == nullptr) return out;
   out.solid_mean = options.solid->apply(slice, crop.x0, crop.y0, out.field);
   return out;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The field of one slice of a scan: its pixels within a crop, segmented, with the voxels that
-// SolidBone adds and removes.
+// SolidBone adds and removes, and without a scanner's table.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -8,6 +8,7 @@
 
 #include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/segment/scanner_table.h"
 #include "pipeline/segment/segmentation.h"
 #include "pipeline/segment/solid_bone.h"
 
@@ -22,7 +23,8 @@ struct MaterialOptions {
   Segmentation segmentation = Threshold{};
   std::optional<Crop> crop;
   const SolidBone* solid = nullptr;  ///< the voxels that are material, if it overrides segmentation
-  double min_region_mm2 = 1;         ///< smaller islands are dropped, smaller holes filled
+  const ScannerTable* table = nullptr;  ///< left out; `solid` is then made without it
+  double min_region_mm2 = 1;            ///< smaller islands are dropped, smaller holes filled
 };
 
 /// The slice's values within the crop, if there is one. Errors: those of stack.read().

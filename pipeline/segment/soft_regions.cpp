@@ -50,41 +50,93 @@ class Search {
     for (std::size_t i = 0; i < deep.size(); ++i)
       deep[i] = depth2_[i] > squared(depth_mm) && taken_[i] == 0 ? 1 : 0;
     const VoxelComponents regions = find_components(grid_, deep);
+    std::vector<std::vector<VoxelComponents::Run>> runs(regions.volume_mm3.size());
+    for (const VoxelComponents::Run& run : regions.runs)
+      if (regions.volume_mm3[run.component] >= kMinRegion_mm3) runs[run.component].push_back(run);
     Bytes now = taken_;
-    for (std::uint32_t r = 0; r < regions.volume_mm3.size(); ++r) {
-      if (regions.volume_mm3[r] < kMinRegion_mm3) continue;
-      Bytes core(hu_.size(), 0);
-      for (const VoxelComponents::Run& run : regions.runs) {
-        if (run.component != r) continue;
-        std::fill(core.begin() + static_cast<std::ptrdiff_t>(run.begin),
-                  core.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{1});
-      }
-      assign(core, depth_mm, now);
-    }
+    for (const std::vector<VoxelComponents::Run>& core : runs)
+      if (!core.empty()) assign(core, depth_mm, now);
     taken_ = std::move(now);
   }
 
-  // Gives a region the blocks that are nearer to it than to earlier ones.
-  void assign(const Bytes& core, double depth_mm, Bytes& taken) {
+  // A box of blocks: along each axis from a first one to before the last.
+  struct Box {
+    std::array<std::size_t, 3> from{}, to{};
+    std::array<std::vector<double>, 3> at_mm;
+  };
+
+  // The blocks that are within a distance of the core along each axis.
+  Box box_around(const std::vector<VoxelComponents::Run>& core, double margin_mm) const {
+    Box out;
+    out.from.fill(grid_.size());
+    const std::size_t nx = grid_.count(0), ny = grid_.count(1);
+    for (const VoxelComponents::Run& run : core) {
+      const std::array first{run.begin % nx, run.begin / nx % ny, run.begin / nx / ny};
+      const std::array last{(run.end - 1) % nx + 1, first[1] + 1, first[2] + 1};
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        out.from[axis] = std::min(out.from[axis], first[axis]);
+        out.to[axis] = std::max(out.to[axis], last[axis]);
+      }
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::vector<double>& at = grid_.at_mm[axis];
+      std::size_t &from = out.from[axis], &to = out.to[axis];
+      const double low = at[from] - margin_mm, high = at[to - 1] + margin_mm;
+      while (from > 0 && at[from - 1] >= low)
+        --from;
+      while (to < at.size() && at[to] <= high)
+        ++to;
+      out.at_mm[axis].assign(at.begin() + static_cast<std::ptrdiff_t>(from),
+                             at.begin() + static_cast<std::ptrdiff_t>(to));
+    }
+    return out;
+  }
+
+  // Calls visit(index in the box, index in the volume) for each block of a box.
+  template <typename Visit>
+  void each_in(const Box& box, const Visit& visit) const {
+    std::size_t here = 0;
+    for (std::size_t z = box.from[2]; z < box.to[2]; ++z)
+      for (std::size_t y = box.from[1]; y < box.to[1]; ++y)
+        for (std::size_t x = box.from[0]; x < box.to[0]; ++x)
+          visit(here++, (z * grid_.count(1) + y) * grid_.count(0) + x);
+  }
+
+  // Gives a region the blocks that are nearer to it than to earlier ones. Those farther than kFar
+  // keep their owner.
+  void assign(const std::vector<VoxelComponents::Run>& runs, double depth_mm, Bytes& taken) {
+    constexpr double kFar = 1 + 1e-6;  // a little more than the distance that is compared with
+    const Box box = box_around(runs, (depth_mm + kSurface_mm) * kFar);
+    const std::size_t width = box.at_mm[0].size(), height = box.at_mm[1].size();
+    Bytes core(width * height * box.at_mm[2].size(), 0);
+    for (const VoxelComponents::Run& run : runs) {
+      const std::size_t row = run.begin / grid_.count(0),
+                        first = row * grid_.count(0) + box.from[0];
+      const std::size_t y = row % grid_.count(1) - box.from[1],
+                        z = row / grid_.count(1) - box.from[2];
+      const auto to = core.begin() + static_cast<std::ptrdiff_t>((z * height + y) * width);
+      std::fill(to + static_cast<std::ptrdiff_t>(run.begin - first),
+                to + static_cast<std::ptrdiff_t>(run.end - first), std::uint8_t{1});
+    }
     std::vector<float> apart2;
-    squared_distances(grid_.at_mm, core, apart2);
+    squared_distances(box.at_mm, core, apart2);
     double sum = 0, count = 0, shell_sum = 0, shell_count = 0;
-    for (std::size_t i = 0; i < core.size(); ++i) {
-      if (core[i] != 0) sum += double{hu_[i]}, count += 1;
-      if (material_[i] == 0 || apart2[i] > squared(depth_mm + kSurface_mm)) continue;
+    each_in(box, [&](std::size_t here, std::size_t i) {
+      if (core[here] != 0) sum += double{hu_[i]}, count += 1;
+      if (material_[i] == 0 || apart2[here] > squared(depth_mm + kSurface_mm)) return;
       taken[i] = 1;
       if (depth2_[i] <= squared(kSurface_mm)) shell_sum += double{hu_[i]}, shell_count += 1;
-    }
+    });
     if (shell_count == 0) return;
     const double mean = sum / count;
     const bool is_soft = mean < kMaxSoft_HU && shell_sum / shell_count < mean;
-    for (std::size_t i = 0; i < core.size(); ++i) {
-      if (material_[i] == 0) continue;
-      const auto apart = static_cast<float>(std::sqrt(double{apart2[i]}) - depth_mm);
-      if (!(apart < nearest_[i])) continue;
+    each_in(box, [&](std::size_t here, std::size_t i) {
+      if (material_[i] == 0) return;
+      const auto apart = static_cast<float>(std::sqrt(double{apart2[here]}) - depth_mm);
+      if (!(apart < nearest_[i])) return;
       nearest_[i] = apart;
       out_.limit_HU[i] = static_cast<std::uint16_t>(is_soft ? mean + kSpread_HU : 0);
-    }
+    });
     if (!is_soft) return;
     out_.low_HU = out_.count == 0 ? mean : std::min(out_.low_HU, mean);
     out_.high_HU = std::max(out_.high_HU, mean);

@@ -55,7 +55,7 @@ struct SoftRegions {
   bool touches_bone = false;       ///< a region is connected with other material
 };
 
-/// O(blocks * regions of at least 0.3 ml).
+/// O(blocks + those in the boxes of the regions of at least 0.3 ml).
 SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
 
 }  // namespace trocar::pipeline

@@ -116,23 +116,70 @@ std::size_t column_axis(const SliceStack& stack) {
   return out;
 }
 
-// Step 2 of solid_bone.h. Returns the canals.
-std::vector<Canal> fill(const VoxelGrid& grid, std::size_t column, bool is_hu,
-                        const SolidOptions& options, const Bytes& flags, Bytes& material) {
-  // The lower two bits count the directions in which the voxel is enclosed; the others are
-  // CanalFlags.
-  constexpr std::uint8_t kTimes = 3;
-  Bytes state(grid.size(), 0);
+// A box of voxels: along each axis from a first one to before the last.
+struct Box {
+  std::array<std::size_t, 3> from{}, to{};
+  VoxelGrid grid;
+  std::size_t row(const VoxelGrid& whole, std::size_t y, std::size_t z) const {
+    return ((from[2] + z) * whole.count(1) + from[1] + y) * whole.count(0) + from[0];
+  }
+};
+
+// The box of the material with a margin that is wider than margin_mm, as far as the grid goes.
+Box box_of(const VoxelGrid& grid, const Bytes& material, double margin_mm) {
+  Box out{{grid.count(0), grid.count(1), grid.count(2)}, {0, 0, 0}, {}};
+  const auto take = [&out](std::size_t axis, std::size_t first, std::size_t last) {
+    out.from[axis] = std::min(out.from[axis], first);
+    out.to[axis] = std::max(out.to[axis], last + 1);
+  };
+  const auto nx = static_cast<std::ptrdiff_t>(grid.count(0));
+  for (std::size_t row = 0; row < grid.count(1) * grid.count(2); ++row) {
+    const auto begin = material.begin() + static_cast<std::ptrdiff_t>(row) * nx, end = begin + nx;
+    const auto first = std::find(begin, end, 1);
+    if (first == end) continue;
+    const auto last =
+        std::find(std::make_reverse_iterator(end), std::make_reverse_iterator(first), 1).base() - 1;
+    take(0, static_cast<std::size_t>(first - begin), static_cast<std::size_t>(last - begin));
+    take(1, row % grid.count(1), row % grid.count(1));
+    take(2, row / grid.count(1), row / grid.count(1));
+  }
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const VoxelPlanes planes(grid, axis);
+    const std::vector<double>& at = grid.at_mm[axis];
+    std::size_t &from = out.from[axis], &to = out.to[axis];
+    if (to == 0) return {};
+    const double low = at[from] - margin_mm, high = at[to - 1] + margin_mm;
+    while (from > 0 && at[from] >= low)
+      --from;
+    while (to < at.size() && at[to - 1] <= high)
+      ++to;
+    out.grid.at_mm[axis].assign(at.begin() + static_cast<std::ptrdiff_t>(from),
+                                at.begin() + static_cast<std::ptrdiff_t>(to));
+  }
+  return out;
+}
+
+// The number of directions in which each voxel is enclosed, in the lower two bits, and the given
+// CanalFlags. Nothing outside the material's box is enclosed.
+Bytes enclosed_voxels(const VoxelGrid& grid, std::size_t column, const SolidOptions& options,
+                      const Bytes& material) {
+  Bytes out(grid.size(), kWide);
+  const Box box = box_of(grid, material, std::max(options.close_mm, kCanalDisc_mm) * (1 + 1e-5));
+  Bytes inner(box.grid.size()), state(box.grid.size(), 0);
+  const std::size_t nx = box.grid.count(0), ny = box.grid.count(1), nz = box.grid.count(2);
+  for (std::size_t z = 0; z < nz; ++z)
+    for (std::size_t y = 0; y < ny; ++y)
+      std::copy_n(&material[box.row(grid, y, z)], nx, &inner[(z * ny + y) * nx]);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const VoxelPlanes planes(box.grid, axis);
     const PlaneGrid plane_grid = planes.plane();
     parallel_for(static_cast<int>(planes.count()), [&](int plane) {
       thread_local Bytes solid, enclosed;
       thread_local std::vector<float> apart2;
       solid.resize(plane_grid.size());
       const auto here = static_cast<std::size_t>(plane);
-      planes.each(here, [&](std::size_t i, std::size_t voxel) { solid[i] = material[voxel]; });
-      find_enclosed(plane_grid, solid, options.close_mm, *options.fill_mm2, enclosed, &apart2);
+      planes.each(here, [&](std::size_t i, std::size_t voxel) { solid[i] = inner[voxel]; });
+      find_enclosed(plane_grid, solid, options.close_mm, *options.fill_mm2, enclosed, kCanalDisc_mm,
+                    axis == column ? &apart2 : nullptr);
       planes.each(here, [&](std::size_t i, std::size_t voxel) {
         state[voxel] += enclosed[i];
         if (axis != column) return;
@@ -143,6 +190,17 @@ std::vector<Canal> fill(const VoxelGrid& grid, std::size_t column, bool is_hu,
       });
     });
   }
+  for (std::size_t z = 0; z < nz; ++z)
+    for (std::size_t y = 0; y < ny; ++y)
+      std::copy_n(&state[(z * ny + y) * nx], nx, &out[box.row(grid, y, z)]);
+  return out;
+}
+
+// Step 2 of solid_bone.h. Returns the canals.
+std::vector<Canal> fill(const VoxelGrid& grid, std::size_t column, bool is_hu,
+                        const SolidOptions& options, const Bytes& flags, Bytes& material) {
+  constexpr std::uint8_t kTimes = 3;
+  Bytes state = enclosed_voxels(grid, column, options, material);
   std::vector<Canal> canals = find_canals(
       VoxelPlanes(grid, column), material,
       is_hu ? std::span<const std::uint8_t>(flags) : std::span<const std::uint8_t>(), state);
@@ -307,7 +365,8 @@ Bytes difference(const Bytes& of, const Bytes& without) {
 }  // namespace
 
 Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& segmentation,
-                                  std::optional<SliceAxis> axis, const SolidOptions& options) {
+                                  std::optional<SliceAxis> axis, const SolidOptions& options,
+                                  const ScannerTable* table) {
   const auto grid = grid_of(stack);
   if (!grid) return grid.error();
   const bool is_hu = has_hu(stack, segmentation);
@@ -319,6 +378,11 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   std::transform(flags->begin(), flags->end(), material.begin(), [](std::uint8_t f) {
     return static_cast<std::uint8_t>((f & kMaterial) != 0 ? 1 : 0);
   });
+  if (table != nullptr) {
+    for (const ScannerTable::Run& run : table->runs())
+      std::fill(material.begin() + static_cast<std::ptrdiff_t>(run.begin),
+                material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
+  }
   const Bytes before = material;
   SolidBone out;
 
@@ -381,24 +445,19 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
 }
 
 std::optional<double> SolidBone::apply(int slice, int offset_x, int offset_y, Field& field) const {
-  Image& image = field.image;
+  const Image& image = field.image;
   double sum = 0;
   std::size_t count = 0;
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
-      float& value = image.values[static_cast<std::size_t>(y) * image.width + x];
+      const std::size_t pixel = static_cast<std::size_t>(y) * image.width + x;
+      const float value = image.values[pixel];
       const bool wanted = inside(slice, x + offset_x, y + offset_y);
       if (wanted) {
         sum += static_cast<double>(value);
         ++count;
       }
-      if ((value >= field.iso) == wanted) continue;
-      if (field.changed.empty()) field.changed.resize(image.values.size(), 0);
-      field.changed[static_cast<std::size_t>(y) * image.width + x] = 1;
-      const float mirrored = 2 * field.iso - value;
-      // A value equal to the iso-value, or to it after rounding, moves by the smallest step.
-      const float nearest = std::nextafter(field.iso, -std::numeric_limits<float>::infinity());
-      value = wanted ? std::max(mirrored, field.iso) : std::min(mirrored, nearest);
+      if ((value >= field.iso) != wanted) put_on_side(field, pixel, wanted);
     }
   }
   if (count == 0) return std::nullopt;

@@ -3,7 +3,7 @@
 // interior filled, and reduced to the wanted components. It is a volume of the whole scan (one byte
 // for each voxel), so that a slice's material does not depend on which slices are meshed.
 //
-// The steps follow in this order. A step whose option is not given is left out.
+// A table (scanner_table.h) is left out first. The steps follow in this order. A step whose option is not given is left out.
 //  1. min_volume: components of less volume are dropped. This precedes filling, because specks
 //     would close gaps.
 //     With `column`, soft tissue above the threshold (soft_regions.h) is dropped next.
@@ -28,6 +28,7 @@
 
 #include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/segment/scanner_table.h"
 #include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
@@ -62,7 +63,8 @@ class SolidBone {
   /// are not parallel or not in ascending order, a mask on another grid, a seed that is not near
   /// any material, no canal with `column`, nothing left. O(voxels log voxels) with seeds, else O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
-                                std::optional<SliceAxis> axis, const SolidOptions& options);
+                                std::optional<SliceAxis> axis, const SolidOptions& options,
+                                const ScannerTable* table = nullptr);
 
   /// Whether the pixel, counted in the whole slice, is material.
   bool inside(int slice, int x, int y) const {

@@ -256,6 +256,7 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
       return;
     }
     Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
+    if (options.table != nullptr) options.table->remove(first + k, crop.x0, crop.y0, field);
     if (options.solid != nullptr) {
       const std::vector<float> own = is_one_of_several ? field.image.values : std::vector<float>();
       options.solid->apply(first + k, crop.x0, crop.y0, field);

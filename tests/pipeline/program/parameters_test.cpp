@@ -76,6 +76,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
       {"fill", {json::object(), "all"}},
       {"min-volume", {json::object(), 9}},
       {"keep", {{{"fill", "all"}}, "column"}},
+      {"keep-table", {json::object(), true}},
       {"largest", {json::object(), 2}},
       {"seed", {json::object(), "1,2,3"}},
       {"mask", {json::object(), "m.nii:3"}},

@@ -132,6 +132,27 @@ TEST(PlaneFlood, EnclosedIsWhatItsDefinitionSays) {
   EXPECT_GT(found, 1000);
 }
 
+TEST(PlaneFlood, DistancesOfAFloodAreRightAsFarAsTheyAreAskedFor) {
+  std::mt19937_64 random(3);
+  for (int run = 0; run < 200; ++run) {
+    const Case c = random_case(random, 0.1);
+    // Above some radius the flood measures by envelopes.
+    const double radius = run % 4 == 0 ? 200 : std::uniform_real_distribution<double>(0, 4)(random);
+    const double near_mm = std::uniform_real_distribution<double>(0, 6)(random);
+    Bytes enclosed;
+    std::vector<float> squared;
+    find_enclosed(c.grid(), c.solid, radius, 1e9, enclosed, near_mm, &squared);
+    for (std::size_t i = 0; i < squared.size(); ++i) {
+      const double expected = nearest2(c, c.solid, i);
+      if (expected <= near_mm * near_mm) {
+        ASSERT_NEAR(squared[i], expected, 1e-6 * (1 + expected));
+      } else {
+        ASSERT_GT(squared[i], near_mm * near_mm);
+      }
+    }
+  }
+}
+
 // A square ring with a gap: closed by discs wider than the gap only, whatever the inside's size.
 TEST(PlaneFlood, AGapIsClosedByADiscThatDoesNotPassIt) {
   Case c;
