@@ -161,6 +161,7 @@ TEST(ScannerTable, ATableOnAnySideIsLeftOut) {
   expect_removed(found_in(trunk(20), table(-125)));  // prone in an image of the supine patient
   const auto turned = [](const std::vector<Thing>& things) {
     std::vector<Thing> out;
+    out.reserve(things.size());
     for (const Thing& thing : things)
       out.push_back([thing](double x, double y, double z) { return thing(y, x, z); });
     return out;
