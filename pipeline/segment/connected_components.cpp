@@ -13,6 +13,18 @@ double VoxelGrid::width_mm(std::size_t axis, std::size_t i) const {
   return (at[b] - at[a]) / static_cast<double>(b - a);
 }
 
+VoxelGrid grid_of(const SliceStack& stack) {
+  VoxelGrid grid;
+  const SlicePlane& first = stack.plane(0);
+  for (int x = 0; x < stack.width(); ++x)
+    grid.at_mm[0].push_back(x * first.spacing_u_mm);
+  for (int y = 0; y < stack.height(); ++y)
+    grid.at_mm[1].push_back(y * first.spacing_v_mm);
+  for (int k = 0; k < stack.size(); ++k)
+    grid.at_mm[2].push_back(stack.plane(k).z_mm);
+  return grid;
+}
+
 VoxelComponents find_components(const VoxelGrid& grid, std::span<const std::uint8_t> voxels) {
   const std::size_t nx = grid.count(0), ny = grid.count(1), nz = grid.count(2);
   VoxelComponents out;

@@ -7,6 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "pipeline/read/slice_stack.h"
+
 namespace trocar::pipeline {
 
 /// The grid of a volume: the positions of the voxels' centres along each axis in mm, ascending. It
@@ -19,6 +21,10 @@ struct VoxelGrid {
   /// the only neighbour.
   double width_mm(std::size_t axis, std::size_t i) const;
 };
+
+/// The grid of a scan whose slices are parallel and in ascending order (check_parallel()). Its origin is the
+/// centre of the first pixel of the first slice.
+VoxelGrid grid_of(const SliceStack& stack);
 
 /// Components connected by faces, edges or corners, as runs of voxels along x. Component c has the
 /// volume volume_mm3[c].

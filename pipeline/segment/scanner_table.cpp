@@ -362,20 +362,13 @@ std::optional<ScannerTable> ScannerTable::find(const SliceStack& stack, const Se
   const Bytes section = find_section(stack, blocks, threshold);
   if (section.empty()) return std::nullopt;
 
-  VoxelGrid grid;
-  const SlicePlane& plane = stack.plane(0);
-  for (int x = 0; x < stack.width(); ++x)
-    grid.at_mm[0].push_back(x * plane.spacing_u_mm);
-  for (int y = 0; y < stack.height(); ++y)
-    grid.at_mm[1].push_back(y * plane.spacing_v_mm);
-  for (int k = 0; k < stack.size(); ++k)
-    grid.at_mm[2].push_back(stack.plane(k).z_mm);
+  const VoxelGrid grid = grid_of(stack);
   const std::size_t pixels = grid.count(0) * grid.count(1);
   Bytes flags(grid.size(), 0);
   parallel_for(stack.size(), [&](int k) {
     const auto image = stack.read(k);
     if (image)
-      SliceFlags(*image, threshold, plane)
+      SliceFlags(*image, threshold, stack.plane(0))
           .run(blocks, section, &flags[static_cast<std::size_t>(k) * pixels]);
   });
 

@@ -26,23 +26,6 @@ using Bytes = std::vector<std::uint8_t>;
 
 enum VoxelFlag : std::uint8_t { kMaterial = 1, kFillable = 2 };
 
-Result<VoxelGrid> grid_of(const SliceStack& stack) {
-  if (auto ok = check_parallel(stack, 0, stack.size() - 1,
-                               "without --close, --fill, --min-volume, --largest, --seed and "
-                               "--mask each slice is meshed for itself");
-      !ok)
-    return ok.error();
-  VoxelGrid grid;
-  const SlicePlane& first = stack.plane(0);
-  for (int x = 0; x < stack.width(); ++x)
-    grid.at_mm[0].push_back(x * first.spacing_u_mm);
-  for (int y = 0; y < stack.height(); ++y)
-    grid.at_mm[1].push_back(y * first.spacing_v_mm);
-  for (int k = 0; k < stack.size(); ++k)
-    grid.at_mm[2].push_back(stack.plane(k).z_mm);
-  return grid;
-}
-
 bool has_hu(const SliceStack& stack, const Segmentation& how) {
   return stack.pixel_unit() == PixelUnit::kHounsfield && std::holds_alternative<Threshold>(how);
 }
@@ -367,14 +350,18 @@ Bytes difference(const Bytes& of, const Bytes& without) {
 Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& segmentation,
                                   std::optional<SliceAxis> axis, const SolidOptions& options,
                                   const ScannerTable* table) {
-  const auto grid = grid_of(stack);
-  if (!grid) return grid.error();
+  if (auto ok = check_parallel(stack, 0, stack.size() - 1,
+                               "without --close, --fill, --min-volume, --largest, --seed and "
+                               "--mask each slice is meshed for itself");
+      !ok)
+    return ok.error();
+  const VoxelGrid grid = grid_of(stack);
   const bool is_hu = has_hu(stack, segmentation);
   std::optional<BlockMeans> means;
-  if (is_hu && options.fill_mm2) means.emplace(*grid);
-  auto flags = segmented(stack, segmentation, *grid, means ? &*means : nullptr);
+  if (is_hu && options.fill_mm2) means.emplace(grid);
+  auto flags = segmented(stack, segmentation, grid, means ? &*means : nullptr);
   if (!flags) return flags.error();
-  Bytes material(grid->size());
+  Bytes material(grid.size());
   std::transform(flags->begin(), flags->end(), material.begin(), [](std::uint8_t f) {
     return static_cast<std::uint8_t>((f & kMaterial) != 0 ? 1 : 0);
   });
@@ -388,7 +375,7 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
 
   const auto drop_specks = [&] {
     if (options.min_volume_mm3 > 0) {
-      keep_components(*grid, material,
+      keep_components(grid, material,
                       [&](std::uint32_t, double mm3) { return mm3 >= options.min_volume_mm3; });
     }
   };
@@ -399,7 +386,7 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
     if (soft.count > 0) {
       out.warnings_.push_back(contrast_warning(stack, soft, options.column));
       if (options.column) {
-        drop_soft(*grid, *means, soft, *flags, material);
+        drop_soft(grid, *means, soft, *flags, material);
         drop_specks();
       }
     }
@@ -407,24 +394,24 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   }
   if (options.fill_mm2) {
     const std::size_t column = column_axis(stack);
-    const std::vector<Canal> canals = fill(*grid, column, is_hu, options, *flags, material);
+    const std::vector<Canal> canals = fill(grid, column, is_hu, options, *flags, material);
     if (options.column && canals.empty())
       return refused(
           input_name(stack) +
           ": no spinal canal found, a soft tunnel in a ring of bone; --keep column needs "
           "one, --seed and --mask do not");
-    if (options.column) keep_column(VoxelPlanes(*grid, column), canals.front(), material);
+    if (options.column) keep_column(VoxelPlanes(grid, column), canals.front(), material);
   }
   *flags = {};
   if (!options.mask_file.empty()) {
-    if (auto ok = keep_near_mask(stack, *grid, axis, options, material); !ok) return ok.error();
+    if (auto ok = keep_near_mask(stack, grid, axis, options, material); !ok) return ok.error();
   }
   if (!options.seeds_lps_mm.empty()) {
-    const auto seeds = seed_voxels(stack, *grid, options, material);
+    const auto seeds = seed_voxels(stack, grid, options, material);
     if (!seeds) return seeds.error();
-    keep_nearest_to_first(*grid, *seeds, material);
+    keep_nearest_to_first(grid, *seeds, material);
   }
-  if (options.largest > 0) keep_largest(*grid, material, options.largest);
+  if (options.largest > 0) keep_largest(grid, material, options.largest);
 
   const auto holds_any = [](const Bytes& voxels) {
     return std::find(voxels.begin(), voxels.end(), 1) != voxels.end();
@@ -433,13 +420,13 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
     return refused(std::string(options.mask_file.empty()    ? "--min-volume leaves"
                                : options.min_volume_mm3 > 0 ? "--min-volume and --mask leave"
                                                             : "--mask leaves") +
-                   " none of the " + std::to_string(std::lround(volume_mm3(*grid, before))) +
+                   " none of the " + std::to_string(std::lround(volume_mm3(grid, before))) +
                    " mm^3 of material");
 
   out.width_ = stack.width();
   out.height_ = stack.height();
-  out.filled_mm3_ = volume_mm3(*grid, difference(material, before));
-  out.dropped_mm3_ = volume_mm3(*grid, difference(before, material));
+  out.filled_mm3_ = volume_mm3(grid, difference(material, before));
+  out.dropped_mm3_ = volume_mm3(grid, difference(before, material));
   out.material_ = std::move(material);
   return out;
 }

@@ -21,8 +21,9 @@ class RefinementQueue {
   };
 
   void clear() {
-    for (Entry rest{}; pop(rest, [](const Entry& /*entry*/) { return false; });) {
-    }
+    for (std::vector<Entry>& bucket : buckets_)
+      bucket.clear();
+    used_ = {};
   }
 
   /// `shortest2` is the squared length of the shortest edge, from 1 to below 2^64.
