@@ -8,6 +8,7 @@
 #include <cmath>
 #include <random>
 
+#include "pipeline/segment/soft_regions.h"
 #include "pipeline/segment/solid_bone.h"
 
 namespace trocar::pipeline {
@@ -231,6 +232,41 @@ TEST(Canals, PackedValuesAreTrueToHalfAStep) {
   }
   EXPECT_GT(unpacked_hu(packed_hu(3000)), 550);
   EXPECT_LT(unpacked_hu(packed_hu(-1000)), -190);
+}
+
+// The search of a region is confined to a box around its core, which must hold all that is near it.
+TEST(SoftRegions, AFadingBallIsSoftUpToItsSurface) {
+  constexpr int kBlocks = 40;
+  constexpr double kRadius_mm = 24, kRim_mm = 6;
+  VoxelGrid grid;
+  for (std::vector<double>& at_mm : grid.at_mm)
+    for (int i = 0; i < kBlocks; ++i)
+      at_mm.push_back(kBlock_mm * i);
+  BlockMeans means(grid);
+  std::vector<std::size_t> ball;
+  for (int z = 0; z < kBlocks; ++z) {
+    Image image{kBlocks, kBlocks, {}};
+    for (int y = 0; y < kBlocks; ++y) {
+      for (int x = 0; x < kBlocks; ++x) {
+        const double middle = (kBlocks - 1) / 2.0;
+        const double r_mm = kBlock_mm * std::hypot(x - middle, y - middle, z - middle);
+        if (r_mm < kRadius_mm)
+          ball.push_back(means.block(static_cast<std::size_t>(x), static_cast<std::size_t>(y),
+                                     static_cast<std::size_t>(z)));
+        image.values.push_back(r_mm >= kRadius_mm            ? 40.0F
+                               : r_mm > kRadius_mm - kRim_mm ? 270.0F
+                                                             : 330.0F);
+      }
+    }
+    means.add(static_cast<std::size_t>(z), image);
+  }
+  means.finish();
+  const SoftRegions soft = find_soft_regions(means, 226);
+  EXPECT_EQ(soft.count, 1);
+  std::size_t missed = 0;
+  for (const std::size_t block : ball)
+    missed += soft.limit_HU[block] == 0 ? 1 : 0;
+  EXPECT_EQ(missed, 0U) << "of " << ball.size();
 }
 
 }  // namespace

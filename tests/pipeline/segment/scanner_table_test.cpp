@@ -228,6 +228,36 @@ TEST(ScannerTable, APlateInAFewSlicesIsNoTable) {
   expect_kept(found_in(trunk(), {within(-50, 0, box(-180, 180, 105, 109, kShell))}));
 }
 
+TEST(ScannerTable, APlateThatIsNarrowerThanATableStays) {
+  expect_kept(found_in(trunk(), {box(-60, 60, 105, 109, kShell)}));
+  expect_removed(found_in(trunk(), {box(-90, 90, 105, 109, kShell)}));
+}
+
+TEST(ScannerTable, ACropRemovesTheSamePixels) {
+  const PhantomStack stack(trunk() + table(105));
+  const auto found = ScannerTable::find(stack, Threshold{226});
+  ASSERT_TRUE(found);
+  MaterialOptions options;
+  options.segmentation = Threshold{226};
+  options.table = &*found;
+  const Image image = *stack.read(7);
+  const Image whole = slice_field(stack, 7, options, image).field.image;
+  constexpr Crop kCrop{30, 169, 40, 149};
+  options.crop = kCrop;
+  Image cropped{kCrop.x1 - kCrop.x0 + 1, kCrop.y1 - kCrop.y0 + 1, {}};
+  std::size_t removed = 0;
+  std::vector<float> expected;
+  for (int y = kCrop.y0; y <= kCrop.y1; ++y) {
+    for (int x = kCrop.x0; x <= kCrop.x1; ++x) {
+      cropped.values.push_back(image.at(x, y));
+      expected.push_back(whole.at(x, y));
+      removed += whole.at(x, y) != image.at(x, y) ? 1 : 0;
+    }
+  }
+  EXPECT_GT(removed, 100U);
+  EXPECT_EQ(slice_field(stack, 7, options, cropped).field.image.values, expected);
+}
+
 TEST(ScannerTable, OnlyAThresholdOfAxialSlicesIsSearched) {
   const std::vector<Thing> things = trunk() + table(105);
   EXPECT_TRUE(ScannerTable::find(PhantomStack(things), Threshold{226}));
