@@ -8,6 +8,9 @@
 namespace trocar::runtime {
 namespace {
 
+// A slab's ends exceed its own and its neighbour's strength by at most this fraction of its own.
+constexpr double kBeyondNeighbours = 0.05;
+
 bool touches(const CuttingSlab& slab, const BodyShell& shell) {
   return shell.top_m < slab.bottom_m && shell.top_m + shell.thickness_m > slab.top_m;
 }
@@ -46,14 +49,19 @@ void insert(const BodyShell& shell, std::vector<CuttingSlab>& slabs) {
 std::array<double, 2> strength_ends(double strength_N, double above_N, double above_gap_m,
                                     double below_N, double below_gap_m,
                                     double thickness_m) noexcept {
-  const double span_m = above_gap_m + below_gap_m;
-  if (!(span_m > 0)) return {strength_N, strength_N};
-  const double slope =
-      ((below_gap_m > 0 ? below_N : strength_N) - (above_gap_m > 0 ? above_N : strength_N)) /
-      span_m;
-  // The slab's mean is its slice's also where the slice is not in its middle.
-  const double change = std::clamp(slope * thickness_m / 2, -strength_N, strength_N);
-  return {strength_N - change, strength_N + change};
+  if (!(above_gap_m > 0 && below_gap_m > 0)) return {strength_N, strength_N};
+  // A slab's mean is its slice's also where the slice is not in its middle.
+  const double line_N = (below_N - above_N) / (above_gap_m + below_gap_m) * thickness_m / 2,
+               beyond_N = kBeyondNeighbours * strength_N;
+  const auto limited = [&](double end_N, double neighbour_N) {
+    return std::clamp(end_N, std::min(strength_N, neighbour_N) - beyond_N,
+                      std::max(strength_N, neighbour_N) + beyond_N) -
+           strength_N;
+  };
+  const double down_N = limited(strength_N + line_N, below_N),
+               up_N = -limited(strength_N - line_N, above_N);
+  const double change_N = std::abs(down_N) < std::abs(up_N) ? down_N : up_N;
+  return {strength_N - change_N, strength_N + change_N};
 }
 
 std::vector<CuttingSlab> make_slabs(std::span<const BodySlice> slices,

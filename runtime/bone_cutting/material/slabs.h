@@ -6,7 +6,10 @@
 // Contract (tests/runtime/bone_cutting/material/slabs_test.cpp):
 //  1. The slabs cover the volume without gaps, from half a spacing above the first slice to half a spacing
 //     below the last. A slab's mean strength is its slice's. Its slope is that of the line through its
-//     neighbours, reduced where the strength would become negative.
+//     neighbours, limited so that each end lies between the slab's own strength and that of the neighbour on that
+//     side, or at most 5 % of its own strength beyond (a slope limiter: B. van Leer, J. Comput. Phys. 23, 1977).
+//     So a thin cortex beside soft bone causes neither a peak nor a dip that the slices do not have, and a smooth
+//     texture keeps its peaks. The first and the last slab are constant.
 //  2. A shell replaces what it covers. Slices whose slab it touches contain part of the shell in their mean,
 //     so they are ignored: the strength of the nearest slab that the shell does not touch is used.
 #pragma once
@@ -29,8 +32,8 @@ struct BodyShell {
   double top_m = 0, thickness_m = 0, strength_N = 0;  ///< top_m: depth
 };
 
-/// The strength at the top and the bottom of a slab, along the line through its neighbours. A neighbour with
-/// gap 0 does not exist. Never negative.
+/// The strength at the top and the bottom of a slab (contract 1). A neighbour with gap 0 does not exist. Never
+/// negative.
 std::array<double, 2> strength_ends(double strength_N, double above_N, double above_gap_m,
                                     double below_N, double below_gap_m,
                                     double thickness_m) noexcept;

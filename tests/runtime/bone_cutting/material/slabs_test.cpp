@@ -51,8 +51,30 @@ TEST(Slabs, CoverTheBodyAndKeepMeans) {
     EXPECT_GE(slabs[i].strength_bottom_N, 0);
     EXPECT_DOUBLE_EQ(slabs[i].clearance_m, 1e-5);
   }
-  EXPECT_DOUBLE_EQ(slabs[0].strength_bottom_N, 15);  // slope 10 N/mm
-  EXPECT_DOUBLE_EQ(slabs[2].strength_bottom_N, 0);
+  EXPECT_DOUBLE_EQ(slabs[0].strength_bottom_N, 10) << "the first slab is constant";
+  // The line through its neighbours falls by 4.5 N over its 1.5 mm; 21 N is 5 % above the largest.
+  EXPECT_DOUBLE_EQ(slabs[1].strength_top_N, 21);
+  EXPECT_DOUBLE_EQ(slabs[1].strength_bottom_N, 19);
+  EXPECT_DOUBLE_EQ(slabs[2].strength_bottom_N, 1) << "the last slab is constant";
+}
+
+// The slope is that of the neighbours' line unless an end would exceed both its own and the neighbour's
+// strength by more than 5 % of its own.
+TEST(Slabs, TheSlopeIsLimitedByTheNeighbours) {
+  const auto slope = [](double above_N, double own_N, double below_N) {
+    const auto [top_N, bottom_N] = strength_ends(own_N, above_N, 1e-3, below_N, 1e-3, 1e-3);
+    EXPECT_DOUBLE_EQ((top_N + bottom_N) / 2, own_N);
+    EXPECT_GE(std::min(top_N, bottom_N), 0);
+    return bottom_N - top_N;
+  };
+  EXPECT_DOUBLE_EQ(slope(10, 20, 30), 10) << "a straight line is kept";
+  EXPECT_DOUBLE_EQ(slope(30, 20, 10), -10);
+  EXPECT_DOUBLE_EQ(slope(10, 12, 40), 2 * (2 + 0.6)) << "the top is at least 0.95 of 12 below 10";
+  EXPECT_DOUBLE_EQ(slope(40, 12, 10), -2 * (2 + 0.6));
+  EXPECT_DOUBLE_EQ(slope(10, 38, 40), 2 * (2 + 1.9));
+  EXPECT_DOUBLE_EQ(slope(10, 40, 12), 1) << "a symmetrical peak has the slope of the line";
+  EXPECT_DOUBLE_EQ(slope(10, 40, 38), 2 * 2) << "a peak: at most 5 % above it";
+  EXPECT_DOUBLE_EQ(slope(0, 0, 40), 0) << "no strength, no slope";
 }
 
 TEST(Slabs, RefusesDisorder) {
