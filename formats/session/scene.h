@@ -78,6 +78,9 @@ struct Tissue {
   ShaftTissue shaft;
   /// If absent, stiffness and threshold apply to the scene's tool, even with the law `cutting`.
   std::optional<CutTissue> cut;
+  /// The scene states stiffness_N_per_m. If it does not, the law `cutting` computes the stiffness of the tip in
+  /// bone from the bone's modulus.
+  bool stiffness_is_given = false;
   friend bool operator==(const Tissue&, const Tissue&) = default;
 };
 

@@ -50,7 +50,8 @@ void read_labels(StrictObject& object, std::vector<int>& labels) {
 }  // namespace
 
 void read_tissue(StrictObject& object, Tissue& tissue) {
-  object.read("stiffness_N_per_m", tissue.stiffness_N_per_m, 1.0, 1e5);
+  tissue.stiffness_is_given = object.has("stiffness_N_per_m");
+  object.read("stiffness_N_per_m", tissue.stiffness_N_per_m, 1.0, 1e7);
   object.read("threshold_N", tissue.threshold_N, 0.01, 1000.0);
   object.read("damping_N_s_per_m", tissue.damping_N_s_per_m, 0.0, 1000.0);
   object.section("shaft", [&](StrictObject& shaft) { read_shaft(shaft, tissue.shaft); });

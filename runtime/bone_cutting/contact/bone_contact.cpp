@@ -166,6 +166,7 @@ class BoneContactTick {
                            below ? sheets_[i]->z_m - sheets_[i + 1]->z_m : 0,
                            sheet.bottom_m - sheet.top_m);
     }
+    const double shell_N = sheet.shell_factor * N;
     const bool has_shell = bone_.shell_m > 0 && own.is_presented;
     const double above_m = has_shell ? material_above_m(i) : 0,
                  below_m = has_shell ? material_below_m(i) : 0;
@@ -179,11 +180,13 @@ class BoneContactTick {
       const bool is_shell =
           has_shell && (above_m + down_m + length_m <= bone_.shell_m + kRounding_m ||
                         below_m + up_m + length_m <= bone_.shell_m + kRounding_m);
-      slab.friction_N_per_m = own.grip * bone_.slabs[k].friction_N_per_m;
+      const double nominal = bone_.slabs[k].friction_N_per_m;
+      slab.friction_N_per_m =
+          own.grip * (own.has_hu ? sheet.friction_N_per_m(own.hu, nominal) : nominal);
       slab.viscous_N_s_per_m2 = own.grip * bone_.slabs[k].viscous_N_s_per_m2;
-      slab.strength_top_N = own.share * (is_shell ? sheet.shell_N : ends[0] + slope * down_m);
+      slab.strength_top_N = own.share * (is_shell ? shell_N : ends[0] + slope * down_m);
       slab.strength_bottom_N =
-          own.share * (is_shell ? sheet.shell_N : ends[0] + slope * (down_m + length_m));
+          own.share * (is_shell ? shell_N : ends[0] + slope * (down_m + length_m));
     }
     // When the tool reaches a sheet from the side, the admissible region is needed in the same tick.
     if (own.is_beside && sheet.bottom_m > sheet.top_m) find_free(i, kNewRegion_m);

@@ -15,6 +15,11 @@ constexpr double kSheetHole_m = 1e-3;
 // So strong that nothing of a session breaks it.
 constexpr double kUnbreakable_N = 1e9;
 constexpr double kMinPart_m = 1e-6;
+// The elastic modulus of the tip's contact is at least that of very sparse trabecular bone.
+constexpr double kMinModulus_MPa = 50;
+// Strength of bone whose HU show marrow alone: trabeculae are thinner than a voxel, and fat lowers the HU. It is
+// that of `kopperdahl-power` at 0.02 g/cm^3.
+constexpr double kMinStrength_MPa = 0.16;
 
 // The radius of the disc with the area of the tool's cross-section.
 double radius_of(const Tool& tool) {
@@ -65,7 +70,6 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
   if (tissue.cut) {
     const CutTissue& cut = *tissue.cut;
     out.pressure_over_yield = cut.pressure_over_yield;
-    out.friction_coefficient = cut.friction_coefficient;
     CutMaterial& material = out.material;
     material.tearing_N_per_m = cut.tearing_N_per_m;
     material.face_friction = cut.friction_coefficient;
@@ -76,16 +80,24 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
     if (cut.bone) {
       if (auto ok = set_bone(sheet, *cut.bone, out); !ok) return ok;
       material.strength_Pa = out.pressure_Pa(sheet.field->mean_hu());
+      if (!tissue.stiffness_is_given && !(material.modulus_Pa > 0))
+        material.modulus_Pa =
+            1e6 * std::max(kMinModulus_MPa,
+                           value_of(out.law->modulus_MPa,
+                                    density_of(out.calibration, sheet.field->mean_hu())));
     }
     material.friction_Pa =
         outline_share * (cut.friction_kPa * 1e3 + cut.friction_coefficient * material.strength_Pa);
     // A flat tip tears along its outline, others along their own edges.
     if (shape.half_angle_rad >= std::numbers::pi / 2) material.tearing_N_per_m *= outline_share;
-    out.nominal_N = tool_in_tissue(shape, material).strength_N;
-    if (cut.modulus_MPa > 0) out.tip_N_per_m = tool_in_tissue(shape, material).tip_N_per_m;
+    const ToolInTissue in = tool_in_tissue(shape, material);
+    if (material.friction_Pa > 0)
+      out.friction_N_per_m_Pa =
+          outline_share * cut.friction_coefficient * in.friction_N_per_m / material.friction_Pa;
+    out.nominal_N = in.strength_N;
+    if (material.modulus_Pa > 0) out.tip_N_per_m = tool_in_tissue(shape, material).tip_N_per_m;
   }
-  out.shell_N = shell_factor * (out.law != nullptr ? out.strength_N(shape, sheet.field->dense_hu())
-                                                   : out.nominal_N);
+  out.shell_factor = shell_factor;
   return {};
 }
 
@@ -146,7 +158,13 @@ void set_extent(std::span<const double> depth_m, std::size_t i, double spacing_m
 }  // namespace
 
 double BoneSheet::pressure_Pa(double hu) const noexcept {
-  return pressure_over_yield * 1e6 * value_of(*law->strength_MPa, density_of(calibration, hu));
+  return pressure_over_yield * 1e6 *
+         std::max(kMinStrength_MPa, value_of(*law->strength_MPa, density_of(calibration, hu)));
+}
+
+double BoneSheet::friction_N_per_m(double hu, double nominal_N_per_m) const noexcept {
+  if (law == nullptr) return nominal_N_per_m;
+  return nominal_N_per_m + friction_N_per_m_Pa * (pressure_Pa(hu) - material.strength_Pa);
 }
 
 double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_push) const noexcept {

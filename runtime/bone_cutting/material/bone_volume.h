@@ -36,13 +36,15 @@ inline constexpr std::size_t kMaxRememberedHoles = 32;
 
 /// A sheet's resistance to the tool at full coverage.
 struct BoneSheet {
-  double nominal_N = 0;  ///< strength of the front at the slice's mean HU
-  double shell_N = 0;    ///< strength of its cortical shell
+  double nominal_N = 0;     ///< strength of the front at the slice's mean HU
+  double shell_factor = 1;  ///< strength of its cortical shell over that of the bone under the tool
   double tip_N_per_m = 0;
   /// Law for the strength from HU; null: the material's strength holds throughout.
   const BoneLaw* law = nullptr;
   HuCalibration calibration;
-  double pressure_over_yield = 1, friction_coefficient = 0;
+  double pressure_over_yield = 1;
+  /// Friction of the shaft per embedded length and per pascal of the bone's strength under the tool, at full coverage.
+  double friction_N_per_m_Pa = 0;
   CutMaterial material;            ///< values at the slice's mean HU
   bool is_of_the_tool = false;     ///< nominal_N holds for the scene's tool, whatever its shape
   int first_slab = 0, slabs = 0;   ///< the sheet's slabs, from the top
@@ -51,6 +53,8 @@ struct BoneSheet {
 
   double pressure_Pa(
       double hu) const noexcept;  ///< pressure under a flat tip; `law` must not be null
+  /// Friction of the shaft per embedded length in bone of this HU, given `nominal_N_per_m` in bone of the slice's mean HU.
+  double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
   /// Strength of the front at an HU; `slice_push` as in tool_in_tissue().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
 };

@@ -211,12 +211,13 @@ TEST(BoneVolume, BoneHasTheStrengthOfItsHu) {
   const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
   // -0.75 + 24.9 * 8e-4 HU, in MPa, over 23.38 mm^2, and 100 N/m * 18 mm.
   const auto N = [](double hu) {
-    return std::max(0.0, -0.75 + 24.9 * 8e-4 * hu) * 1e6 * kHexagon_m2 + 1.8;
+    return std::max(0.16, -0.75 + 24.9 * 8e-4 * hu) * 1e6 * kHexagon_m2 + 1.8;
   };
   EXPECT_NEAR(body.sheets[0].nominal_N, N(200), 1e-9);
   EXPECT_NEAR(body.sheets[0].nominal_N, 75.6196 + 1.8, 1e-3);
   EXPECT_NEAR(body.sheets[1].nominal_N, N(400), 1e-9);
-  EXPECT_NEAR(body.sheets[2].nominal_N, 1.8, 1e-9) << "no strength below the law's root";
+  EXPECT_NEAR(body.sheets[2].nominal_N, 3.7412 + 1.8, 1e-3)
+      << "the least strength, below the law's root";
   for (const double hu : {-1000.0, 0.0, 38.0, 250.0, 1500.0})
     EXPECT_NEAR(body.sheets[0].strength_N(body.shape, hu), N(hu), 1e-9) << hu;
   EXPECT_TRUE(body.sheets[0].calibration.is_assumed);
@@ -226,24 +227,59 @@ TEST(BoneVolume, BoneHasTheStrengthOfItsHu) {
   EXPECT_FALSE(power.sheets[0].calibration.is_assumed);
 }
 
-TEST(BoneVolume, AShellHasTheStrengthOfTheCortexTimesItsFactor) {
+TEST(BoneVolume, AShellHasTheStrengthUnderTheToolTimesItsFactor) {
   Scene scene = body_scene(0, 2, 0.12);
   scene.body->shell_m = 1e-3;
   scene.body->shell_factor = 3;
-  EXPECT_NEAR(bone_volume_of(scene, square_asset(3)).sheets[0].shell_N, 105, 1e-9) << "of 35 N";
-  scene.tissue.cut = CutTissue{
-      std::nullopt, BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false}, 0, 1, 0, 0, 0, 0, 0};
-  // A rim of 1000 HU around 100 HU: the outline's is the cortex's.
-  Asset asset = spaced_asset(3, 1, {100, 100, 100});
-  for (AssetSlice& slice : asset.slices)
-    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v) {
-      const LatticePoint p = slice.mesh.vertices[v];
-      const double x_mm = p.x / 256.0 - 80, y_mm = p.y / 256.0 - 60;
-      if (std::max(std::abs(x_mm), std::abs(y_mm)) > 15) slice.hu[v] = 1000;
-    }
+  EXPECT_EQ(bone_volume_of(scene, square_asset(3)).sheets[0].shell_factor, 3);
+}
+
+// The shaft's friction follows the strength of the bone under the tool, as far as the friction coefficient
+// makes it, and is the nominal one at the slice's mean HU.
+TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
+  Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
+  scene.tissue.cut.emplace();
+  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut->friction_kPa = 20;
+  scene.tissue.cut->friction_coefficient = 0.05;
+  const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
+  constexpr double kOutline_m = 18e-3;
+  const auto friction = [&](double hu) {
+    const double strength_Pa = std::max(0.16, -0.75 + 24.9 * 8e-4 * hu) * 1e6;
+    return (20e3 + 0.05 * strength_Pa) * kOutline_m;
+  };
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double nominal = body.slabs[i].friction_N_per_m;
+    EXPECT_NEAR(nominal, friction((std::array{200.0, 400.0, 20.0})[i]), 1e-6) << i;
+    for (const double hu : {-100.0, 150.0, 900.0})
+      EXPECT_NEAR(body.sheets[i].friction_N_per_m(hu, nominal), friction(hu), 1e-6) << i << hu;
+  }
+  scene.tissue.cut->friction_coefficient = 0;
+  const BoneVolume constant = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
+  EXPECT_EQ(constant.sheets[0].friction_N_per_m(900, 360), 360) << "20 kPa alone";
+}
+
+// A tissue that states no stiffness has a tip as stiff as its bone; one that states it keeps it.
+TEST(BoneVolume, TheTipsStiffnessIsTheBonesUnlessItIsStated) {
+  Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
+  scene.tissue.cut.emplace();
+  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  const Asset asset = spaced_asset(3, 1, {200, 400, -500});
   const BoneVolume body = bone_volume_of(scene, asset);
-  EXPECT_NEAR(body.sheets[0].shell_N, 3 * (-0.75 + 24.9 * 0.8) * 1e6 * kHexagon_m2, 1e-6);
-  EXPECT_LT(body.sheets[0].nominal_N, body.sheets[0].shell_N / 3);
+  // A flat punch of radius a on a half-space: 2 a E / (1 - nu^2) (I. Sneddon, Int. J. Eng. Sci. 3, 1965).
+  const auto modulus_Pa = [&](std::size_t i) {
+    return tool_in_tissue(body.shape, body.sheets[i].material).tip_N_per_m;
+  };
+  for (std::size_t i = 0; i < 3; ++i)
+    EXPECT_EQ(body.sheets[i].tip_N_per_m, modulus_Pa(i));
+  EXPECT_NEAR(body.sheets[0].material.modulus_Pa, 1e6 * std::max(50.0, -34.7 + 3230 * 8e-4 * 200),
+              1e-3);
+  EXPECT_NEAR(body.sheets[1].material.modulus_Pa, 1e6 * (-34.7 + 3230 * 8e-4 * 400), 1e-3);
+  EXPECT_EQ(body.sheets[2].material.modulus_Pa, 50e6) << "marrow";
+  EXPECT_GT(body.sheets[1].tip_N_per_m, 1.5 * body.sheets[0].tip_N_per_m);
+  scene.tissue.stiffness_N_per_m = 20'000;
+  scene.tissue.stiffness_is_given = true;
+  EXPECT_EQ(bone_volume_of(scene, asset).sheets[0].tip_N_per_m, 20'000);
 }
 
 // Measured from where the tool enters a sheet, and up from where it leaves one, a chunk ends at the
