@@ -132,8 +132,10 @@ struct SceneForceLaw {
   double coupling_N_per_m = 10'000, coupling_Nm_per_rad = 25;
   PosePrediction prediction = PosePrediction::kAuto;
   double tip_friction = 0;  ///< coefficient of the tip's friction for motion across the tool's axis
-  bool twist = false;       ///< true: turning the tool while pushing it makes it cut more easily
-  double force_scale = 1;   ///< factor on the tissue's wrench on the plate
+  /// Crushed bone holds the tip against withdrawal with this fraction of the force that crushed it.
+  double tip_hold = 0.25;
+  bool twist = false;      ///< true: turning the tool while pushing it makes it cut more easily
+  double force_scale = 1;  ///< factor on the tissue's wrench on the plate
 };
 
 /// The position of the slice plane (u, v in mm; asset.md, Frames) in {B}:

@@ -24,6 +24,7 @@ void read_cutting(StrictObject& object, SceneForceLaw& law) {
   law.prediction =
       static_cast<PosePrediction>(object.choice("prediction", std::array{"auto", "on", "off"}));
   object.read("tip_friction", law.tip_friction, 0.0, 2.0);
+  object.read("tip_hold", law.tip_hold, 0.0, 1.0);
   law.twist = object.boolean("twist");
   object.read("force_scale", law.force_scale, 1e-3, 10.0);
 }

@@ -201,7 +201,7 @@ def scenes_of_cutting():
     cut = {"strength_MPa": 4.5, "tearing_N_per_m": 500, "friction_kPa": 20, "bed_N_per_mm3": 12, "lateral_strength_MPa": 6}
     bone = {"law": "kopperdahl-linear", "density": "qct", "g_per_cm3_per_HU": 0.001, "g_per_cm3_at_0_HU": -0.02}
     law = {"kind": "cutting", "axis": "coupled", "coupling_N_per_m": 8000, "coupling_Nm_per_rad": 30, "prediction": "off",
-           "force_scale": 0.25}
+           "force_scale": 0.25, "tip_hold": 0.1}
     body = {"from": 10, "to": 20, "top_z_m": 0.13, "shell": {"thickness_m": 0.0015, "strength_factor": 2.5}}
     yield "body", {**scene, "body": body, "tissue": {"cut": cut}, "force_law": law}
     box = {"min_m": [-0.1, -0.1, 0.05], "max_m": [0.1, 0.1, 0.08]}

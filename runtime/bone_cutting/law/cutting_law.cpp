@@ -28,9 +28,39 @@ void hold_tip(Tick& tick) noexcept {
   tick.limit_tip_slip();
 }
 
+// Sets the limit of the hold of crushed bone on the tip, and its stiffness in proportion. If the stiffness grows,
+// the force is kept, so the stored energy falls.
+void hold_along(Tick& tick) noexcept {
+  CuttingState& state = tick.state;
+  const double tip_m = -tick.tip.z(), reach_m = 2 * tick.options.tool.radius_m;
+  state.hold_depth_m = state.hold_tip_N > 0 ? std::max(state.hold_depth_m, tip_m) : tip_m;
+  const double left = 1 - (state.hold_depth_m - tip_m) / (tick.down * reach_m);
+  if (left <= 0) state.hold_tip_N = 0;
+  tick.hold_N = tick.options.tip_hold * state.hold_tip_N * std::max(left, 0.0);
+  const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9),
+               stiffness = tick.hold_N / presliding_m;
+  if (stiffness > state.hold_N_per_m) state.hold_slip_m *= state.hold_N_per_m / stiffness;
+  state.hold_N_per_m = stiffness;
+  state.hold_slip_m = stiffness > 0 ? std::clamp(state.hold_slip_m, -presliding_m, 0.0) : 0;
+}
+
+// Keeps the slip of the hold and the force with which the tip has crushed the bone around it. Behind a hard layer
+// that force falls to the present one exponentially, over a diameter of the tool.
+void finish_hold(Tick& tick, double slide_m, CuttingResult& out) noexcept {
+  CuttingState& state = tick.state;
+  const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9);
+  state.hold_slip_m =
+      tick.hold_N > 0 ? std::clamp(state.hold_slip_m + slide_m, -presliding_m, 0.0) : 0;
+  out.stored_J += 0.5 * state.hold_N_per_m * state.hold_slip_m * state.hold_slip_m;
+  const double advance_m = (tick.front_m - tick.first_front_m) / tick.down;
+  const double forgotten = -std::expm1(-advance_m / (2 * tick.options.tool.radius_m));
+  state.hold_tip_N =
+      std::max(out.tip_N, state.hold_tip_N + forgotten * (out.tip_N - state.hold_tip_N));
+}
+
 void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
   out.wrench_device = e.coupling;
-  out.stored_J = e.V - e.friction_J - e.wall_J - e.viscous_J - e.tip_friction_J;
+  out.stored_J = e.V - e.friction_J - e.wall_J - e.viscous_J - e.tip_friction_J - e.hold_J;
   // Friction that has slid keeps its new rest position.
   if (tick.state.friction_N_per_m > 0) {
     tick.state.presliding_m += e.slide;
@@ -50,6 +80,7 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
                  axis = e.X.q * tick.options.tool.inward_plate;
   out.stored_J += e.walls_yield ? yield_walls(tick, tip, axis) : e.wall_J;
   out.tip_N = tick.is_free ? 0 : e.tip_N;
+  if (tick.options.tip_hold > 0) finish_hold(tick, e.slide[0], out);
   tick.state.stretch_m += e.slide[0];
   // Remove the rounding error of a tip that touches nothing.
   if (tick.is_free) tick.state.stretch_m = std::min(tick.state.stretch_m, 0.0);
@@ -75,6 +106,7 @@ void run(Tick& tick, CuttingResult& out) noexcept {
   find_front(tick);
   find_layers(tick);
   if (tick.options.tip_friction > 0) hold_tip(tick);
+  if (tick.options.tip_hold > 0) hold_along(tick);
   enter_or_leave(tick);
   embed(tick);
   Evaluation e;
@@ -124,6 +156,7 @@ void release(CuttingState& state) noexcept {
   state.presliding_m.setZero();
   state.tip_friction_N_per_m = 0;
   state.tip_slip_m.setZero();
+  state.hold_tip_N = state.hold_N_per_m = state.hold_slip_m = 0;
   for (SoftLayerState& layer : state.layers)
     layer.stretch_m = std::min(layer.stretch_m, 0.0);
   state.hole = -1;

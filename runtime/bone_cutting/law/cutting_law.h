@@ -75,6 +75,11 @@ struct CuttingOptions {
   /// is this coefficient times the tip's force at the end of the last tick. The friction force reaches the
   /// limit after a lateral displacement of tip_presliding_m.
   double tip_friction = 0, tip_presliding_m = 1e-4;
+  /// Share of the tip's force with which crushed bone holds the tip when it is pulled back. Bone under a tip is
+  /// crushed, not compressed elastically, so it does not push the tip out again (indentation of foams:
+  /// L. Gibson, M. Ashby, Cellular Solids, 1997). The hold is friction that resists only withdrawal; it yields
+  /// after tip_presliding_m and fades while the tip is raised by a diameter of the tool.
+  double tip_hold = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot.
   double same_hole_m = 5e-5;
   double tolerance =
@@ -139,7 +144,11 @@ struct CuttingState {
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< elastic slip along, around the shaft
   double tip_friction_N_per_m = 0;                         ///< stiffness in the last tick
   Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();    ///< elastic slip across the axis
-  int hole = -1;                                           ///< hole that the tool is in; -1: none
+  double hold_tip_N = 0;                   ///< force with which the bone around the tip was crushed
+  double hold_depth_m = 0;                 ///< largest depth of the tip since it was last free
+  double hold_N_per_m = 0;                 ///< stiffness of the hold in the last tick
+  double hold_slip_m = 0;                  ///< elastic slip of the hold along the shaft, at most 0
+  int hole = -1;                           ///< hole that the tool is in; -1: none
   int embedded_from = 0, embedded_to = 0;  ///< slabs filled by the shaft, [from, to)
   std::uint64_t tick = 0;
   std::vector<CuttingHole> holes;  ///< fixed capacity; the oldest hole is forgotten first

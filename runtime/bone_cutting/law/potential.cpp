@@ -65,6 +65,13 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   e.viscous_J = 0.5 * viscous_N_per_m * e.slide[0] * e.slide[0];
   axial += viscous_N_per_m * e.slide[0];
   stiffness += viscous_N_per_m;
+  e.hold_J = 0;
+  if (const double slip_m = tick.state.hold_slip_m + e.slide[0]; tick.hold_N > 0 && slip_m < 0) {
+    const YieldSpring h = yield_spring(tick.state.hold_N_per_m, tick.hold_N, -slip_m, majorise);
+    e.hold_J = h.energy;
+    axial -= h.force;
+    stiffness += h.along;
+  }
   e.friction_J = 0;
   if (tick.state.friction_N_per_m > 0) {
     const Vector2d w = tick.state.presliding_m + e.slide;
@@ -149,7 +156,7 @@ void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
   const double stretch = tick.state.stretch_m + e.slide[0];
   e.V = e.coupling_J + e.friction_J + e.wall_J + e.viscous_J +
         (stretch > 0 ? 0.5 * tick.options.tip_N_per_m * stretch * stretch : 0) + e.layer_J +
-        e.tip_friction_J;
+        e.tip_friction_J + e.hold_J;
 }
 
 }  // namespace trocar::runtime

@@ -33,6 +33,7 @@ struct Tick {
   double friction_N = 0;                  ///< friction force at which the shaft slides
   double viscous_N_s_per_m = 0;           ///< viscous friction along the shaft
   double tip_friction_N = 0;  ///< friction force at which the tip slides across its axis
+  double hold_N = 0;          ///< force at which the tip slides back out of crushed bone
   mutable WallModel walls{};  ///< cache; forget() it when a wall changes
 
   void start_at(const Pose& X) noexcept {

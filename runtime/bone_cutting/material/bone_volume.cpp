@@ -215,8 +215,10 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   options.tool = {bone.tool.tip_plate_m, -bone.tool.axis_plate, bone.radius_m};
   options.presliding_m = sheets.front()->tissue.shaft.presliding_m;
   options.tip_friction = scene.force_law.tip_friction;
-  options.coupling.translation_N_per_m = scene.force_law.coupling_N_per_m;
-  options.coupling.rotation_Nm_per_rad = scene.force_law.coupling_Nm_per_rad;
+  options.tip_hold = scene.force_law.tip_hold;
+  const SceneForceLaw& law = scene.force_law;
+  if (law.coupling_N_per_m > 0) options.coupling.translation_N_per_m = law.coupling_N_per_m;
+  if (law.coupling_Nm_per_rad > 0) options.coupling.rotation_Nm_per_rad = law.coupling_Nm_per_rad;
 
   // Runs of sheets that are one body.
   bone.sheets.resize(sheets.size());

@@ -179,6 +179,8 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   leak +=
       0.5 * shear * (slipped - axis * along).squaredNorm() +
       was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - dx.head<3>() - omega.cross(lever));
+  leak += 0.5 * std::max(was.hold_N_per_m, is.hold_N_per_m) * along * along +
+          was.hold_N_per_m * was.hold_slip_m * (along - straight);
   for (std::size_t i = 0; i < s.layers.size(); ++i) {
     const double z = std::max(was.layers[i].stretch_m, 0.0);
     const double stiffest = soft_spring(s.layers[i], z + std::abs(along)).stiffness_N_per_m;
@@ -219,10 +221,10 @@ double strength_above(const Session& s, double front_m) {
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11), layers(12), tips(13);
+  Random random(11), layers(12), tips(13), holds(14);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
-       gained = 0, torn = 0, slipped = 0;
+       gained = 0, torn = 0, slipped = 0, held = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
@@ -232,6 +234,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       s.options.tip_friction = tips.uniform(0.05, 0.8);
       s.options.tip_presliding_m = tips.power(-5, -3.5);
     }
+    if (holds.chance(0.4)) s.options.tip_hold = holds.uniform(0.05, 1);
     Aim aim;
     aim.kind = random.integer(7);
     aim.depth = random.uniform(0.002, 0.05);
@@ -285,6 +288,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       ASSERT_GE(out.layer_cut_J, 0);
       torn += out.layer_cut_J > 0;
       slipped += s.state.tip_slip_m.norm() > 0;
+      held += s.state.hold_slip_m < 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
         const double Y = strength_above(s, out.front_m);
         too_far += out.tip_N < Y - 1e-4 * std::max(1.0, Y);
@@ -315,11 +319,14 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   RecordProperty("worst_J", std::to_string(worst));
   std::printf(
       "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
-      "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld tip holds\n",
-      worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped);
+      "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld slips of the tip, %ld "
+      "holds of it\n",
+      worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped,
+      held);
   EXPECT_GT(cutting, ticks / 50);
   EXPECT_GT(torn, ticks / 1000);
   EXPECT_GT(slipped, ticks / 50);
+  EXPECT_GT(held, ticks / 100);
   EXPECT_GT(stopped, cutting / 4);
   // A tool that tilts over while the front advances loses force by that.
   EXPECT_LE(too_far, stopped / 1000);

@@ -223,6 +223,7 @@ double most_given(std::mt19937& random, double damping_share, double ahead = 0, 
   std::vector<SoftLayer> layers;
   if (soft) {
     b.options.tip_friction = uniform(0, 0.6);
+    b.options.tip_hold = uniform(0, 1);
     layers = {{.top_m = -0.001,
                .bottom_m = 0.002,
                .stiffness_N_per_m = power(2, 3.3),
