@@ -129,7 +129,8 @@ struct SceneForceLaw {
   int depth = 6;                 ///< kPropagation: number of vertex rings
   // kCutting:
   ToolAxis axis = ToolAxis::kAuto;
-  double coupling_N_per_m = 10'000, coupling_Nm_per_rad = 25;
+  /// 0: as stiff as the device holds (runtime/bone_cutting/contact/device_coupling.h).
+  double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
   PosePrediction prediction = PosePrediction::kAuto;
   double tip_friction = 0;  ///< coefficient of the tip's friction for motion across the tool's axis
   /// Crushed bone holds the tip against withdrawal with this fraction of the force that crushed it.

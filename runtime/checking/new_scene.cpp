@@ -172,19 +172,14 @@ class Proposal {
     const double thickness_m = 1e-3 * (levels_[column.first].z_mm - levels_[column.last].z_mm);
     const double top_m = top_of(thickness_m);
     const int a = levels_[column.first].slice->index, b = levels_[column.last].slice->index;
-    scene["body"] = {{"from", std::min(a, b)},
-                     {"to", std::max(a, b)},
-                     {"top_z_m", top_m},
-                     {"shell", {{"thickness_m", 0.0005}, {"strength_factor", 1.5}}}};
-    scene["tissue"] = {{"stiffness_N_per_m", 20000},
-                       {"cut",
-                        {{"bone", {{"law", "kopperdahl-linear"}}},
+    scene["body"] = {{"from", std::min(a, b)}, {"to", std::max(a, b)}, {"top_z_m", top_m}};
+    scene["tissue"] = {{"cut",
+                        {{"bone", {{"law", "kopperdahl-power"}}},
                          {"tearing_N_per_m", 500},
-                         {"friction_kPa", 20},
-                         {"bed_N_per_mm3", 0.3},
+                         {"friction_kPa", 60},
+                         {"bed_N_per_mm3", 30},
                          {"lateral_strength_MPa", 5}}}};
-    scene["force_law"] = {
-        {"kind", "cutting"}, {"coupling_N_per_m", 20000}, {"force_scale", force_scale}};
+    scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
     scene["tool"] = {{"sides", 12}, {"radius_m", kNeedle_m}};
     scene["hand"] = hand(top_m, top_m - thickness_m, 0.0115, true, scene);
     return scene;

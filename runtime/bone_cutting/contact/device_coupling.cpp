@@ -49,6 +49,8 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
       kMaxPredicted *
           *std::min_element(device.plate_inertia_kg_m2.begin(), device.plate_inertia_kg_m2.end()) /
           (T_s * T_s * scale)};
+  if (!(law.coupling_N_per_m > 0)) coupling.translation_N_per_m = most.translation_N_per_m;
+  if (!(law.coupling_Nm_per_rad > 0)) coupling.rotation_Nm_per_rad = most.rotation_Nm_per_rad;
   coupling.is_rigid =
       law.axis == ToolAxis::kRigid ||
       (law.axis == ToolAxis::kAuto && tissue_N_per_m <= coupling.translation_N_per_m);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Chooses the coupling between the device's plate and the tool in the bone. The coupling is as stiff as the
-// scene asks, but not stiffer than the device can render without releasing energy to the hand.
+// scene asks, but not stiffer than the device can render without releasing energy to the hand. A scene that
+// states no stiffness gets the largest one.
 //
 // Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a
 // tick and dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2

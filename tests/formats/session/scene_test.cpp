@@ -174,8 +174,9 @@ TEST(Scene, TheCuttingLawHasItsDefaults) {
   auto read = parse(scene);
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(read->force_law.axis, ToolAxis::kAuto);
-  EXPECT_EQ(read->force_law.coupling_N_per_m, 10'000);
-  EXPECT_EQ(read->force_law.coupling_Nm_per_rad, 25);
+  EXPECT_EQ(read->force_law.coupling_N_per_m, 0) << "as stiff as the device holds";
+  EXPECT_EQ(read->force_law.coupling_Nm_per_rad, 0);
+  EXPECT_EQ(read->force_law.tip_hold, 0.25);
   EXPECT_EQ(read->force_law.prediction, PosePrediction::kAuto);
   EXPECT_EQ(read->force_law.force_scale, 1);
   const CutTissue& cut = *read->tissue.cut;

@@ -31,7 +31,8 @@ class DryRun {
  public:
   DryRun(Scene scene, const Asset& asset, bool is_rigid = true)
       : placed_(scene, asset), bone_(*make_bone_volume(scene, placed_.sheets)) {
-    bone_.options.coupling.is_rigid = is_rigid;
+    bone_.options.coupling = {
+        .is_rigid = is_rigid, .translation_N_per_m = 10'000, .rotation_Nm_per_rad = 25};
     state_ = make_bone_contact_state(bone_);
   }
 
