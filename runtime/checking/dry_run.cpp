@@ -29,8 +29,11 @@ std::size_t active_sheet(const RecordingRow& row,
 /// Evaluates every tick of a dry run.
 class DryRunObserver final : public TickObserver {
  public:
-  DryRunObserver(const std::vector<std::unique_ptr<const Sheet>>& sheets, DryRun& dry_run)
-      : sheets_(sheets), dry_run_(dry_run) {}
+  DryRunObserver(const Scene& scene, const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                 DryRun& dry_run)
+      : sheets_(sheets), dry_run_(dry_run), feel_(scene.hand.let_go_t_s) {}
+
+  const ContactFeel& feel() const noexcept { return feel_.feel(); }
 
   void on_tick(const TickView& tick) noexcept override {
     const RecordingRow& row = tick.result.row;
@@ -39,6 +42,7 @@ class DryRunObserver final : public TickObserver {
       dry_run_.at_fault = row;
       return;
     }
+    feel_.add(row);
     dry_run_.tip_lowest_m = std::min(dry_run_.tip_lowest_m, row.tool_m[2]);
     if (row.wrench_scale < 1 && row.authority >= 1) {
       if (dry_run_.scale_min == 1) dry_run_.scaled_t_s = row.t_s;
@@ -62,6 +66,7 @@ class DryRunObserver final : public TickObserver {
  private:
   const std::vector<std::unique_ptr<const Sheet>>& sheets_;
   DryRun& dry_run_;
+  ContactFeelMeter feel_;
 };
 
 }  // namespace
@@ -75,7 +80,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
   dry_run.session_ticks = tick_count(options.duration_s, options.rate_Hz);
   dry_run.tip_lowest_m = std::numeric_limits<double>::infinity();
   dry_run.sheets.resize(sheets.size());
-  DryRunObserver observer(sheets, dry_run);
+  DryRunObserver observer(scene, sheets, dry_run);
 
   SessionOptions silent;
   silent.clock = Clock::kVirtual;
@@ -97,6 +102,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
   if (!report) return report.error();
 
   dry_run.ticks = report->ticks;
+  dry_run.feel = observer.feel();
   if (!report->faults.empty()) {
     dry_run.fault = report->faults.front().detail;
     dry_run.fault_t_s = report->faults.front().t_s;
@@ -116,6 +122,35 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
     break;
   }
   return dry_run;
+}
+
+Result<std::optional<LetGoTrial>> try_letting_go(
+    const Scene& scene, const DeviceDescription& description,
+    const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
+    const DryRun& dry_run) {
+  const double from_s = dry_run.feel.contact_from_s,
+               to_s = std::min(dry_run.feel.contact_to_s,
+                               scene.hand.let_go_t_s.value_or(dry_run.feel.contact_to_s));
+  if (dry_run.fault != Fault::kNone || !(to_s > from_s)) return std::optional<LetGoTrial>();
+  LetGoTrial worst;
+  for (int i = 0; i < kLetGoMoments; ++i) {
+    Scene lets_go = scene;
+    const double t_s = i == 0 ? std::min(dry_run.feel.wanted_most.t_s, to_s)
+                              : from_s + (i - 0.5) / (kLetGoMoments - 1) * (to_s - from_s);
+    lets_go.hand.let_go_t_s = t_s;
+    SessionOptions shortened = options;
+    shortened.duration_s = std::min(options.duration_s, t_s + kLetGoAfter_s);
+    const Result<DryRun> tried = run_dry_run(lets_go, description, sheets, shortened);
+    if (!tried) return tried.error();
+    if (options.stop != nullptr && options.stop->load()) return refused("interrupted");
+    ++worst.moments;
+    if (tried->fault != Fault::kNone) worst.fault = tried->fault;
+    worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);
+    if (tried->feel.let_go_speed_m_per_s <= worst.speed_m_per_s) continue;
+    worst.speed_m_per_s = tried->feel.let_go_speed_m_per_s;
+    worst.t_s = t_s;
+  }
+  return std::optional(worst);
 }
 
 }  // namespace trocar::runtime

@@ -16,6 +16,7 @@
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
+#include "runtime/checking/contact_feel.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/session/session.h"
 #include "runtime/session/simulated_hand.h"
@@ -49,8 +50,26 @@ struct DryRun {
   std::uint64_t scaled_ticks = 0;   ///< ticks in which the motors could not render the whole wrench
   double scale_min = 1;             ///< smallest fraction of a wrench that was rendered
   double scaled_t_s = 0;            ///< time of the first such tick
+  ContactFeel feel;                 ///< what a hand would notice
   std::optional<Error> hole_error;  ///< error of the first hole that could not be cut
 };
+
+/// The dry run, of several that let go at different times, in which the plate was fastest after that.
+struct LetGoTrial {
+  int moments = 0;
+  double t_s = 0;  ///< time of letting go
+  double distance_m = 0, speed_m_per_s = 0;
+  Fault fault = Fault::kNone;  ///< a fault after letting go in any of them, or none
+};
+
+/// Lets go at kLetGoMoments times, at the largest force along z and otherwise evenly over the contact of
+/// `dry_run`, each in a dry run of its own that ends kLetGoAfter_s later. None: no contact, or a fault.
+inline constexpr int kLetGoMoments = 10;
+inline constexpr double kLetGoAfter_s = 0.4;
+Result<std::optional<LetGoTrial>> try_letting_go(
+    const Scene& scene, const DeviceDescription& description,
+    const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
+    const DryRun& dry_run);
 
 /// Runs a dry run. `options` are those of the session. Errors: (refused) the path begins outside the
 /// workspace; with the force law `network`, NetworkPrefetch::make() refuses a tissue or the tool.

@@ -66,7 +66,7 @@ class Proposal {
       const auto column = find_entry_column(asset_, levels_, 1e3 * kNeedle_m, height_mm, gap_mm);
       if (column && column->last > column->first) {
         no_volume = "every session through a volume of its slices has a warning";
-        for (const double force_scale : {0.5, 0.25, 0.1}) {
+        for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
           if (is_stopped()) return refused("interrupted");
           if (auto made = try_scene(cutting(*column, force_scale), why))
             return finish(*made, *column,

@@ -74,6 +74,24 @@ std::string describe_workspace(const SceneEvaluation& e) {
   return out;
 }
 
+std::string describe_feel(const SceneEvaluation& e) {
+  const ContactFeel& feel = e.dry_run->feel;
+  std::string out = text_line(
+      "           the law wants %.2f to %.2f N along z; at most %.2f N alternate from "
+      "tick to tick\n",
+      feel.wanted_least_N, feel.wanted_most.value, feel.alternation.value);
+  if (e.scene.force_law.kind != ForceLawKind::kCutting) return out;
+  out += text_line(
+      "           tip at most %.2f mm past the front that bears it; the front moves at most "
+      "%.2f mm in a tick\n",
+      1e3 * feel.past_front.value, 1e3 * feel.front_jump.value);
+  if (e.let_go)
+    out += text_line(
+        "           letting go at %d moments: the plate moves at most %.2f mm, at up to %.3f m/s\n",
+        e.let_go->moments, 1e3 * e.let_go->distance_m, e.let_go->speed_m_per_s);
+  return out;
+}
+
 std::string describe_dry_run(const SceneEvaluation& e) {
   if (!e.dry_run) return "dry run    none: the session cannot start\n";
   const DryRun& dry_run = *e.dry_run;
@@ -92,11 +110,10 @@ std::string describe_dry_run(const SceneEvaluation& e) {
       dry_run.fault == Fault::kNone
           ? std::string(": no fault")
           : text_line(": fault %s at %.4f s", to_string(Fault{dry_run.fault}), dry_run.fault_t_s);
-  return out + text_line(
-                   "; %d of %zu slices touched, %d punctured; at most %.2f N and %.2f of %.2f "
-                   "Nm\n",
+  out += text_line("; %d of %zu slices touched, %d punctured; at most %.2f N and %.2f of %.2f Nm\n",
                    static_cast<int>(touched), dry_run.sheets.size(), static_cast<int>(punctured),
                    dry_run.force_max_N, dry_run.torque_max_Nm, e.device.motor_peak_torque_Nm);
+  return out + describe_feel(e);
 }
 
 std::string describe_slice(const SceneEvaluation& e, std::size_t index,
@@ -112,8 +129,12 @@ std::string describe_slice(const SceneEvaluation& e, std::size_t index,
   out += needs.force + '\n';
   if (!e.dry_run || !e.dry_run->sheets[index].touched) return out;
   const SheetDryRun& sheet = e.dry_run->sheets[index];
-  out += text_line("           touched at %.4f s, bears at most %.2f of %.6g N", sheet.touched_t_s,
-                   sheet.force_max_N, e.sheets[index]->tissue.threshold_N);
+  out += text_line("           touched at %.4f s, bears at most %.2f", sheet.touched_t_s,
+                   sheet.force_max_N);
+  // A tissue that is cut breaks at the strength under the tool, not at its threshold.
+  const Tissue& tissue = e.sheets[index]->tissue;
+  const bool is_cut = e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut.has_value();
+  out += is_cut ? std::string(" N") : text_line(" of %.6g N", tissue.threshold_N);
   return out + (sheet.punctured_t_s >= 0 ? text_line(", punctured at %.4f s\n", sheet.punctured_t_s)
                                          : std::string(", not punctured\n"));
 }
@@ -147,6 +168,7 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceDescription& devi
   for (std::size_t i = 0; i < sheets.size(); ++i)
     check.text += describe_slice(e, i, needs->slices[i], tissues[i].choice);
   check.warnings = find_warnings(e, tissues);
+  if (!needs->stability_warning.empty()) check.warnings.push_back(needs->stability_warning);
   return check;
 }
 

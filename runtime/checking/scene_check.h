@@ -10,6 +10,10 @@
 //  4. One of the scene's tissues fits each slice, or the scene has a `tissue` for the
 //     remaining slices (tissue_assignment.h).
 //  5. If the scene's goals have a target, the tip of the upright plate can reach it.
+//  6. Contact feels like bone: no force of more than 5 N alternates from tick to tick. With the law `cutting`, the
+//     tip is at most 3 mm past the front that bears it, and the front moves at most 1.5 mm in a tick. A hand that
+//     lets go at ten moments of the contact causes no fault, and the plate moves at most 3 mm and 0.25 m/s.
+//  7. With the law `cutting`, the rendered stiffness is one that is passive (device_coupling.h).
 // If the session has more than kMaxDryRunTicks ticks, the dry run ends there (dry_run.h). For later
 // times only the path of the hand is evaluated, as if the tool followed it exactly: there is a
 // warning if the path exceeds a limit or misses a slice.

@@ -58,6 +58,11 @@ Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescripti
     if (!dry_run) return dry_run.error();
     if (options.stop != nullptr && options.stop->load()) return refused("interrupted");
     e.dry_run = std::move(*dry_run);
+    if (scene.force_law.kind == ForceLawKind::kCutting) {
+      auto let_go = try_letting_go(scene, device, sheets, options, *e.dry_run);
+      if (!let_go) return let_go.error();
+      e.let_go = *let_go;
+    }
   }
   for (std::size_t i = 0; i < sheets.size(); ++i)
     e.views.push_back(view_sheet(e, i));

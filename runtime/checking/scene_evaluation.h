@@ -45,6 +45,8 @@ struct SceneEvaluation {
   double let_go_s = 0;  ///< time until which the hand holds the tool, at most end_s
   PathReport report{};
   std::optional<DryRun> dry_run{};  ///< none: the session cannot start
+  std::optional<LetGoTrial>
+      let_go{};  ///< force law `cutting` only, after a dry run without a fault
   std::vector<SheetView> views{};
 
   bool has_fault() const { return !dry_run || dry_run->fault != Fault::kNone; }

@@ -77,6 +77,7 @@ Result<SceneRequirements> describe_requirements(
   const auto law = make_force_law({scene, device, all, rate_Hz, {}});
   if (!law) return law.error();
   out += (*law)->describe();
+  needs.stability_warning = (*law)->stability_warning();
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];
     const Pose& T = T_device_plate[i];

@@ -30,6 +30,7 @@ struct SliceRequirements {
 struct SceneRequirements {
   std::string scene;  ///< lines about the whole scene
   std::vector<SliceRequirements> slices;
+  std::string stability_warning;  ///< ForceLaw::stability_warning()
 };
 
 /// Describes the requirements. `sheets`: result of place_slices(). `T_device_plate`: a pose for each

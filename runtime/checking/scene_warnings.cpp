@@ -10,6 +10,10 @@
 namespace trocar::runtime {
 namespace {
 
+// Limits of contact_feel.h.
+constexpr double kMaxPastFront_m = 3e-3, kMaxFrontJump_m = 1.5e-3, kMaxAlternation_N = 5,
+                 kMaxLetGo_m = 3e-3, kMaxLetGo_m_per_s = 0.25;
+
 std::string describe_point(const Eigen::Vector3d& p_m) {
   return text_line("(%.4f, %.4f, %.4f) m", p_m.x(), p_m.y(), p_m.z());
 }
@@ -219,6 +223,43 @@ void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings
   }
 }
 
+/// Warns of contact that does not feel like bone (contact_feel.h).
+void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) {
+  if (!e.dry_run) return;
+  const ContactFeel& feel = e.dry_run->feel;
+  if (feel.past_front.value > kMaxPastFront_m)
+    warnings.push_back(
+        at_time(feel.past_front.t_s) +
+        text_line("the tip is %.1f mm past the front that bears it, and snaps when "
+                  "that breaks; bone lets it sink in by at most %.1f mm: raise or "
+                  "leave out stiffness_N_per_m and coupling_N_per_m, or raise --rate",
+                  1e3 * feel.past_front.value, 1e3 * kMaxPastFront_m));
+  if (feel.front_jump.value > kMaxFrontJump_m)
+    warnings.push_back(
+        at_time(feel.front_jump.t_s) +
+        text_line("the front moves %.1f mm in one tick, more than %.1f mm: raise or "
+                  "leave out stiffness_N_per_m and coupling_N_per_m, or raise --rate",
+                  1e3 * feel.front_jump.value, 1e3 * kMaxFrontJump_m));
+  if (feel.alternation.value > kMaxAlternation_N)
+    warnings.push_back(at_time(feel.alternation.t_s) +
+                       text_line("the force alternates by %.1f N from tick to tick: lower the "
+                                 "tissue's stiffness, damping or friction, or raise --rate",
+                                 feel.alternation.value));
+  if (!e.let_go) return;
+  const LetGoTrial& trial = *e.let_go;
+  if (trial.fault != Fault::kNone)
+    warnings.push_back(std::string("a hand that lets go in the bone causes the fault ") +
+                       to_string(trial.fault) +
+                       ": lower force_scale or the tissue's strength, or raise --rate");
+  else if (trial.speed_m_per_s > kMaxLetGo_m_per_s || trial.distance_m > kMaxLetGo_m)
+    warnings.push_back(
+        at_time(trial.t_s) +
+        text_line("a hand that lets go is pushed away by up to %.1f mm at %.2f m/s, more than %.1f "
+                  "mm or %.2f m/s: lower force_scale, or raise --rate",
+                  1e3 * trial.distance_m, trial.speed_m_per_s, 1e3 * kMaxLetGo_m,
+                  kMaxLetGo_m_per_s));
+}
+
 /// Returns the warning about a target that the tip cannot reach, if it cannot.
 std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
   if (!e.scene.goals || !e.scene.goals->target) return std::nullopt;
@@ -257,6 +298,7 @@ std::vector<std::string> find_warnings(const SceneEvaluation& e,
   if (e.dry_run && e.dry_run->hole_error) {
     warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
   }
+  warn_of_feel(e, warnings);
   if (const auto unfitting = warn_of_unfitting(e.scene, tissues)) warnings.push_back(*unfitting);
   if (const auto target = warn_of_target(e)) warnings.push_back(*target);
   return warnings;

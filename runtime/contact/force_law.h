@@ -87,6 +87,9 @@ class ForceLaw {
   virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
   /// The law's lines in the output of `--check`. Each ends with a line feed.
   virtual std::string describe() const = 0;
+  /// Why the loop may release energy to the hand or oscillate with this law at this rate, and what helps, in one
+  /// line; empty: nothing is known against it.
+  virtual std::string stability_warning() const { return {}; }
   /// Stiffness and threshold of the sheet with this index.
   virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, 1};

@@ -141,6 +141,10 @@ std::string CuttingForceLaw::describe() const {
   return out;
 }
 
+std::string CuttingForceLaw::stability_warning() const {
+  return runtime::stability_warning(report_.coupling);
+}
+
 TipForce CuttingForceLaw::tip_force(std::size_t index, const Sheet& /*sheet*/) const {
   return {bone_.sheets[index].tip_N_per_m, bone_.sheets[index].nominal_N, law_.force_scale};
 }
@@ -151,6 +155,7 @@ SummarySection CuttingForceLaw::summary() const {
                             {"coupling_N_per_m", nullptr},
                             {"coupling_Nm_per_rad", nullptr},
                             {"device_damping_share", report_.coupling.damping_share},
+                            {"inertia_share", report_.coupling.inertia_share},
                             {"pose_is_predicted", report_.coupling.predicts_pose},
                             {"force_scale", report_.force_scale},
                             {"force_max_N", report_.force_max_N},

@@ -3,7 +3,7 @@
 
 The promise: `--check --strict` ends with 0 exactly if the session on the same options, with the simulated device in virtual
 time, ends with 0 without a fault, touches every slice, and renders every wrench in full, and no slice gets the default tissue
-because none of the scene's tissues by HU or label fits it. Here sessions are run, on the shipped scenes, on scenes that are broken
+because none of the scene's tissues by HU or label fits it. Contact must also feel like bone, as `scene_check.h` states. Here sessions are run, on the shipped scenes, on scenes that are broken
 in one way each and on random ones; what happened in them is read from recording and summary, and compared with the exit code.
 Of a broken scene the warning must also name the time, value and limit.
 """
@@ -75,6 +75,27 @@ BROKEN = {
     "no_tissue_fits": (descent(*DOWN, tissues=[BONE]), (), 0,
                        [r"slice 17: .*mean HU \d+.*\"bone\" 2000 to 3000 HU.*5000 N/m and 35 N"]),
 }
+NEEDLE = json.loads((pathlib.Path(__file__).resolve().parents[2] / "runtime" / "scenes" / "vertebra.json").read_text())
+
+
+def needle(**fields):
+    """The shipped scene of a needle through the vertebra, with other fields, at the asset's place."""
+    return {**NEEDLE, "asset": "sample.glb", **fields}
+
+
+SOFT = {"stiffness_N_per_m": 20000, "cut": {**NEEDLE["tissue"]["cut"], "bed_N_per_mm3": 0.3}}
+ELASTIC = {"kind": "cutting", "coupling_N_per_m": 20000, "force_scale": 0.5, "tip_hold": 0}
+# What 0.2.0 proposed: bone that sinks in, snaps, and throws the plate out. And a rigid axis too stiff for its rate.
+BROKEN |= {
+    "snaps": (needle(tissue=SOFT, force_law=ELASTIC), (), 0,
+              [r"at \d+\.\d+ s: the tip is \d+\.\d mm past the front.*at most 3\.0 mm", r"at \d+\.\d+ s: the front moves \d+\.\d mm in one tick",
+               r"lets go is pushed away by up to \d+\.\d mm at [01]\.\d\d m/s.*0\.25 m/s|lets go in the bone causes the fault"]),
+    "rigid_and_slow": (descent((0, 0, 0, 0.14), (0.1, 0, 0, 0.14), (1.1, 0, 0, 0.118), tissue={"stiffness_N_per_m": 50000, "threshold_N": 300},
+                               force_law={"kind": "cutting", "axis": "rigid"}), ("--rate", 250), 0,
+                       [r"at 1\.\d+ s: the force alternates by \d+\.\d N from tick to tick",
+                        r"K T\^2 / M is 2\.\d+, and at most 0\.5 is known to be passive"]),
+}
+
 # Its warning is said by a session too, and the session is otherwise good.
 ONLY_TISSUE = "no_tissue_fits"
 
@@ -105,6 +126,37 @@ def untimed(text):
     return re.sub(r"\d+ us to prepare", "", text)
 
 
+def recorded(file):
+    """The rows of a recording, with numbers as numbers."""
+    with open(file, encoding="ascii", newline="") as stream:
+        return [{key: number(text) for key, text in row.items()} for row in csv.DictReader(stream)]
+
+
+def number(text):
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def alternation(rows):
+    """The force that alternates from tick to tick: the least of four successive changes, each against the last."""
+    most = 0
+    for axis in ("fx_wanted_N", "fy_wanted_N", "fz_wanted_N"):
+        changes = [b[axis] - a[axis] for a, b in zip(rows, rows[1:], strict=False)]
+        for four in zip(changes, changes[1:], changes[2:], changes[3:], strict=False):
+            if all(a * b < 0 for a, b in zip(four, four[1:], strict=False)):
+                most = max(most, min(map(abs, four)))
+    return most
+
+
+def snap(rows):
+    """(how far the tip is past the front that bears it, the front's largest advance in a tick), in m."""
+    past = max(row["front_z_m"] - row["tool_z_m"] for row in rows if row["tip_N"] > 0)
+    jumps = [a["front_z_m"] - max(b["front_z_m"], b["tool_z_m"]) for a, b in zip(rows, rows[1:], strict=False) if b["cut_J"] > a["cut_J"]]
+    return past, max(jumps)
+
+
 class Judge:
     def __init__(self, programs, work, asset):
         self.trocar_run, self.work, self.asset = programs / "trocar-run", work, asset
@@ -130,8 +182,29 @@ class Judge:
                     touched.add(min((z for z, index in heights.items() if index == int(row["active_slice"])), key=lambda z: abs(z - slice_z)))
         # A path may end within a body: of its slices some must be touched, of a list all.
         met = touched == set(heights) if heights else bool(touched)
-        good = done.returncode == 0 and not told["faults"] and met and told["scaled_ticks"] == 0
+        rows = recorded(record)
+        good = done.returncode == 0 and not told["faults"] and met and told["scaled_ticks"] == 0 and alternation(rows) <= 5
+        if good and "front_z_m" in rows[0]:
+            good = all(value <= limit for value, limit in zip(snap(rows), (3e-3, 1.5e-3), strict=True))
+            good = good and all(value <= limit for value, limit in zip(self.let_go(name, scene, rows, options), (3e-3, 0.25), strict=True))
+            good = good and not told["cutting"]["inertia_share"] > 0.5 * (1 + 1e-9)
         return done.returncode, good
+
+    def let_go(self, name, scene, rows, options):
+        """(largest distance, largest speed) of the plate after letting go at the ten moments that --check takes."""
+        pressed = [row["t_s"] for row in rows if math.hypot(row["fx_wanted_N"], row["fy_wanted_N"], row["fz_wanted_N"]) > 0.5]
+        distance, speed, scene_file, record = 0, 0, self.work / f"{name}_lets_go.json", self.work / f"{name}_lets_go.csv"
+        moments = [max(rows, key=lambda row: row["fz_wanted_N"])["t_s"], *(pressed[0] + (i + 0.5) / 9 * (pressed[-1] - pressed[0]) for i in range(9))]
+        for at in moments:
+            lets_go = {**scene, "asset": str(self.asset), "duration_s": min(scene["duration_s"], at + 0.4), "hand": {**scene["hand"], "let_go_t_s": at}}
+            scene_file.write_text(json.dumps(lets_go))
+            done = self.call(scene_file, "--clock", "virtual", "--quiet", "--record", record, "--black-box", self.work, *options)
+            if done.returncode != 0:
+                return math.inf, math.inf
+            after = [(row["t_s"], (row["x_m"], row["y_m"], row["z_m"])) for row in recorded(record) if row["t_s"] >= at]
+            distance = max(distance, *(math.dist(p, after[0][1]) for _, p in after))
+            speed = max(speed, *(math.dist(p, q) / (t - s) for (s, p), (t, q) in zip(after, after[1:], strict=False)))
+        return distance, speed
 
     def agrees(self, name, scene_file, options, strict):
         """Checks what --strict gave against the session, and returns the session's exit code."""

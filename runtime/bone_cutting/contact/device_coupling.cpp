@@ -14,7 +14,6 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kMaxPredicted = 0.5;  // K T^2 / M
 constexpr double kMuch_N = 1e4, kMuch_Nm = 1e3;
 
 struct Stiffness {
@@ -45,8 +44,8 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
       std::max({bone.along_N_per_m, bone.across_N_per_m, bone.viscous_N_s_per_m / T_s});
   const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
   const Stiffness most{
-      kMaxPredicted * device.plate_mass_kg / (T_s * T_s * scale),
-      kMaxPredicted *
+      kMaxInertiaShare * device.plate_mass_kg / (T_s * T_s * scale),
+      kMaxInertiaShare *
           *std::min_element(device.plate_inertia_kg_m2.begin(), device.plate_inertia_kg_m2.end()) /
           (T_s * T_s * scale)};
   if (!(law.coupling_N_per_m > 0)) coupling.translation_N_per_m = most.translation_N_per_m;
@@ -88,6 +87,12 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
     if (law.axis != ToolAxis::kRigid && tissue_N_per_m > coupling.translation_N_per_m)
       coupling.is_rigid = false;
   }
+  const Stiffness rendered =
+      coupling.is_rigid ? Stiffness{tissue_N_per_m, bone.across_N_per_m * lever_m * lever_m}
+                        : Stiffness{coupling.translation_N_per_m, coupling.rotation_Nm_per_rad};
+  out.inertia_share =
+      kMaxInertiaShare * std::max(rendered.translation_N_per_m / most.translation_N_per_m,
+                                  rendered.rotation_Nm_per_rad / most.rotation_Nm_per_rad);
   return out;
 }
 
@@ -106,6 +111,28 @@ std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
                 chosen.damping_share,
                 chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
   return out + text.data();
+}
+
+std::string stability_warning(const DeviceCoupling& chosen) {
+  constexpr double kRounding = 1e-9;
+  std::array<char, 256> text;
+  if (!chosen.predicts_pose) {
+    if (chosen.damping_share >= 1) return {};
+    std::snprintf(
+        text.data(), text.size(),
+        "without prediction, the device's damping holds only %.3g of the stiffness that is "
+        "rendered: leave out \"prediction\", or lower coupling_N_per_m and coupling_Nm_per_rad",
+        chosen.damping_share);
+    return text.data();
+  }
+  if (chosen.inertia_share <= kMaxInertiaShare * (1 + kRounding)) return {};
+  std::snprintf(
+      text.data(), text.size(),
+      "the stiffness K that is rendered is too large for the plate's inertia M and the tick T: "
+      "K T^2 / M is %.3g, and at most %.3g is known to be passive: leave out \"axis\", lower the "
+      "tissue's stiffness or force_scale, or raise --rate",
+      chosen.inertia_share, kMaxInertiaShare);
+  return text.data();
 }
 
 }  // namespace trocar::runtime

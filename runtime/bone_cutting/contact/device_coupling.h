@@ -19,8 +19,10 @@
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
 //  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2 divided by the force
 //     scale (SceneForceLaw::force_scale), and in rotation likewise with the plate's smallest moment of
-//     inertia. The stiffness of a rigid tool is not limited.
-//  4. The coupling's largest force is the one that the device can render along the tool at its peak torques,
+//     inertia. A stiffness of 0 in the scene's law stands for this limit, with and
+//     without prediction.
+//  4. `inertia_share` also counts the stiffness of a rigid tool, which is not limited.
+//  5. The coupling's largest force is the one that the device can render along the tool at its peak torques,
 //     divided by the force scale.
 #pragma once
 
@@ -31,11 +33,17 @@
 
 namespace trocar::runtime {
 
+/// The largest K T^2 / M with which the law was tried at a predicted pose.
+inline constexpr double kMaxInertiaShare = 0.5;
+
 struct DeviceCoupling {
   CuttingCoupling coupling;
   bool predicts_pose = false;  ///< the law is evaluated at the pose predicted one tick ahead
   double damping_share = 0;    ///< at least 1: the device's own damping suffices
-  double most_N = 0;           ///< largest tissue force along the tool that the device can render
+  /// The rendered stiffness over M / T^2, the larger of translation and rotation. With prediction, values above
+  /// kMaxInertiaShare are not known to be passive.
+  double inertia_share = 0;
+  double most_N = 0;  ///< largest tissue force along the tool that the device can render
 };
 
 /// Chooses the coupling for one pose of the plate, for example with the tip on top of the bone.
@@ -45,5 +53,9 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
 
 /// Returns the choice as one line of text, for `--check`.
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);
+
+/// Returns why the loop may release energy to the hand or oscillate with this choice, and what helps; empty: it
+/// does not.
+std::string stability_warning(const DeviceCoupling& chosen);
 
 }  // namespace trocar::runtime

@@ -211,6 +211,73 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
   }
 }
 
+// A scene that states no stiffness gets the largest that the device holds, in each of both alone as well.
+TEST(DeviceCoupling, WithoutAStiffnessItIsTheLargest) {
+  const DeviceDescription device = default_device_description();
+  for (const double rate_Hz : {250.0, 1000.0, 4000.0}) {
+    for (const double scale : {0.5, 1.0}) {
+      const double most_N_per_m = 0.5 * device.plate_mass_kg * rate_Hz * rate_Hz / scale,
+                   most_Nm_per_rad = 0.5 *
+                                     *std::min_element(device.plate_inertia_kg_m2.begin(),
+                                                       device.plate_inertia_kg_m2.end()) *
+                                     rate_Hz * rate_Hz / scale;
+      const auto stiffness_of = [&](double N_per_m, double Nm_per_rad) {
+        SceneForceLaw law = coupled(N_per_m, Nm_per_rad);
+        law.force_scale = scale;
+        return choose(bone_volume(), law, device, upright(), rate_Hz).coupling;
+      };
+      CuttingCoupling chosen = stiffness_of(0, 0);
+      EXPECT_NEAR(chosen.translation_N_per_m, most_N_per_m, 1e-9 * most_N_per_m);
+      EXPECT_NEAR(chosen.rotation_Nm_per_rad, most_Nm_per_rad, 1e-9 * most_Nm_per_rad);
+      chosen = stiffness_of(100, 0);
+      EXPECT_EQ(chosen.translation_N_per_m, 100);
+      EXPECT_NEAR(chosen.rotation_Nm_per_rad, most_Nm_per_rad, 1e-9 * most_Nm_per_rad);
+    }
+  }
+}
+
+// K T^2 / M of what is rendered, and the warning if it is more than what was tried.
+TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsWarnedOf) {
+  const DeviceDescription device = default_device_description();
+  Scene scene = test::cutting_scene({0.12});
+  scene.tissue.stiffness_N_per_m = 50'000;
+  const BoneVolume bone = test::bone_volume_of(scene, test::square_asset(1));
+  SceneForceLaw law = coupled();
+  law.axis = ToolAxis::kRigid;
+  for (const double rate_Hz : {250.0, 1000.0, 4000.0}) {
+    for (const double scale : {0.25, 1.0}) {
+      law.force_scale = scale;
+      const DeviceCoupling chosen = choose(bone, law, device, upright(), rate_Hz);
+      const double share = scale * 50'000 / (rate_Hz * rate_Hz * device.plate_mass_kg);
+      ASSERT_TRUE(chosen.predicts_pose);
+      EXPECT_NEAR(chosen.inertia_share, share, 1e-9 * share) << "a sheet has no walls";
+      const std::string warning = stability_warning(chosen);
+      EXPECT_EQ(warning.empty(), share <= 0.5) << share << warning;
+      if (share > 0.5) {
+        EXPECT_NE(warning.find("K T^2 / M is " + std::to_string(share).substr(0, 3)),
+                  std::string::npos)
+            << warning;
+      }
+    }
+  }
+}
+
+TEST(DeviceCoupling, TheStiffestCouplingIsAtTheLimitAndNotWarnedOf) {
+  SceneForceLaw law = coupled(0, 0);
+  const DeviceCoupling chosen = choose(bone_volume(), law, default_device_description());
+  EXPECT_NEAR(chosen.inertia_share, 0.5, 1e-12);
+  EXPECT_EQ(stability_warning(chosen), "");
+  law.prediction = PosePrediction::kOff;
+  const DeviceCoupling damped = choose(bone_volume(), law, default_device_description());
+  ASSERT_LT(damped.damping_share, 1);
+  EXPECT_NE(stability_warning(damped).find("without prediction"), std::string::npos);
+  law = coupled(100, 0.1);
+  law.prediction = PosePrediction::kOff;
+  DeviceDescription device = default_device_description();
+  device.joint_viscous_friction_Nms_per_rad = 5;
+  EXPECT_EQ(stability_warning(choose(bone_volume(), law, device)), "") << "its damping suffices";
+}
+
 TEST(DeviceCoupling, TheLargestForceIsWhatTheDeviceGivesAtItsPeak) {
   const DeviceDescription device = default_device_description();
   testing_support::Random random(12);
