@@ -4,10 +4,12 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <cstdio>
 #include <filesystem>
 #include <limits>
 
 #include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
 #include "formats/session/scene.h"
 
 namespace trocar::runtime {
@@ -73,7 +75,8 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "(default: 3). The device inproc waits for the loop: deadlines are not checked");
   safety.option("--black-box", a.black_box,
                 "folder for the recordings of the last 4 s before each fault (default: the\n"
-                "folder of --record, or else the current folder)");
+                "folder of --record, or else the current folder, or else that for temporary\n"
+                "files)");
 
   Group diagnostics(app, kDiagnostics);
   diagnostics.option("--meshes", a.meshes, "write the sheets before and after the punctures: JSON");
@@ -189,6 +192,28 @@ Result<void> check_run_arguments(const RunArguments& a) {
   return {};
 }
 
+namespace {
+
+/// The folder of the recording, or else the current folder, or else the one for temporary files.
+std::filesystem::path default_black_box(const RunArguments& arguments) {
+  if (!arguments.record.empty()) {
+    const std::filesystem::path folder = std::filesystem::path(arguments.record).parent_path();
+    return folder.empty() ? "." : folder;
+  }
+  if (check_writable("./black_box")) return ".";
+  std::error_code failed;
+  const std::filesystem::path temporary = std::filesystem::temp_directory_path(failed);
+  if (failed) return ".";
+  if (!arguments.quiet)
+    std::fprintf(stderr,
+                 "trocar-run: note: the current folder cannot be written to; a black box would go "
+                 "to %s\n",
+                 temporary.c_str());
+  return temporary;
+}
+
+}  // namespace
+
 void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
                      : arguments.recover == "signal" ? RecoveryPolicy::kOnRequest
@@ -206,9 +231,8 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
       arguments.late_ticks > 0 ? arguments.late_ticks - 1 : std::numeric_limits<int>::max();
   if (!arguments.black_box.empty()) {
     options.black_box = arguments.black_box;
-  } else if (arguments.replay.empty()) {
-    options.black_box = std::filesystem::path(arguments.record).parent_path();
-    if (options.black_box->empty()) options.black_box = ".";
+  } else if (arguments.replay.empty() && !arguments.check) {
+    options.black_box = default_black_box(arguments);
   }
 }
 

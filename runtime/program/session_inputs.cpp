@@ -7,6 +7,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/one_sheet.h"
+#include "runtime/bone_cutting/material/bone_volume.h"
 
 namespace trocar::runtime {
 namespace {
@@ -56,6 +57,9 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   Result<Scene> scene = load_scene(arguments);
   if (!scene) return scene.error();
   inputs.scene = std::move(*scene);
+  if (inputs.scene.force_law.kind == ForceLawKind::kCutting)
+    if (const auto shape = tool_shape(inputs.scene.tool); !shape)
+      return refused(arguments.scene + ": " + shape.error().message);
   Result<DeviceDescription> description = read_description(inputs.scene.device.value_or(""));
   if (!description) return description.error();
   inputs.description = std::move(*description);

@@ -174,9 +174,9 @@ double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_pus
   return tool_in_tissue(shape, here, 1, slice_push).strength_N;
 }
 
-Result<ToolShape> tool_shape(const SceneTool& tool, double outer_radius_m) {
+Result<ToolShape> tool_shape(const SceneTool& tool) {
   ToolShape shape;
-  shape.outer_radius_m = outer_radius_m;
+  shape.outer_radius_m = radius_of(make_tool(tool));
   shape.inner_radius_m = tool.inner_radius_m;
   shape.half_angle_rad =
       tool.kind.empty() ? std::numbers::pi / 2 : tool.half_angle_deg * std::numbers::pi / 180;
@@ -199,7 +199,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   BoneVolume bone;
   bone.tool = make_tool(scene.tool);
   bone.radius_m = radius_of(bone.tool);
-  Result<ToolShape> shape = tool_shape(scene.tool, bone.radius_m);
+  Result<ToolShape> shape = tool_shape(scene.tool);
   if (!shape) return shape.error();
   bone.shape = *shape;
   double outline_m = 0;

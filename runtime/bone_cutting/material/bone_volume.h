@@ -76,7 +76,7 @@ struct BoneVolume {
 };
 
 /// The shape of a scene's tool. Refused: a kind that does not exist, an inner radius that is too large.
-Result<ToolShape> tool_shape(const SceneTool& tool, double outer_radius_m);
+Result<ToolShape> tool_shape(const SceneTool& tool);
 
 /// `sheets` as from place_slices for a scene with the force law `cutting`. Refused: a bone law that
 /// does not exist, has no strength or is for another density; a strength by HU of a slice without.

@@ -64,8 +64,8 @@ std::optional<std::string_view> error_of(const ToolShape& tool) noexcept {
   if ((tool.kind == ToolKind::kJamshidi) != (tool.inner_radius_m > 0))
     return "a jamshidi is hollow (inner radius above 0), other tools are not";
   // Below 3 degrees the tip is a needle's length of its own.
-  if (!(tool.half_angle_rad >= 0.05 && tool.half_angle_rad <= kPi / 2 + 1e-9))
-    return "the tip's half angle must be within 0.05 and pi / 2 rad";
+  if (!(tool.half_angle_rad >= kPi / 60 - 1e-9 && tool.half_angle_rad <= kPi / 2 + 1e-9))
+    return "the tip's half angle must be within 3 and 90 degrees";
   return std::nullopt;
 }
 
