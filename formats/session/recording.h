@@ -76,10 +76,12 @@ const char* to_string(DeviceStatus status);
 
 /// One tick. Everything is in frame {B}. A wrench acts at the plate's origin: force, then torque.
 struct RecordingRow {
-  double t_s = 0;                            ///< number of the tick, divided by the loop rate
-  std::array<double, 3> p_m{};               ///< plate's origin
-  std::array<double, 4> q{1, 0, 0, 0};       ///< plate's orientation, w x y z
-  std::array<double, 3> tool_m{};            ///< tool tip
+  double t_s = 0;                       ///< number of the tick, divided by the loop rate
+  std::array<double, 3> p_m{};          ///< plate's origin
+  std::array<double, 4> q{1, 0, 0, 0};  ///< plate's orientation, w x y z
+  /// Tip of the tool. With the force law `cutting` the coupling holds it away from the plate, so it is where the
+  /// tool is in the tissue.
+  std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
   std::array<double, 8> tau_Nm{};            ///< leg-major: th1, th4 of leg 1, ...

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/checking/contact_feel.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -33,8 +34,11 @@ void ContactFeelMeter::add(const RecordingRow& row) noexcept {
 }
 
 void ContactFeelMeter::add_front(const RecordingRow& row) noexcept {
-  if (row.cutting.tip_N > 0)
-    feel_.past_front.include(row.cutting.front_z_m - row.tool_m[2], row.t_s);
+  if (row.cutting.tip_N > 0) {
+    const Eigen::Quaterniond q(row.q[0], row.q[1], row.q[2], row.q[3]);
+    const Eigen::Vector3d tip_m = plate_of(row) + q * tip_plate_m_;
+    feel_.past_front.include(row.cutting.front_z_m - tip_m.z(), row.t_s);
+  }
   // A front that has reached a gap is the next bone below, which the tip may not have reached.
   if (row.cutting.cut_J > last_.cutting.cut_J)
     feel_.front_jump.include(

@@ -22,7 +22,7 @@ struct Peak {
 
 struct ContactFeel {
   // Force law `cutting` only.
-  /// Depth of the plate's tool tip past the cutting front that bears it, m.
+  /// Depth past the cutting front that bears it of the tip of a tool that is fixed to the plate, m.
   Peak past_front;
   /// Distance over which the front cuts, or the tip falls, in one tick, m.
   Peak front_jump;
@@ -42,7 +42,9 @@ class ContactFeelMeter {
  public:
   static constexpr int kAlternations = 4;
 
-  explicit ContactFeelMeter(std::optional<double> let_go_t_s) : let_go_t_s_(let_go_t_s) {}
+  /// `tip_plate_m`: the tool's tip in the plate's frame.
+  ContactFeelMeter(const Eigen::Vector3d& tip_plate_m, std::optional<double> let_go_t_s)
+      : tip_plate_m_(tip_plate_m), let_go_t_s_(let_go_t_s) {}
 
   /// Takes a row of the state `running`. The rows must be in order.
   void add(const RecordingRow& row) noexcept;
@@ -53,6 +55,7 @@ class ContactFeelMeter {
   void add_alternation(const RecordingRow& row) noexcept;
   void add_let_go(const RecordingRow& row) noexcept;
 
+  Eigen::Vector3d tip_plate_m_;
   std::optional<double> let_go_t_s_;
   ContactFeel feel_;
   bool has_last_ = false;

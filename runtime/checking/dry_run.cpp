@@ -31,7 +31,9 @@ class DryRunObserver final : public TickObserver {
  public:
   DryRunObserver(const Scene& scene, const std::vector<std::unique_ptr<const Sheet>>& sheets,
                  DryRun& dry_run)
-      : sheets_(sheets), dry_run_(dry_run), feel_(scene.hand.let_go_t_s) {}
+      : sheets_(sheets),
+        dry_run_(dry_run),
+        feel_(make_tool(scene.tool).tip_plate_m, scene.hand.let_go_t_s) {}
 
   const ContactFeel& feel() const noexcept { return feel_.feel(); }
 

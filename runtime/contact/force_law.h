@@ -71,7 +71,8 @@ class ForceLaw {
   /// The loop calls this in each tick in which the state is not `running`. The next update() then starts
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
-  /// The loop calls this at the end of every tick. Writes the law's columns of the recording, if any.
+  /// The loop calls this at the end of every tick. Writes the law's columns of the recording, if any, and
+  /// moves RecordingRow::tool_m by what a coupling holds the tool away from the plate.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
   /// Distance by which the tool must be retracted so that no force acts when `running` begins. 0: the tool is
   /// in free space. `running` begins only if the distance is 0.

@@ -88,7 +88,17 @@ void CuttingForceLaw::reset_motion() noexcept {
   loaded_layers_ = 0;
 }
 
+/// Returns how far the coupling holds the tip of the tool in the tissue away from the tip of the plate's tool.
+Eigen::Vector3d CuttingForceLaw::tip_from_plate_m() const noexcept {
+  if (!state_.law.has_begun) return Eigen::Vector3d::Zero();
+  const Eigen::Vector3d& tip_plate_m = bone_.tool.tip_plate_m;
+  return state_.law.T_device_proxy * tip_plate_m - state_.T_device_evaluated * tip_plate_m;
+}
+
 void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
+  const Eigen::Vector3d deflection_m = tip_from_plate_m();
+  for (int i = 0; i < 3; ++i)
+    row.tool_m[static_cast<std::size_t>(i)] += deflection_m[i];
   const CuttingResult& result = state_.result;
   RecordingRow::Cutting& columns = row.cutting;
   std::copy(state_.wrench_device.data(), state_.wrench_device.data() + 6,

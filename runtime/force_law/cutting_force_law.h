@@ -53,6 +53,7 @@ class CuttingForceLaw final : public ForceLaw {
   CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone, const DeviceCoupling& coupling);
 
   Pose predicted_pose(const ForceLawInput& input) const noexcept;
+  Eigen::Vector3d tip_from_plate_m() const noexcept;
   std::uint64_t newly_punctured_layers() noexcept;
 
   BoneVolume bone_;

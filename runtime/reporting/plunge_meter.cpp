@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/reporting/plunge_meter.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <utility>
 
+#include "runtime/contact/tool.h"
 #include "runtime/reporting/vector3.h"
 
 namespace trocar::runtime {
@@ -16,9 +18,15 @@ double height_of(const Punctured& what, const Scene& scene,
 PlungeMeter::PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz)
     : scene_(scene),
       sheets_(sheets),
+      tip_plate_m_(make_tool(scene.tool).tip_plate_m),
       stop_ticks_(ticks_of(kPlungeStop_s, rate_Hz)),
       max_ticks_(ticks_of(kPlunge_s, rate_Hz)) {
   recent_m_.resize(stop_ticks_);
+}
+
+PlungeMeter::Heights PlungeMeter::heights_of(const RecordingRow& row) const {
+  const Eigen::Quaterniond q(row.q[0], row.q[1], row.q[2], row.q[3]);
+  return {row.tool_m[2], row.p_m[2] + (q * tip_plate_m_).z()};
 }
 
 void PlungeMeter::observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
@@ -33,28 +41,31 @@ void PlungeMeter::observe(const RecordingRow& row, const std::optional<Punctured
     open_.emplace();
     open_->what = *punctured;
     open_->t_s = open_->lowest_t_s = row.t_s;
-    from_m_ = lowest_m_ = row.tool_m[2];
+    from_ = lowest_ = last_.value_or(heights_of(row));
     ticks_ = 0;
   }
   if (open_) follow(row, figures);
+  last_ = heights_of(row);
 }
 
 void PlungeMeter::interrupt(double t_s, SessionFigures& figures) {
   last_wanted_N_ = 0;
+  last_.reset();
   end(PlungeEnd::kFault, t_s, figures);
 }
 
 /// Takes the row of the break-through and the rows after it.
 void PlungeMeter::follow(const RecordingRow& row, SessionFigures& figures) {
-  const double z_m = row.tool_m[2];
+  const Heights here = heights_of(row);
+  const double z_m = here.tip_m;
   double& earlier_m = recent_m_[ticks_ % recent_m_.size()];
   const bool stops = ticks_ >= stop_ticks_ && earlier_m - z_m < kPlungeStep_m;
   earlier_m = z_m;
-  if (z_m < lowest_m_) {
-    lowest_m_ = z_m;
+  if (z_m < lowest_.tip_m) {
+    lowest_ = here;
     open_->lowest_t_s = row.t_s;
   }
-  if (z_m - lowest_m_ > kPlungeStep_m) {
+  if (z_m - lowest_.tip_m > kPlungeStep_m) {
     end(PlungeEnd::kReversed, row.t_s, figures);
   } else if (stops) {
     end(PlungeEnd::kStopped, row.t_s, figures);
@@ -67,8 +78,9 @@ void PlungeMeter::follow(const RecordingRow& row, SessionFigures& figures) {
 void PlungeMeter::end(PlungeEnd end, double t_s, SessionFigures& figures) {
   if (!open_) return;
   BreakThrough made = *std::exchange(open_, std::nullopt);
-  made.plunge_m = from_m_ - lowest_m_;
-  made.below_m = height_of(made.what, scene_, sheets_) - lowest_m_;
+  made.plunge_m = from_.tip_m - lowest_.tip_m;
+  made.hand_m = from_.plate_m - lowest_.plate_m;
+  made.below_m = height_of(made.what, scene_, sheets_) - lowest_.tip_m;
   if (made.what.is_layer) made.below_m -= scene_.layers[made.what.index].thickness_m;
   made.ended_by = end;
   made.ended_t_s = t_s;

@@ -3,6 +3,7 @@
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -30,8 +31,16 @@ class PlungeMeter {
   const Scene& scene_;
   const std::vector<ReportSheet>& sheets_;
   double last_wanted_N_ = 0;
+  /// Heights of the tip, and of the tip of a tool fixed to the plate, in one row.
+  struct Heights {
+    double tip_m = 0, plate_m = 0;
+  };
+  Heights heights_of(const RecordingRow& row) const;
+
+  Eigen::Vector3d tip_plate_m_;
+  std::optional<Heights> last_;       ///< of the counted row before
   std::optional<BreakThrough> open_;  ///< the break-through whose plunge is being measured
-  double from_m_ = 0, lowest_m_ = 0;  ///< height of the tip at the break-through, and its lowest
+  Heights from_, lowest_;             ///< before the break-through, and with the lowest tip
   std::vector<double> recent_m_;      ///< ring of the tip's heights since the break-through
   std::uint64_t ticks_ = 0, stop_ticks_ = 1, max_ticks_ = 1;
 };

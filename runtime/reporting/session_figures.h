@@ -14,10 +14,12 @@
 //     the undeformed sheet, or below the layer's top.
 //  4. A break-through is a puncture at which the wanted force falls to at most half of that of the
 //     row before. If one row has several punctures, the lowest counts. The plunge is the distance by
-//     which the tip moves down from there until one of these events: the tip has come back by
-//     kPlungeStep_m (reversed), it has advanced by less than kPlungeStep_m in kPlungeStop_s
+//     which the tip moves down from the row before until one of these events: the tip has come back
+//     by kPlungeStep_m (reversed), it has advanced by less than kPlungeStep_m in kPlungeStop_s
 //     (stopped), kPlunge_s have passed (time), the next break-through happens (next), a row is not
-//     counted (fault), or the session ends (end).
+//     counted (fault), or the session ends (end). It is the sum of two parts between the same rows:
+//     the motion of the hand is that of a tool fixed to the plate, and the release is the remainder,
+//     by which the coupling of plate and tool relaxes (0 without a coupling).
 //  5. Tremor is measured with two Butterworth filters of the second order, a high-pass of
 //     kTremorLow_Hz and a low-pass of kTremorHigh_Hz. Their input is the position of the tip minus
 //     its position in the first row:
@@ -75,6 +77,7 @@ enum class PlungeEnd : std::uint8_t { kReversed, kStopped, kTime, kNext, kFault,
 struct BreakThrough {
   Punctured what;
   double t_s = 0, plunge_m = 0;
+  double hand_m = 0;   ///< the part of the plunge that the hand moved
   double below_m = 0;  ///< depth of the lowest tip below the sheet, or below the layer's bottom
   double lowest_t_s = 0, ended_t_s = 0;
   PlungeEnd ended_by = PlungeEnd::kEnd;

@@ -159,6 +159,8 @@ json describe_break_throughs(const Scene& scene, const SessionFigures& f,
     json made = describe(scene, facts, b.what);
     made.update({{"t_s", b.t_s},
                  {"plunge_m", b.plunge_m},
+                 {"hand_m", b.hand_m},
+                 {"release_m", b.plunge_m - b.hand_m},
                  {"below_m", b.below_m},
                  {"lowest_t_s", b.lowest_t_s},
                  {"ended_t_s", b.ended_t_s},

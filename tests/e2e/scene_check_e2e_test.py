@@ -152,7 +152,7 @@ def alternation(rows):
 
 def snap(rows):
     """(how far the tip is past the front that bears it, the front's largest advance in a tick), in m."""
-    past = max(row["front_z_m"] - row["tool_z_m"] for row in rows if row["tip_N"] > 0)
+    past = max(row["front_z_m"] - row["z_m"] for row in rows if row["tip_N"] > 0)  # these scenes have the tip at the plate's origin
     jumps = [a["front_z_m"] - max(b["front_z_m"], b["tool_z_m"]) for a, b in zip(rows, rows[1:], strict=False) if b["cut_J"] > a["cut_J"]]
     return past, max(jumps)
 

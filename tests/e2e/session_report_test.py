@@ -122,15 +122,24 @@ def zone_distance(zone, tip):
     return np.where(outside > 0, outside, beyond.max(axis=1))
 
 
-def break_throughs(rows, counts, struck, top_of, bottom_of, rate):
+def tip_of_plate(rows, scene):
+    """The heights of the tip of a tool that is fixed to the plate."""
+    w, x, y, z = (rows[name] for name in ("qw", "qx", "qy", "qz"))
+    a, b, c = scene["tool"].get("tip_in_plate_m", (0, 0, 0))
+    return rows["z_m"] + 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c
+
+
+def break_throughs(scene, rows, counts, struck, top_of, bottom_of, rate):
     """`struck`: {row: [what]}. Looks ahead from each row."""
     found, z, t = [], rows["tool_z_m"], rows["t_s"]
     stop, most = round(STOP_S * rate), round(PLUNGE_S * rate)
     wanted = np.sqrt((vectors(rows, "fx_wanted_N", "fy_wanted_N", "fz_wanted_N")**2).sum(axis=1))
     wanted[~counts] = 0
     struck = {k: what for k, what in struck.items() if wanted[k] <= (wanted[k - 1] if k > 0 else 0) / 2}
+    fixed = tip_of_plate(rows, scene)
     for k in sorted(struck):
-        lowest, low_row, how, end = z[k], k, "end", len(z) - 1
+        before = k - 1 if k > 0 and counts[k - 1] else k
+        lowest, low_row, how, end = z[before], before, "end", len(z) - 1
         for j in range(k, len(z)):
             if j > k and not counts[j]:
                 how, end = "fault", j
@@ -150,8 +159,9 @@ def break_throughs(rows, counts, struck, top_of, bottom_of, rate):
                 how, end = "time", j
                 break
         what = min(struck[k], key=top_of)
-        found.append({**named(what), "t_s": t[k], "plunge_m": z[k] - lowest, "below_m": bottom_of(what) - lowest,
-                      "lowest_t_s": t[low_row], "ended_t_s": t[end], "ended_by": how})
+        hand, plunge = fixed[before] - fixed[low_row], z[before] - lowest
+        found.append({**named(what), "t_s": t[k], "plunge_m": plunge, "hand_m": hand, "release_m": plunge - hand, "below_m": bottom_of(what) - lowest,
+                      "lowest_t_s": t[max(low_row, k)], "ended_t_s": t[end], "ended_by": how})
     return found
 
 
@@ -184,7 +194,7 @@ def expected(scene, rows, asset_info, rate, layer_punctures=()):
         for what in struck[k]:
             listed.append({**named(what), "t_s": t[k], "force_N": force[k - 1], "depth_m": what[2] - tip[k, 2], "tip_z_m": tip[k, 2]})
     out["punctures"], out["punctures_count"] = listed[:PUNCTURES], len(listed)
-    plunges = break_throughs(rows, counts, struck, lambda what: what[2], lambda what: what[3], rate)
+    plunges = break_throughs(scene, rows, counts, struck, lambda what: what[2], lambda what: what[3], rate)
     out["break_throughs"], out["break_throughs_count"] = plunges[:PUNCTURES], len(plunges)
     out["plunge_max_m"] = max((each["plunge_m"] for each in plunges), default=0)
 

@@ -19,7 +19,7 @@ RecordingRow row_at(int tick, double tool_z_m = 0, double force_N = 0) {
 }
 
 ContactFeel feel_of(const std::vector<RecordingRow>& rows, std::optional<double> let_go_t_s = {}) {
-  ContactFeelMeter meter(let_go_t_s);
+  ContactFeelMeter meter({0, 0, -0.1}, let_go_t_s);
   for (const RecordingRow& row : rows)
     meter.add(row);
   return meter.feel();
