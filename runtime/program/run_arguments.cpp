@@ -202,7 +202,7 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
   }
   if (check_writable("./black_box")) return ".";
   std::error_code failed;
-  const std::filesystem::path temporary = std::filesystem::temp_directory_path(failed);
+  std::filesystem::path temporary = std::filesystem::temp_directory_path(failed);
   if (failed) return ".";
   if (!arguments.quiet)
     std::fprintf(stderr,
