@@ -50,7 +50,7 @@ struct DryRun {
   std::uint64_t scaled_ticks = 0;   ///< ticks in which the motors could not render the whole wrench
   double scale_min = 1;             ///< smallest fraction of a wrench that was rendered
   double scaled_t_s = 0;            ///< time of the first such tick
-  ContactFeel feel;                 ///< what a hand would notice
+  ContactFeel feel;                 ///< figures of the contact that a hand would notice
   std::optional<Error> hole_error;  ///< error of the first hole that could not be cut
 };
 

@@ -38,7 +38,7 @@ class PlungeMeter {
   Heights heights_of(const RecordingRow& row) const;
 
   Eigen::Vector3d tip_plate_m_;
-  std::optional<Heights> last_;       ///< of the counted row before
+  std::optional<Heights> last_;       ///< heights in the last counted row
   std::optional<BreakThrough> open_;  ///< the break-through whose plunge is being measured
   Heights from_, lowest_;             ///< before the break-through, and with the lowest tip
   std::vector<double> recent_m_;      ///< ring of the tip's heights since the break-through

@@ -19,8 +19,8 @@
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
 //  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2 divided by the force
 //     scale (SceneForceLaw::force_scale), and in rotation likewise with the plate's smallest moment of
-//     inertia. A stiffness of 0 in the scene's law stands for this limit, with and
-//     without prediction.
+//     inertia. A stiffness of 0 in the scene's law stands for
+//     this limit, whether the pose is predicted or not.
 //  4. `inertia_share` also counts the stiffness of a rigid tool, which is not limited.
 //  5. The coupling's largest force is the one that the device can render along the tool at its peak torques,
 //     divided by the force scale.
