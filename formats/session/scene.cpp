@@ -59,6 +59,8 @@ void read_bone_volume(StrictObject& object, SceneBody& body) {
   object.section("shell", [&](StrictObject& shell) {
     body.shell_m = shell.number("thickness_m", 1e-4, 0.01);
     shell.read("strength_factor", body.shell_factor, 0.1, 100.0);
+    if (shell.has("free_radius_m"))
+      body.shell_free_radius_m = shell.number("free_radius_m", 1e-4, 0.05);
   });
 }
 

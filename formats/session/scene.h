@@ -102,6 +102,8 @@ struct SceneLayer {
   double top_z_m = 0, thickness_m = 0;
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;
+  /// Fracture toughness, from which the force of puncture follows for the scene's tool; 0: puncture_N is given.
+  double toughness_J_per_m2 = 0;
   double friction_N_per_m = 0;  ///< friction on the shaft per length of cut depth
 };
 inline constexpr std::size_t kMaxLayers = 8;
@@ -155,7 +157,10 @@ struct SceneBody {
   int from = 0, to = 0;     ///< AssetSlice::index, from <= to
   double top_z_m = 0;       ///< height in {B} of the highest of them
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
-  double shell_factor = 1;  ///< shell's strength over that at the slice's 90th percentile of HU
+  double shell_factor = 1;  ///< shell's strength over that of the bone under the tool
+  /// Radius within which nothing supports the shell, so that it breaks as a thin wall
+  /// (runtime/bone_cutting/material/thin_wall.h) where that needs less force; 0: bone supports it everywhere.
+  double shell_free_radius_m = 0;
 };
 
 struct SceneSlice {

@@ -82,12 +82,17 @@ void read_layers(StrictObject& scene, std::vector<SceneLayer>& layers) {
     layer.thickness_m = object.number("thickness_m", 1e-5, 0.2);
     object.read("stiffness_N_per_m", layer.stiffness_N_per_m, 0.0, 1e5);
     object.read("stiffening_N_per_m2", layer.stiffening_N_per_m2, 0.0, 1e9);
-    layer.puncture_N = object.number("puncture_N", 0.0, 1000.0);
+    if (object.has("toughness_J_per_m2")) {
+      if (object.has("puncture_N")) object.error("has both toughness_J_per_m2 and puncture_N");
+      layer.toughness_J_per_m2 = object.number("toughness_J_per_m2", 1.0, 1e6);
+    } else {
+      layer.puncture_N = object.number("puncture_N", 0.0, 1000.0);
+    }
     object.read("cutting_N", layer.cutting_N, 0.0, 1000.0);
     object.read("friction_N_per_m", layer.friction_N_per_m, 0.0, 1e5);
     if (!(layer.stiffness_N_per_m + layer.stiffening_N_per_m2 > 0))
       object.error("stiffness_N_per_m", "must be above 0, or stiffening_N_per_m2");
-    if (layer.cutting_N > layer.puncture_N)
+    if (layer.cutting_N > layer.puncture_N && !(layer.toughness_J_per_m2 > 0))
       object.error("cutting_N", "must not be above puncture_N");
     if (!layers.empty() && layer.top_z_m > layers.back().top_z_m - layers.back().thickness_m)
       object.error("top_z_m", "must be below the layer before it");

@@ -58,8 +58,8 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   if (!scene) return scene.error();
   inputs.scene = std::move(*scene);
   if (inputs.scene.force_law.kind == ForceLawKind::kCutting)
-    if (const auto shape = tool_shape(inputs.scene.tool); !shape)
-      return refused(arguments.scene + ": " + shape.error().message);
+    if (const auto resolved = resolve_layers(inputs.scene); !resolved)
+      return refused(arguments.scene + ": " + resolved.error().message);
   Result<DeviceDescription> description = read_description(inputs.scene.device.value_or(""));
   if (!description) return description.error();
   inputs.description = std::move(*description);

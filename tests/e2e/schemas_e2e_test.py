@@ -211,7 +211,10 @@ def scenes_of_cutting():
              "zones": [{"name": "vessel", "capsule": {"from_m": [0.03, 0, 0.1], "to_m": [0.03, 0, 0.2], "radius_m": 0.005}},
                        {"name": "lung", "box": box}, {"name": "canal", "margin_m": 0.002, "prism": prism}]}
     yield "goals", {**scene, "body": body, "tissue": {"cut": cut}, "force_law": law, "goals": goals}
-    yield "bone", {**scene, "body": {key: body[key] for key in ("from", "to", "top_z_m")}, "force_law": {"kind": "cutting"},
+    layer = {"name": "dura", "top_z_m": 0.14, "thickness_m": 0.0004, "stiffness_N_per_m": 150, "toughness_J_per_m2": 1500, "cutting_N": 0.1}
+    yield "layers", {**scene, "body": body, "tissue": {"cut": cut}, "force_law": law, "layers": [layer]}
+    shell = {"thickness_m": 0.001, "free_radius_m": 0.004}
+    yield "bone", {**scene, "body": {**body, "shell": shell}, "force_law": {"kind": "cutting"},
                    "tissues": [{"name": "bone", "hu": [-1000, 3000], "cut": {"bone": bone}}]}
     yield "slices", {**scene, "slices": [{"index": 15, "z_m": 0.12}], "tissue": {"cut": {"bone": {"law": "kopperdahl-power"}}},
                      "force_law": {"kind": "cutting", "axis": "rigid"}}

@@ -166,7 +166,7 @@ class BoneContactTick {
                            below ? sheets_[i]->z_m - sheets_[i + 1]->z_m : 0,
                            sheet.bottom_m - sheet.top_m);
     }
-    const double shell_N = sheet.shell_factor * N;
+    const double shell_N = sheet.shell_N(bone_.shape, own.hu, N);
     const bool has_shell = bone_.shell_m > 0 && own.is_presented;
     const double above_m = has_shell ? material_above_m(i) : 0,
                  below_m = has_shell ? material_below_m(i) : 0;

@@ -6,6 +6,9 @@
 #include <numbers>
 #include <string>
 
+#include "runtime/bone_cutting/material/membrane.h"
+#include "runtime/bone_cutting/material/thin_wall.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -17,6 +20,9 @@ constexpr double kUnbreakable_N = 1e9;
 constexpr double kMinPart_m = 1e-6;
 // The elastic modulus of the tip's contact is at least that of very sparse trabecular bone.
 constexpr double kMinModulus_MPa = 50;
+// Ash density over apparent density of cortex (E. Schileo et al., J. Biomech. 41, 2008). QCT density is taken as
+// ash density.
+constexpr double kAshOverApparent = 0.598;
 // Strength of bone whose HU show marrow alone: trabeculae are thinner than a voxel, and fat lowers the HU. It is
 // that of `kopperdahl-power` at 0.02 g/cm^3.
 constexpr double kMinStrength_MPa = 0.16;
@@ -62,7 +68,7 @@ Result<void> set_bone(const Sheet& sheet, const BoneByHu& bone, BoneSheet& out) 
 
 // `outline_share`: the length of the tool's outline over that of the disc of its area.
 Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double outline_share,
-                          double shell_factor, BoneSheet& out) {
+                          const SceneBody& body, BoneSheet& out) {
   const Tissue& tissue = sheet.tissue;
   out.tip_N_per_m = tissue.stiffness_N_per_m;
   out.is_of_the_tool = !tissue.cut;
@@ -97,7 +103,12 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
     out.nominal_N = in.strength_N;
     if (material.modulus_Pa > 0) out.tip_N_per_m = tool_in_tissue(shape, material).tip_N_per_m;
   }
-  out.shell_factor = shell_factor;
+  out.shell_factor = body.shell_factor;
+  out.shell_m = body.shell_m;
+  out.shell_free_radius_m = body.shell_free_radius_m;
+  if (out.shell_free_radius_m > 0 && out.law == nullptr)
+    return refused("/body/shell/free_radius_m: slice " + std::to_string(sheet.slice_index) +
+                   " has a tissue without a bone law");
   return {};
 }
 
@@ -167,6 +178,16 @@ double BoneSheet::friction_N_per_m(double hu, double nominal_N_per_m) const noex
   return nominal_N_per_m + friction_N_per_m_Pa * (pressure_Pa(hu) - material.strength_Pa);
 }
 
+double BoneSheet::shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept {
+  const double supported_N = shell_factor * strength_N;
+  if (law == nullptr || !(shell_free_radius_m > 0)) return supported_N;
+  const double apparent = density_of(calibration, hu) / kAshOverApparent;
+  const ThinWall wall{.thickness_m = shell_m,
+                      .free_radius_m = shell_free_radius_m,
+                      .flow_Pa = cortex_flow_Pa(apparent)};
+  return std::min(supported_N, break_N(wall, shape.outer_radius_m));
+}
+
 double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_push) const noexcept {
   if (is_of_the_tool || (law == nullptr && slice_push == 0)) return nominal_N;
   CutMaterial here = material;
@@ -195,6 +216,17 @@ Result<ToolShape> tool_shape(const SceneTool& tool) {
   return shape;
 }
 
+Result<void> resolve_layers(Scene& scene) {
+  const Result<ToolShape> shape = tool_shape(scene.tool);
+  if (!shape) return shape.error();
+  for (SceneLayer& layer : scene.layers) {
+    if (!(layer.toughness_J_per_m2 > 0)) continue;
+    layer.puncture_N = membrane_break_N(layer.toughness_J_per_m2, layer.thickness_m, *shape);
+    layer.cutting_N = std::min(layer.cutting_N, layer.puncture_N);
+  }
+  return {};
+}
+
 Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets) {
   BoneVolume bone;
   bone.tool = make_tool(scene.tool);
@@ -208,8 +240,8 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
         (bone.tool.corner_plate_m[(i + 1) % bone.tool.sides] - bone.tool.corner_plate_m[i]).norm();
   const double outline_share = outline_m / (2 * std::numbers::pi * bone.radius_m);
   bone.twists = scene.force_law.twist;
-  bone.shell_m = scene.body ? scene.body->shell_m : 0;
-  const double shell_factor = scene.body ? scene.body->shell_factor : 1;
+  const SceneBody body = scene.body.value_or(SceneBody{});
+  bone.shell_m = body.shell_m;
 
   CuttingOptions& options = bone.options;
   options.tool = {bone.tool.tip_plate_m, -bone.tool.axis_plate, bone.radius_m};
@@ -252,7 +284,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
 
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     BoneSheet& out = bone.sheets[i];
-    if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, shell_factor, out); !ok)
+    if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, body, out); !ok)
       return ok.error();
     out.first_slab = static_cast<int>(bone.slabs.size());
     const std::vector<double> ends = parts_of(out.bottom_m - out.top_m, bone.shell_m);

@@ -38,6 +38,8 @@ inline constexpr std::size_t kMaxRememberedHoles = 32;
 struct BoneSheet {
   double nominal_N = 0;     ///< strength of the front at the slice's mean HU
   double shell_factor = 1;  ///< strength of its cortical shell over that of the bone under the tool
+  /// Where nothing supports the shell (SceneBody::shell_free_radius_m); 0: it is supported.
+  double shell_m = 0, shell_free_radius_m = 0;
   double tip_N_per_m = 0;
   /// Law for the strength from HU; null: the material's strength holds throughout.
   const BoneLaw* law = nullptr;
@@ -55,6 +57,8 @@ struct BoneSheet {
       double hu) const noexcept;  ///< pressure under a flat tip; `law` must not be null
   /// Friction of the shaft per embedded length in bone of this HU, given `nominal_N_per_m` in bone of the slice's mean HU.
   double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
+  /// Strength of the shell at an HU where the front's is `strength_N`: at most that of a thin wall.
+  double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front at an HU; `slice_push` as in tool_in_tissue().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
 };
@@ -78,8 +82,12 @@ struct BoneVolume {
 /// The shape of a scene's tool. Refused: a kind that does not exist, an inner radius that is too large.
 Result<ToolShape> tool_shape(const SceneTool& tool);
 
-/// `sheets` as from place_slices for a scene with the force law `cutting`. Refused: a bone law that
-/// does not exist, has no strength or is for another density; a strength by HU of a slice without.
+/// Sets the forces of layers whose toughness is given. Refused: as tool_shape().
+Result<void> resolve_layers(Scene& scene);
+
+/// `sheets` as from place_slices for a scene with the force law `cutting`, whose layers are resolved. Refused: a
+/// bone law that does not exist, has no strength or is for another density; a strength by HU of a slice without;
+/// a shell without support whose tissue has no bone law.
 Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets);
 
 }  // namespace trocar::runtime

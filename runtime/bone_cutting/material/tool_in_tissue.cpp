@@ -34,10 +34,6 @@ constexpr std::array<std::pair<int, double>, 12> kGauges{{{8, 4.191},
                                                           {22, 0.718},
                                                           {25, 0.515}}};
 
-bool is_flat(const ToolShape& tool) noexcept {
-  return tool.inner_radius_m > 0 || tool.half_angle_rad >= kPi / 2;
-}
-
 bool is_at_least_0(double value) noexcept {
   return std::isfinite(value) && value >= 0;
 }
@@ -86,6 +82,10 @@ double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_p
   if (!(across > 0)) return 0;
   const double along = std::max(feed_m_per_s, 0.0);
   return across >= kMaxSlicePush * along ? kMaxSlicePush : across / along;
+}
+
+bool is_flat(const ToolShape& tool) noexcept {
+  return tool.inner_radius_m > 0 || tool.half_angle_rad >= kPi / 2;
 }
 
 double displaced_area_m2(const ToolShape& tool) noexcept {

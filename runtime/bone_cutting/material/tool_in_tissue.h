@@ -62,6 +62,8 @@ inline constexpr double kMaxSlicePush = 10;
 /// kMaxSlicePush; 0 without twist.
 double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_per_s) noexcept;
 
+/// True for a tip that stamps its outline out of the material: flat, or hollow.
+bool is_flat(const ToolShape& tool) noexcept;
 double displaced_area_m2(const ToolShape& tool) noexcept;
 double torn_length_m(const ToolShape& tool) noexcept;
 

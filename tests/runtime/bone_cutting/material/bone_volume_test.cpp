@@ -2,6 +2,7 @@
 // The slabs of a body from its sheets: extents, what tissues oppose by hand-computed figures, parts
 // for a shell, and what is refused.
 #include "runtime/bone_cutting/material/bone_volume.h"
+#include "runtime/bone_cutting/material/thin_wall.h"
 
 #include <gtest/gtest.h>
 
@@ -232,6 +233,53 @@ TEST(BoneVolume, AShellHasTheStrengthUnderTheToolTimesItsFactor) {
   scene.body->shell_m = 1e-3;
   scene.body->shell_factor = 3;
   EXPECT_EQ(bone_volume_of(scene, square_asset(3)).sheets[0].shell_factor, 3);
+}
+
+// A shell without support breaks as a thin wall where that needs less force, by the density under the tool.
+TEST(BoneVolume, AShellWithoutSupportBreaksAsAThinWall) {
+  Scene scene = body_scene(0, 2, 0.12);
+  scene.body->shell_m = 8e-4;
+  scene.body->shell_factor = 2;
+  scene.body->shell_free_radius_m = 5e-3;
+  EXPECT_NE(refusal_of(scene, square_asset(3)).find("/body/shell/free_radius_m"), std::string::npos)
+      << "its density is not known";
+  scene.tissue.cut = CutTissue{};
+  scene.tissue.cut->bone = BoneByHu{"kopperdahl-power", "qct", 8e-4, 0, false};
+  const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {900, 900, 900}));
+  const BoneSheet& sheet = body.sheets[0];
+  for (const double hu : {200.0, 600.0, 1400.0}) {
+    const double apparent = 8e-4 * hu / 0.598, flow_Pa = 100e6 * std::pow(apparent / 1.9, 2);
+    const double wall_N = break_N({.thickness_m = 8e-4, .free_radius_m = 5e-3, .flow_Pa = flow_Pa},
+                                  body.shape.outer_radius_m);
+    EXPECT_NEAR(sheet.shell_N(body.shape, hu, 1e6), wall_N, 1e-9 * wall_N);
+    EXPECT_NEAR(sheet.shell_N(body.shape, hu, wall_N / 4), wall_N / 2, 1e-9)
+        << "crushed before that";
+  }
+  scene.body->shell_free_radius_m = 0;
+  EXPECT_EQ(bone_volume_of(scene, spaced_asset(3, 1, {900, 900, 900}))
+                .sheets[0]
+                .shell_N(body.shape, 900, 100),
+            200)
+      << "supported";
+}
+
+TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
+  Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
+  scene.tool.kind = "needle-conical";
+  scene.tool.half_angle_deg = 20;
+  SceneLayer layer{.name = "dura", .top_z_m = 0.13, .thickness_m = 4e-4, .stiffness_N_per_m = 150};
+  layer.toughness_J_per_m2 = 1500;
+  layer.cutting_N = 100;
+  scene.layers = {layer, layer};
+  scene.layers[1].toughness_J_per_m2 = 0;
+  scene.layers[1].puncture_N = 7;
+  scene.layers[1].cutting_N = 1;
+  ASSERT_TRUE(resolve_layers(scene));
+  const double tear_N = 1500 * 2 * 4e-4 * std::tan(20 * std::acos(-1.0) / 180) / 0.61;
+  EXPECT_NEAR(scene.layers[0].puncture_N, tear_N, 1e-9);
+  EXPECT_EQ(scene.layers[0].cutting_N, scene.layers[0].puncture_N) << "at most that";
+  EXPECT_EQ(scene.layers[1].puncture_N, 7);
+  EXPECT_EQ(scene.layers[1].cutting_N, 1);
 }
 
 // The shaft's friction follows the strength of the bone under the tool, as far as the friction coefficient
