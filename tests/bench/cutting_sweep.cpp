@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Speed against error of the cutting law, and the table of procedures. In: a plan as JSON on stdin;
+// Speed against error of the cutting law, and the table of published forces. In: a plan as JSON on stdin;
 // out: JSON.
 //
 // Plan: {"slabs": [..], "reference_slabs": n, "most_steps": [..], "ticks": n, "repetitions": n,
@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "runtime/bone_cutting/material/slabs.h"
-#include "tests/bench/procedures.h"
+#include "tests/bench/published_forces.h"
 #include "tests/bench/sweep_main.h"
 
 namespace trocar::test {
@@ -294,28 +294,50 @@ json stability(const json& plan) {
   return rows;
 }
 
+json to_json(const std::map<std::string, Score>& scores) {
+  json out = json::array();
+  for (const auto& [name, score] : scores)
+    out.push_back({{"name", name}, {"hits", score.hits}, {"rows", score.rows}});
+  return out;
+}
+
 json table() {
-  const auto rows = procedures();
-  const BoneConstants constants = fit(rows);
-  json out = {{"pressure_over_yield", constants.pressure_over_yield},
-              {"friction", constants.friction},
-              {"rows", json::array()}};
-  for (const Procedure& p : rows) {
-    const double predicted = predict(p, constants);
-    const char* standing = p.standing == Standing::kFitted  ? "fitted on this row"
-                           : p.standing == Standing::kGiven ? "given, rendered"
-                                                            : "predicted";
-    out["rows"].push_back({{"id", p.name},
+  const auto rows = read_published_forces(TROCAR_PUBLISHED_FORCES);
+  const WallPressure wall_pressure = fit(rows);
+  std::vector<Prediction> predictions;
+  predictions.reserve(rows.size());
+  for (const PublishedForce& row : rows)
+    predictions.push_back(predict(row, wall_pressure));
+  const std::vector<double> left = leave_one_out(rows, predictions);
+  json out = {{"wall_pressure", wall_pressure},
+              {"rows", json::array()},
+              {"by_mechanism", to_json(scores(rows, predictions, &PublishedForce::mechanism))},
+              {"by_study", to_json(scores(rows, predictions, &PublishedForce::study))}};
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const PublishedForce& row = rows[i];
+    const char* standing = row.standing == Standing::kFitted  ? "fitted"
+                           : row.standing == Standing::kShown ? "not counted"
+                                                              : "counted";
+    out["rows"].push_back({{"id", row.id},
+                           {"study", row.study},
+                           {"mechanism", row.mechanism},
                            {"standing", standing},
-                           {"predicted", predicted},
-                           {"unit", p.is_share_of_work ? "of the work" : "N"},
-                           {"published_low", p.published_low},
-                           {"published_high", p.published_high},
-                           {"is_hit", is_hit(p, predicted)},
-                           {"tool", p.tool},
-                           {"tissue", p.tissue},
-                           {"conditions", p.conditions},
-                           {"source", p.source}});
+                           {"is_hit", is_hit(row, predictions[i])},
+                           {"unit", row.unit},
+                           {"predicted_low", predictions[i].low},
+                           {"predicted", predictions[i].median},
+                           {"predicted_high", predictions[i].high},
+                           {"published_low", row.low},
+                           {"published_mean", row.mean},
+                           {"published_high", row.high},
+                           {"spread", row.spread},
+                           {"left_one_out", std::isfinite(left[i]) ? json(left[i]) : json(nullptr)},
+                           {"miss", row.miss},
+                           {"tool", row.tool},
+                           {"specimen", row.specimen},
+                           {"assumed", row.assumed},
+                           {"evidence", row.evidence},
+                           {"source", row.source}});
   }
   return out;
 }
@@ -326,8 +348,9 @@ json measure(const json& plan) {
   json rows = by_slabs(plan);
   for (const json& each : by_steps(plan))
     rows.push_back(each);
-  return {
-      {"pareto", rows}, {"procedures", table()}, {"stability", stability(plan.at("stability"))}};
+  return {{"pareto", rows},
+          {"published_forces", table()},
+          {"stability", stability(plan.at("stability"))}};
 }
 
 }  // namespace
