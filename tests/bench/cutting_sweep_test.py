@@ -29,13 +29,19 @@ def test_cutting_sweep():
     assert given["damping", 0] > 1e-4 and given["held", 0.1] > 1e-4, given
     assert max(given["damping", 1], given["damping", 2], given["predicted", 0.1], given["predicted", 0.5]) <= 1e-9, given
 
-    rows = data["procedures"]["rows"]
-    assert sum(row["standing"] == "fitted on this row" for row in rows) == 2
+    table = data["published_forces"]
+    rows = table["rows"]
+    assert sum(row["standing"] == "fitted" for row in rows) == 1
+    counted = [row for row in rows if row["standing"] == "counted"]
+    for parts in (table["by_mechanism"], table["by_study"]):
+        assert sum(each["rows"] for each in parts) == len(counted) >= 20
+        assert sum(each["hits"] for each in parts) == sum(row["is_hit"] for row in counted)
+    table["commit"] = "abc"
     import cutting  # brings matplotlib
     import page as html
     page = html.Page("t")
     cutting.show(data, page)
-    missed = sum(row["standing"] == "predicted" and not row["is_hit"] for row in rows)
+    missed = sum(not row["is_hit"] for row in rows)
     assert missed > 0 and page.text().count("missed") >= missed and page.text().count("<svg") == 3
     assert len(cutting.results(data)) == 2 + len(rows)
     with tempfile.TemporaryDirectory() as folder:

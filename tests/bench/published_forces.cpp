@@ -21,9 +21,7 @@ using namespace trocar::runtime;
 using nlohmann::json;
 
 constexpr int kDraws = 8001;
-// Ash density over apparent density (E. Schileo et al., J. Biomech. 41, 2008), and the density of bone without
-// pores, g/cm^3. QCT density is taken as ash density.
-constexpr double kAshOverApparent = 0.598, kSolid = 1.9;
+constexpr double kSolid_g_per_cm3 = 1.9;  // apparent density of bone without pores
 
 /// Draws the inputs of one row. The same seed gives the same values on every machine with the same libm.
 class Inputs {
@@ -36,9 +34,11 @@ class Inputs {
   }
   double draw(const json& input) {
     if (input.is_number()) return input.get<double>();
-    const auto [name, numbers] = only(input);
+    const std::pair<std::string, json> made = only(input);
+    const std::string& name = made.first;
+    const json& numbers = made.second;
     const double least = input.value("least", 0.0);
-    const auto at = [&](std::size_t i) { return numbers.at(i).template get<double>(); };
+    const auto at = [&](std::size_t i) { return numbers.at(i).get<double>(); };
     if (name == "uniform") return at(0) + (at(1) - at(0)) * uniform();
     if (name == "normal") return std::max(at(0) + at(1) * normal(), least);
     if (name == "lognormal") return at(0) * std::exp(at(1) * normal());
@@ -67,7 +67,9 @@ class Inputs {
 
 double density(Inputs& in, const json& model) {
   if (model.contains("density_g_per_cm3")) return in.draw("density_g_per_cm3");
-  return kAshOverApparent * kSolid * in.draw("bone_volume_fraction");
+  // QCT density is about the ash density.
+  const double apparent = kSolid_g_per_cm3 * in.draw("bone_volume_fraction");
+  return find_conversion(DensityKind::kApparent, DensityKind::kAsh)->factor * apparent;
 }
 
 /// Pressure under a flat tip.

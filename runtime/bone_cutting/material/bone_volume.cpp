@@ -20,9 +20,6 @@ constexpr double kUnbreakable_N = 1e9;
 constexpr double kMinPart_m = 1e-6;
 // The elastic modulus of the tip's contact is at least that of very sparse trabecular bone.
 constexpr double kMinModulus_MPa = 50;
-// Ash density over apparent density of cortex (E. Schileo et al., J. Biomech. 41, 2008). QCT density is taken as
-// ash density.
-constexpr double kAshOverApparent = 0.598;
 // Strength of bone whose HU show marrow alone: trabeculae are thinner than a voxel, and fat lowers the HU. It is
 // that of `kopperdahl-power` at 0.02 g/cm^3.
 constexpr double kMinStrength_MPa = 0.16;
@@ -181,7 +178,9 @@ double BoneSheet::friction_N_per_m(double hu, double nominal_N_per_m) const noex
 double BoneSheet::shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept {
   const double supported_N = shell_factor * strength_N;
   if (law == nullptr || !(shell_free_radius_m > 0)) return supported_N;
-  const double apparent = density_of(calibration, hu) / kAshOverApparent;
+  // QCT density is about the ash density.
+  const double apparent = find_conversion(DensityKind::kAsh, DensityKind::kApparent)->factor *
+                          density_of(calibration, hu);
   const ThinWall wall{.thickness_m = shell_m,
                       .free_radius_m = shell_free_radius_m,
                       .flow_Pa = cortex_flow_Pa(apparent)};

@@ -59,18 +59,20 @@ def stability(rows):
     return figure
 
 
-def procedures(rows):
-    """Predicted forces beside the published ranges; shares of work are left out."""
+def published_forces(rows):
+    """Predicted forces over published ones with their bands; rows that are no force are left out."""
     rows = [row for row in rows if row["unit"] == "N"]
-    figure, axes = plt.subplots(figsize=(9.5, 0.8 + 0.42 * len(rows)), layout="constrained")
+    figure, axes = plt.subplots(figsize=(9.5, 7.5), layout="constrained")
+    ends = [5e-4, 3e3]
+    axes.plot(ends, ends, color=GREY, lw=0.8)
+    axes.fill_between(ends, [end / 1.5 for end in ends], [1.5 * end for end in ends], color=GREY, alpha=0.2, label="within a factor of 1.5")
     for k, row in enumerate(rows):
-        low, high = row["published_low"], row["published_high"]
-        axes.plot([low, high], [k, k], color=GREY, lw=7, solid_capstyle="butt" if high > low else "projecting", alpha=0.55)
-        color = GREY if row["standing"] != "predicted" else THRESHOLD if row["is_hit"] else HOLE
-        axes.plot(row["predicted"], k, "o", color=color, ms=7)
-    axes.set_yticks(range(len(rows)), [f"{row['id']} ({row['standing']})" for row in rows], fontsize=8)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xscale("log")
-    axes.set_xlabel("force along the tool (N): bars published, dots by the law (grey: fitted or given; red: missed)")
-    axes.grid(True, axis="x")
+        x, y = row["published_mean"], row["predicted"]
+        color = GREY if row["standing"] != "counted" else THRESHOLD if row["is_hit"] else HOLE
+        axes.errorbar(x, y, xerr=[[x - row["published_low"]], [row["published_high"] - x]], yerr=[[y - row["predicted_low"]], [row["predicted_high"] - y]],
+                      fmt="o", color=color, ms=5, lw=0.9, label=f"{k + 1} {row['id']}")
+        axes.annotate(str(k + 1), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
+    axes.set(xscale="log", yscale="log", xlim=ends, ylim=ends, xlabel="published (N)", ylabel="by the law (N); grey: not counted, red: missed")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8)
+    axes.grid(True)
     return figure
