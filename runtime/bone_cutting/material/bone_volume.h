@@ -38,7 +38,7 @@ inline constexpr std::size_t kMaxRememberedHoles = 32;
 struct BoneSheet {
   double nominal_N = 0;     ///< strength of the front at the slice's mean HU
   double shell_factor = 1;  ///< strength of its cortical shell over that of the bone under the tool
-  /// Where nothing supports the shell (SceneBody::shell_free_radius_m); 0: it is supported.
+  /// Thickness of the shell, and the radius within which nothing supports it; 0: bone supports it.
   double shell_m = 0, shell_free_radius_m = 0;
   double tip_N_per_m = 0;
   /// Law for the strength from HU; null: the material's strength holds throughout.
