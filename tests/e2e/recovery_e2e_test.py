@@ -2,6 +2,7 @@
 """The hand lifts the plate to the end of its reach, which is a fault, and
 comes back. Exit codes, the black box, no recovery, automatic recovery, recovery by SIGUSR1, and the replay."""
 import json
+import os
 import pathlib
 import resource
 import signal
@@ -28,6 +29,20 @@ def limited(*command):
 
 def boxes(folder):
     return sorted(folder.glob("black_box_*.csv"))
+
+
+def check_closed_folder(trocar_run, scene, work):
+    """In a folder that cannot be written to, a session runs, and says that a black box would go to the folder for temporary files."""
+    closed = work / "closed"
+    closed.mkdir(exist_ok=True)
+    closed.chmod(0o555)
+    # Root may write everywhere, so the session runs as nobody, if nobody can read program and scene.
+    as_user = ["setpriv", "--reuid", "65534", "--clear-groups"] if os.geteuid() == 0 else []
+    if subprocess.run([*as_user, trocar_run, scene.resolve(), "--check"], cwd="/", capture_output=True, check=False).returncode != 0:
+        return
+    done = subprocess.run([*as_user, trocar_run, scene.resolve(), "--clock", "virtual", "--duration", "0.01"], cwd=closed, capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 0 and "note: the current folder cannot be written to" in done.stderr, f"no current folder: {done}"
 
 
 def test_recovery(source, programs, scan, work):
@@ -155,3 +170,4 @@ def test_recovery(source, programs, scan, work):
     run(trocar_run, scene, "--recover", "perhaps", expect=2)
     run(trocar_run, scene, "--passivity", "1", expect=2)
     run(trocar_run, scene, "--clock", "virtual", "--black-box", work / "absent", "--quiet", expect=4)
+    check_closed_folder(trocar_run, scene, work)

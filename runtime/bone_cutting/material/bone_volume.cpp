@@ -98,7 +98,7 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
       out.friction_N_per_m_Pa =
           outline_share * cut.friction_coefficient * in.friction_N_per_m / material.friction_Pa;
     out.nominal_N = in.strength_N;
-    if (material.modulus_Pa > 0) out.tip_N_per_m = tool_in_tissue(shape, material).tip_N_per_m;
+    if (material.modulus_Pa > 0) out.tip_N_per_m = in.tip_N_per_m;
   }
   out.shell_factor = body.shell_factor;
   out.shell_m = body.shell_m;
@@ -308,6 +308,9 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   options.tip_N_per_m = bone.sheets.front().tip_N_per_m;
   bone.along_N_per_m += tip_N_per_m;
   for (const SceneLayer& layer : scene.layers) {
+    if (layer.toughness_J_per_m2 > 0 && !(layer.puncture_N > 0))
+      return refused("/layers: the force of \"" + layer.name +
+                     "\" was not computed from its toughness");
     SoftLayer soft;
     soft.top_m = -layer.top_z_m;
     soft.bottom_m = soft.top_m + layer.thickness_m;

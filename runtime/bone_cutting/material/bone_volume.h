@@ -87,7 +87,7 @@ Result<void> resolve_layers(Scene& scene);
 
 /// `sheets` as from place_slices for a scene with the force law `cutting`, whose layers are resolved. Refused: a
 /// bone law that does not exist, has no strength or is for another density; a strength by HU of a slice without;
-/// a shell without support whose tissue has no bone law.
+/// a shell without support whose tissue has no bone law; a layer that is not resolved.
 Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets);
 
 }  // namespace trocar::runtime

@@ -285,6 +285,23 @@ TEST(CuttingSession, ASnapCutsSeveralSheetsInATick) {
   EXPECT_NEAR(run_.rows.back().cutting.cut_J, (35 + 9 * 5) * 1e-3, 1e-7);
 }
 
+// The coupling holds the tool away from the plate by the tissue's force over its stiffness.
+TEST(CuttingSession, TheToolIsRecordedWhereTheCouplingHoldsIt) {
+  Scene scene = snapping();
+  scene.force_law.axis = ToolAxis::kCoupled;
+  scene.force_law.coupling_N_per_m = 8000;
+  const CuttingRun run_ =
+      run(scene, square_asset(10), options_at(1000, scene), description_with(0.005));
+  const double free_m = run_.rows.front().tool_m[2] - run_.rows.front().p_m[2];
+  double most_m = 0;
+  for (const RecordingRow& row : run_.rows) {
+    const double deflection_m = row.tool_m[2] - row.p_m[2] - free_m;
+    ASSERT_NEAR(deflection_m, row.cutting.wrench_tissue[2] / 8000, 1e-7) << row.t_s;
+    most_m = std::max(most_m, deflection_m);
+  }
+  EXPECT_GT(most_m, 3e-3) << "35 N at 8 kN/m";
+}
+
 TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
   Scene scene = descending(cutting_scene({0.12}), 0.05, 4e-3);
   scene.force_law.axis = ToolAxis::kRigid;

@@ -164,6 +164,35 @@ TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
   }
 }
 
+// The shaft's friction and a shell without support follow the HU under the tool, not the slice's mean.
+TEST(BodyContact, FrictionAndAThinShellAreThoseOfTheHuUnderTheTool) {
+  Scene scene = body_scene(0, 9, 0.12);
+  scene.tissue.cut = CutTissue{};
+  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut->friction_kPa = 20;
+  scene.tissue.cut->friction_coefficient = 0.05;
+  scene.body->shell_m = 0.8e-3;
+  scene.body->shell_free_radius_m = 5e-3;
+  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
+  for (AssetSlice& slice : asset.slices)
+    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
+      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  for (const double x_mm : {-10.0, 10.0}) {
+    const double hu = x_mm < 0 ? 150 : 350;
+    DryRun trial(scene, asset);
+    trial.move(x_mm * 1e-3, 0.122, x_mm * 1e-3, 0.1201);
+    const double strength_Pa = (-0.75 + 24.9 * 8e-4 * hu) * 1e6, pi = std::numbers::pi;
+    const double flow_Pa = 100e6 * std::pow(8e-4 * hu / 0.598 / 1.9, 2),
+                 radius_m = std::sqrt(kHexagon_m2 / pi);
+    const double bending_N =
+        3 * pi * flow_Pa * 0.8e-3 * 0.8e-3 / 4 / (1 - 2 * radius_m / (3 * 5e-3));
+    ASSERT_LT(bending_N, strength_Pa * kHexagon_m2) << "bends before it is crushed";
+    EXPECT_NEAR(trial.state_.slabs[0].strength_top_N, bending_N, 1e-3 * bending_N) << hu;
+    EXPECT_NEAR(trial.state_.slabs[0].friction_N_per_m, (20e3 + 0.05 * strength_Pa) * 18e-3, 0.5)
+        << hu;
+  }
+}
+
 // A wide shell must not be taken for the body's inside.
 TEST(BodyContact, AShellLiesWhereTheToolComesInAndGoesOutOnly) {
   for (const double spacing_mm : {0.5, 1.0, 2.0}) {

@@ -274,7 +274,11 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
   scene.layers[1].toughness_J_per_m2 = 0;
   scene.layers[1].puncture_N = 7;
   scene.layers[1].cutting_N = 1;
+  EXPECT_NE(refusal_of(scene, spaced_asset(3, 1)).find("dura"), std::string::npos)
+      << "not resolved";
   ASSERT_TRUE(resolve_layers(scene));
+  EXPECT_EQ(bone_volume_of(scene, spaced_asset(3, 1)).layers[0].puncture_N,
+            scene.layers[0].puncture_N);
   const double tear_N = 1500 * 2 * 4e-4 * std::tan(20 * std::acos(-1.0) / 180) / 0.61;
   EXPECT_NEAR(scene.layers[0].puncture_N, tear_N, 1e-9);
   EXPECT_EQ(scene.layers[0].cutting_N, scene.layers[0].puncture_N) << "at most that";
