@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// A force-depth curve of a testing machine that pushes a tool into a tissue, from a CSV file.
+//
+// The first line names the columns: `depth_mm` and `force_N`, and optionally `speed_mm_per_s` and `time_s`, in any
+// order. Columns are separated by commas, semicolons or tabs; numbers have a decimal point. Depth grows while the
+// tool moves in. Force is positive while the tissue resists the insertion, so that it is usually negative during a
+// withdrawal. A curve has one insertion, which one withdrawal may follow.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::runtime {
+
+inline constexpr std::size_t kMaxCurveBytes = std::size_t{16} << 20;
+inline constexpr std::size_t kMaxCurveRows = 200'000;
+inline constexpr std::size_t kMinCurveRows = 20;  ///< rows of the insertion
+inline constexpr double kMinTravel_mm = 1, kMaxTravel_mm = 500;
+inline constexpr double kMaxCurveForce_N = 1e5;
+
+struct CurvePoint {
+  double depth_mm = 0, force_N = 0;
+};
+
+struct ForceCurve {
+  std::vector<CurvePoint> insertion;   ///< up to the deepest point
+  std::vector<CurvePoint> withdrawal;  ///< after the deepest point; empty: the curve has none
+  /// Lowest and highest speed of the middle 90 % of the insertion's rows; both 0: not stated.
+  double low_speed_mm_per_s = 0, high_speed_mm_per_s = 0;
+};
+
+/// Parses a curve. Errors: (refused; one line with `name` and the line's number) unknown, missing or repeated
+/// columns, a field that is not a finite number, too few or too many rows, a travel that is implausible in mm, a
+/// depth that goes back and forth, a force that is constant or beyond kMaxCurveForce_N.
+Result<ForceCurve> parse_force_curve(std::string_view csv, const std::string& name);
+
+/// Reads a file. Errors: those of parse_force_curve(); (refused) it cannot be read or exceeds kMaxCurveBytes.
+Result<ForceCurve> read_force_curve(const std::filesystem::path& file);
+
+}  // namespace trocar::runtime
