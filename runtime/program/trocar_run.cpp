@@ -8,6 +8,7 @@
 #include <string>
 
 #include "formats/base/command_line.h"
+#include "runtime/program/fit_command.h"
 #include "runtime/program/library_versions.h"
 #include "runtime/program/run_arguments.h"
 #include "runtime/program/run_commands.h"
@@ -22,8 +23,17 @@ int run_command_line(int argc, char** argv) {
   CLI::App app("Runs a session of the haptic loop over a scene.", kProgram);
   add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
                                 ", Draco and tinygltf for assets)");
+  FitArguments fit_arguments;
+  const CLI::App& fit = declare_fit(app, fit_arguments);
   declare_run_options(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  if (fit.parsed()) {
+    for (const CLI::Option* option : app.get_options())
+      if (option->count() > 0)
+        return report_error(
+            kProgram, usage("fit: is a command of its own; leave " + option->get_name() + " out"));
+    return run_fit(fit_arguments);
+  }
   if (const Result<void> good = check_run_arguments(arguments); !good)
     return report_error(kProgram, good.error());
   stop_on_signals();

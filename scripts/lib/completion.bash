@@ -30,12 +30,14 @@ _trocar() {
             --asset) _filedir glb ;;
             --names) COMPREPLY=($(compgen -W "verse totalsegmentator" -- "$cur")) && _filedir json ;;
             --hu | --only) _filedir ;;
-            --black-box | --page) _filedir -d ;;
+            --black-box | --page) if [[ $subcommand == fit ]]; then _filedir html; else _filedir -d; fi ;;
+            --tool) _filedir json ;;
+            --tip) COMPREPLY=($(compgen -W "needle-bevel needle-conical needle-diamond trocar jamshidi" -- "$cur")) ;;
             --recording) _filedir csv ;;
             --scene) _filedir json ;;
             --attach) _filedir ;;
             --against) if [[ $program == *console ]]; then _filedir csv; else _filedir -d; fi ;;
-            -o | --output) if [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; else _filedir glb; fi ;;
+            -o | --output) if [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; elif [[ $subcommand == fit ]]; then _filedir json; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
         esac
@@ -63,6 +65,12 @@ _trocar() {
             fi
             ;;
         trocar-sample-ct | trocar-console) _filedir -d ;;
+        trocar-run)
+            if [[ $subcommand == fit ]]; then _filedir csv; else
+                ((cword == 1)) && COMPREPLY=($(compgen -W "$subcommands" -- "$cur"))
+                _filedir json  # adds to them
+            fi
+            ;;
         *) _filedir json ;;
     esac
 } && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim trocar-console

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/fit_command.h"
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <numbers>
+
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
+#include "formats/base/option_range.h"
+#include "formats/session/scene.h"
+#include "runtime/bone_cutting/material/bone_volume.h"
+#include "runtime/bone_cutting/material/tool_in_tissue.h"
+#include "runtime/calibration/curve_fit.h"
+#include "runtime/calibration/fit_page.h"
+#include "runtime/calibration/fitted_tissue.h"
+#include "runtime/calibration/force_curve.h"
+#include "runtime/program/run_arguments.h"
+
+namespace trocar::runtime {
+namespace {
+
+int fail(const Error& error) {
+  return report_error(kProgram, error);
+}
+
+/// The tool of the options, as a polygon with the area of the disc. Errors: (usage) options are missing or exclude
+/// each other.
+Result<SceneTool> tool_of(const FitArguments& a) {
+  const bool has_options =
+      a.gauge || a.diameter_mm || a.bore_mm || a.half_angle_deg || !a.tip.empty();
+  if (!a.tool.empty()) {
+    if (has_options) return usage("--tool: states the tool; leave its other options out");
+    return read_fit_tool(a.tool);
+  }
+  if (!a.gauge && !a.diameter_mm)
+    return usage("fit: needs the tool: --tool, --gauge or --diameter");
+  if (a.gauge && a.diameter_mm) return usage("--gauge: states the diameter; leave --diameter out");
+  double radius_m = a.diameter_mm.value_or(0) * 0.5e-3;
+  if (a.gauge) {
+    const std::optional<double> known = gauge_radius_m(*a.gauge);
+    if (!known)
+      return usage("--gauge " + std::to_string(*a.gauge) + ": is not known; give --diameter in mm");
+    radius_m = *known;
+  }
+  SceneTool tool;
+  tool.kind = a.tip;
+  tool.half_angle_deg = a.half_angle_deg.value_or(a.tip == "jamshidi" ? 90 : tool.half_angle_deg);
+  tool.inner_radius_m = a.bore_mm.value_or(0) * 0.5e-3;
+  tool.sides = kMaxToolSides;
+  const double part = 2 * std::numbers::pi / tool.sides;
+  tool.radius_m = radius_m * std::sqrt(part / std::sin(part));
+  if (const Result<ToolShape> shape = tool_shape(tool); !shape) return usage(shape.error().message);
+  return tool;
+}
+
+}  // namespace
+
+CLI::App& declare_fit(CLI::App& app, FitArguments& a) {
+  CLI::App& fit = *app.add_subcommand("fit", "makes a tissue from a measured force-depth curve");
+  fit.add_option("CURVE", a.curve,
+                 "the curve, CSV: columns depth_mm and force_N, and optionally speed_mm_per_s\n"
+                 "and time_s; an insertion, which a withdrawal may follow")
+      ->required();
+  fit.add_option("-o,--output", a.output, "the tissue to write, JSON, for a scene's \"tissue\"")
+      ->required();
+  fit.add_option("--page", a.page, "write a page with the fit and its residuals: HTML");
+  fit.add_option("--tool", a.tool, "the tool, JSON: a scene, or its \"tool\" alone");
+  fit.add_option("--gauge", a.gauge, "gauge of the needle, instead of --tool");
+  fit.add_option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
+      ->check(option_range(0.2, 50.0));
+  fit.add_option("--bore", a.bore_mm, "inner diameter of a hollow tool in mm")
+      ->check(option_range(0.0, 50.0));
+  fit.add_option("--tip", a.tip,
+                 "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
+                 "jamshidi (default: flat)");
+  fit.add_option("--half-angle", a.half_angle_deg,
+                 "angle between axis and faces of the tip, degrees (default: 30)")
+      ->check(option_range(3.0, 90.0));
+  fit.add_flag("--quiet", a.quiet, "print errors only");
+  return fit;
+}
+
+int run_fit(const FitArguments& a) {
+  const OutputFile outputs[] = {{"-o", a.output}, {"--page", a.page}};
+  const std::filesystem::path inputs[] = {a.curve, a.tool};
+  if (const auto good = check_outputs(outputs, inputs); !good) return fail(good.error());
+  const Result<SceneTool> tool = tool_of(a);
+  if (!tool) return fail(tool.error());
+  const Result<ToolShape> shape = tool_shape(*tool);
+  if (!shape) return fail(shape.error());
+  const Result<ForceCurve> curve = read_force_curve(a.curve);
+  if (!curve) return fail(curve.error());
+  const Result<CurveFit> fit = fit_curve(*curve, 2e3 * shape->outer_radius_m);
+  if (!fit) return fail(refused(a.curve + ": " + fit.error().message));
+  const Result<std::string> tissue = fitted_tissue(*fit, *tool);
+  if (!tissue) return fail(refused(a.curve + ": " + tissue.error().message));
+  if (const auto written = write_file_atomically(a.output, *tissue); !written)
+    return fail(written.error());
+  if (!a.page.empty()) {
+    const std::string page = fit_page(*fit, without_folder(a.curve), *tissue);
+    if (const auto written = write_file_atomically(a.page, page); !written)
+      return fail(written.error());
+  }
+  if (a.quiet) return 0;
+  std::fputs(fit_text(*fit).c_str(), stdout);
+  if (curve->high_speed_mm_per_s > 1.5 * curve->low_speed_mm_per_s)
+    std::fprintf(stderr,
+                 "trocar-run: note: the speed varies from %.3g to %.3g mm/s, and the fit takes the "
+                 "force as the same "
+                 "at any speed\n",
+                 curve->low_speed_mm_per_s, curve->high_speed_mm_per_s);
+  return 0;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// `trocar-run fit`: a tissue from a measured force-depth curve (runtime/calibration).
+// Tests: tests/e2e/fit_test.py
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "formats/base/result.h"
+
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}
+
+namespace trocar::runtime {
+
+/// The options of the command. An empty string means that the option was not given.
+struct FitArguments {
+  std::string curve, tool, output, page, tip;
+  std::optional<double> diameter_mm, bore_mm, half_angle_deg;
+  std::optional<int> gauge;
+  bool quiet = false;
+};
+
+/// Adds the subcommand `fit`.
+CLI::App& declare_fit(CLI::App& app, FitArguments& arguments);
+
+/// Fits the curve, prints the parameters and writes the files. Prints errors, and returns the exit code.
+int run_fit(const FitArguments& arguments);
+
+}  // namespace trocar::runtime
