@@ -12,32 +12,32 @@
 namespace trocar::runtime {
 namespace {
 
-struct Line {
+struct ParameterRow {
   std::string name, value, interval;
 };
 
-Line line_of(const char* name, const FittedValue& x, const char* unit) {
-  Line line{name, text_line("%.4g %s", x.value, unit),
-            text_line("%.4g to %.4g %s", x.low, x.high, unit)};
+ParameterRow row_of(const char* name, const FittedValue& x, const char* unit) {
+  ParameterRow row{name, text_line("%.4g %s", x.value, unit),
+                   text_line("%.4g to %.4g %s", x.low, x.high, unit)};
   if (std::isinf(x.high)) {
-    line.value = text_line("at least %.4g %s", x.low, unit);
-    line.interval = "the rise has too few points";
+    row.value = text_line("at least %.4g %s", x.low, unit);
+    row.interval = "the rise has too few points";
   }
-  return line;
+  return row;
 }
 
-std::vector<Line> lines_of(const CurveFit& fit) {
-  std::vector<Line> lines;
-  lines.push_back(line_of("stiffness before cutting", fit.stiffness_N_per_mm, "N/mm"));
-  if (fit.layer_N) lines.push_back(line_of("force of the hard layer", *fit.layer_N, "N"));
-  if (fit.layer_mm) lines.push_back(line_of("thickness of the hard layer", *fit.layer_mm, "mm"));
-  lines.push_back(line_of("cutting force of the tip", fit.cutting_N, "N"));
-  lines.push_back(
-      line_of(fit.drift_N_per_mm ? "friction per length" : "friction per length and drift",
-              fit.friction_N_per_mm, "N/mm"));
+std::vector<ParameterRow> rows_of(const CurveFit& fit) {
+  std::vector<ParameterRow> rows;
+  rows.push_back(row_of("stiffness before cutting", fit.stiffness_N_per_mm, "N/mm"));
+  if (fit.layer_N) rows.push_back(row_of("force of the hard layer", *fit.layer_N, "N"));
+  if (fit.layer_mm) rows.push_back(row_of("thickness of the hard layer", *fit.layer_mm, "mm"));
+  rows.push_back(row_of("cutting force of the tip", fit.cutting_N, "N"));
+  rows.push_back(
+      row_of(fit.drift_N_per_mm ? "friction per length" : "friction per length and drift",
+             fit.friction_N_per_mm, "N/mm"));
   if (fit.drift_N_per_mm)
-    lines.push_back(line_of("drift of the cutting force", *fit.drift_N_per_mm, "N/mm"));
-  return lines;
+    rows.push_back(row_of("drift of the cutting force", *fit.drift_N_per_mm, "N/mm"));
+  return rows;
 }
 
 std::vector<std::string> notes_of(const CurveFit& fit) {
@@ -157,9 +157,8 @@ constexpr const char* kHead =
 
 std::string fit_text(const CurveFit& fit) {
   std::string text = text_line("%-32s%-24s%s\n", "parameter", "value", "90 % interval");
-  for (const Line& line : lines_of(fit))
-    text +=
-        text_line("%-32s%-24s%s\n", line.name.c_str(), line.value.c_str(), line.interval.c_str());
+  for (const ParameterRow& row : rows_of(fit))
+    text += text_line("%-32s%-24s%s\n", row.name.c_str(), row.value.c_str(), row.interval.c_str());
   for (const std::string& note : notes_of(fit))
     text += note + "\n";
   return text;
@@ -171,9 +170,9 @@ std::string fit_page(const CurveFit& fit, const std::string& name, const std::st
   page +=
       "<p>Blue: insertion. Green: withdrawal. Grey: left out of the fit. Red: the fit.</p>\n"
       "<table><tr><th>parameter</th><th>value</th><th>90 % interval</th></tr>\n";
-  for (const Line& line : lines_of(fit))
-    page += "<tr><td>" + html_text(line.name) + "</td><td>" + html_text(line.value) + "</td><td>" +
-            html_text(line.interval) + "</td></tr>\n";
+  for (const ParameterRow& row : rows_of(fit))
+    page += "<tr><td>" + html_text(row.name) + "</td><td>" + html_text(row.value) + "</td><td>" +
+            html_text(row.interval) + "</td></tr>\n";
   page += "</table>\n<ul>\n";
   for (const std::string& note : notes_of(fit))
     page += "<li>" + html_text(note) + "</li>\n";

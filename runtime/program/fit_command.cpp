@@ -18,14 +18,10 @@
 #include "runtime/calibration/fit_page.h"
 #include "runtime/calibration/fitted_tissue.h"
 #include "runtime/calibration/force_curve.h"
-#include "runtime/program/run_arguments.h"
+#include "runtime/program/session_messages.h"
 
 namespace trocar::runtime {
 namespace {
-
-int fail(const Error& error) {
-  return report_error(kProgram, error);
-}
 
 /// The tool of the options, as a polygon with the area of the disc. Errors: (usage) options are missing or exclude
 /// each other.
