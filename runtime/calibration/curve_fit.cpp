@@ -224,7 +224,7 @@ Problem make_problem(const RoughCurve& rough, double diameter_mm,
       to_mm = 1.5 * rise.behind_mm - 0.5 * rise.before_mm;
     }
   }
-  if (problem.resolves_rise && bend->shape.has_layer) {
+  if (bend != nullptr && problem.resolves_rise && bend->shape.has_layer) {
     const double end_mm =
         bend->parameters[kLayerEnd] - 0.6 * bend->shape.fall_mm - 0.5 * rough.rise_spacing_mm;
     const auto held = std::count_if(

@@ -144,6 +144,7 @@ std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size
     stretches = std::move(next);
   }
   std::vector<CurveMean> means;
+  means.reserve(stretches.size());
   for (const Stretch& each : stretches)
     means.push_back(each.mean);
   return means;

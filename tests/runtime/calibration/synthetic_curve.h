@@ -92,7 +92,8 @@ ForceCurve synthetic_curve(const SyntheticTissue& tissue, const SyntheticMachine
   ForceCurve curve;
   double cut_mm = 0, shaft_N = 0, tip_N = 0, next_mm = phase(random);
   const double deepest_mm = machine.contact_mm + machine.travel_mm;
-  for (double depth_mm = 0; depth_mm < deepest_mm; depth_mm += kStep_mm) {
+  for (int k = 0; k * kStep_mm < deepest_mm; ++k) {
+    const double depth_mm = k * kStep_mm;
     const double u_mm = depth_mm - machine.contact_mm;
     for (;;) {
       const bool is_layer = cut_mm < tissue.layer_mm;
@@ -109,7 +110,9 @@ ForceCurve synthetic_curve(const SyntheticTissue& tissue, const SyntheticMachine
     curve.insertion.push_back({depth_mm, machine.baseline_N + force_N + noise(random)});
   }
   if (!machine.withdraws) return curve;
-  for (double up_mm = phase(random); up_mm < deepest_mm; up_mm += machine.spacing_mm) {
+  const double first_mm = phase(random);
+  for (int k = 0; first_mm + k * machine.spacing_mm < deepest_mm; ++k) {
+    const double up_mm = first_mm + k * machine.spacing_mm;
     const double u_mm = machine.travel_mm - up_mm;
     const double elastic_N = tip_N - tissue.stiffness_N_per_mm * up_mm;
     const double hold_N = kHold * tissue.cutting_N * std::max(1 - up_mm / machine.diameter_mm, 0.0);
