@@ -138,9 +138,11 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     put_mesh(slices[i]->mesh, *sheet);
     if (!slices[i]->hu.empty())
       sheet->hu = std::make_shared<const std::vector<float>>(slices[i]->hu);
-    if (traits_of(scene.force_law.kind).uses_bone_volume)
+    if (traits_of(scene.force_law.kind).uses_bone_volume) {
       sheet->field = std::make_shared<const SliceField>(
           slices[i]->mesh, slices[i]->hu, asset.lattice, asset.hu.find(slices[i]->index));
+      sheet->edge = std::make_shared<const EdgeDistance>(slices[i]->pslg, asset.lattice);
+    }
     sheets.push_back(std::move(sheet));
   }
   std::sort(sheets.begin(), sheets.end(),

@@ -11,6 +11,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/session/scene.h"
+#include "runtime/contact/edge_distance.h"
 #include "runtime/contact/slice_field.h"
 #include "runtime/contact/tool.h"
 #include "runtime/sheet_mesh/sheet_mesh.h"
@@ -24,9 +25,10 @@ struct Sheet {
   Tissue tissue;
   PlanarTransform transform;
   SheetMesh mesh;
-  TriangleGrid grid;                        ///< grid over the triangles of `mesh`
-  std::uint32_t cuts = 0;                   ///< number of holes cut into `mesh` during the session
-  std::shared_ptr<const SliceField> field;  ///< only with the force law `cutting`; else null
+  TriangleGrid grid;                         ///< grid over the triangles of `mesh`
+  std::uint32_t cuts = 0;                    ///< number of holes cut into `mesh` during the session
+  std::shared_ptr<const SliceField> field;   ///< only with the force law `cutting`; else null
+  std::shared_ptr<const EdgeDistance> edge;  ///< likewise
   /// HU of each vertex of the mesh without holes, in the order of vertices; null: the
   /// asset has none.
   std::shared_ptr<const std::vector<float>> hu;
