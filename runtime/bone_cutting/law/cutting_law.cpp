@@ -18,8 +18,8 @@ using Eigen::Vector3d;
 // the force is kept, so the stored energy falls.
 void hold_tip(Tick& tick) noexcept {
   CuttingState& state = tick.state;
-  tick.tip_friction_N =
-      tick.options.tip_friction * tick.options.tip_N_per_m * std::max(state.stretch_m, 0.0);
+  tick.tip_friction_N = tick.options.tip_friction * tick.options.tip_N_per_m *
+                        std::max(state.stretch_m, 0.0) * tick.press.norm();
   const double stiffness = tick.tip_friction_N / std::max(tick.options.tip_presliding_m, 1e-9);
   if (stiffness > state.tip_friction_N_per_m)
     state.tip_slip_m *= state.tip_friction_N_per_m / stiffness;
@@ -46,16 +46,27 @@ void hold_along(Tick& tick) noexcept {
 
 // Keeps the slip of the hold and the force with which the tip has crushed the bone around it. Behind a hard layer
 // that force falls to the present one exponentially, over a diameter of the tool.
-void finish_hold(Tick& tick, double slide_m, CuttingResult& out) noexcept {
+void finish_hold(Tick& tick, double pressed_m, CuttingResult& out) noexcept {
   CuttingState& state = tick.state;
   const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9);
   state.hold_slip_m =
-      tick.hold_N > 0 ? std::clamp(state.hold_slip_m + slide_m, -presliding_m, 0.0) : 0;
+      tick.hold_N > 0 ? std::clamp(state.hold_slip_m + pressed_m, -presliding_m, 0.0) : 0;
   out.stored_J += 0.5 * state.hold_N_per_m * state.hold_slip_m * state.hold_slip_m;
   const double advance_m = (tick.front_m - tick.first_front_m) / tick.down;
   const double forgotten = -std::expm1(-advance_m / (2 * tick.options.tool.radius_m));
   state.hold_tip_N =
       std::max(out.tip_N, state.hold_tip_N + forgotten * (out.tip_N - state.hold_tip_N));
+}
+
+// Keeps the depth by which the front has sunk without a cut, and adopts the slope for the next tick. `tip`, `axis`:
+// the tool at the end of the tick.
+void finish_surface(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexcept {
+  CuttingState& state = tick.state;
+  if (tick.is_on_surface() && state.stretch_m > 0 && !tick.is_free)
+    state.slid_m += -tip.z() + state.stretch_m * axis.z() - tick.front_m;
+  else
+    state.slid_m = 0;
+  state.slope = tick.options.slope;
 }
 
 void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
@@ -80,8 +91,8 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
                  axis = e.X.q * tick.options.tool.inward_plate;
   out.stored_J += e.walls_yield ? yield_walls(tick, tip, axis) : e.wall_J;
   out.tip_N = tick.is_free ? 0 : e.tip_N;
-  if (tick.options.tip_hold > 0) finish_hold(tick, e.slide[0], out);
-  tick.state.stretch_m += e.slide[0];
+  if (tick.options.tip_hold > 0) finish_hold(tick, e.pressed_m, out);
+  tick.state.stretch_m += e.pressed_m;
   // Remove the rounding error of a tip that touches nothing.
   if (tick.is_free) tick.state.stretch_m = std::min(tick.state.stretch_m, 0.0);
   tick.state.T_device_proxy = e.X;
@@ -89,6 +100,7 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
   out.embedded_m = tick.embedded_m;
   finish_layers(tick, e.slide[0], out);
   if (tick.front_m > tick.first_front_m) record_cut(tick, tip, axis, out);
+  finish_surface(tick, tip, axis);
   if (tick.options.coupling.is_rigid) {
     // The wrench is the derivative of the energy stored now, at the present pose of the shaft.
     tick.start_at(e.X);
@@ -151,7 +163,8 @@ void release(CuttingState& state) noexcept {
       hole.slabs[static_cast<std::size_t>(i)].embedded_m = 0;
   }
   state.has_begun = false;
-  state.stretch_m = 0;
+  state.stretch_m = state.slid_m = 0;
+  state.slope.reset();
   state.friction_N_per_m = 0;
   state.presliding_m.setZero();
   state.tip_friction_N_per_m = 0;

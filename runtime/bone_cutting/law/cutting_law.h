@@ -2,7 +2,7 @@
 // The mechanics of one tool in one bone volume, a tick at a time. A massless proxy of the tool moves to the
 // minimum of a potential. The potential is the sum of these elements: the coupling of the proxy to the plate,
 // the tip's spring against the cutting front, friction of the shaft along and around its axis, friction of the
-// tip across the axis, and the walls of the hole. Each element is elastic up to a limit and yields there.
+// tip, and the walls of the hole. Each element is elastic up to a limit and yields there.
 // Yielding only dissipates energy (incremental variational plasticity: Ortiz and Stainier, 1999). In a tick the
 // front moves down to the first equilibrium that it reaches, possibly through several slabs. (If it moved to
 // the global minimum of the energy, it would cut through a hard layer, such as a cortical shell, long before
@@ -29,7 +29,11 @@
 //     the strengths by the coverage instead.)
 //  5. Soft tissue over the bone has elements of its own (soft_layer.h). The work of cutting it,
 //     `layer_cut_J`, is added to cut_J in the inequality.
-//  6. No allocation, lock or system call; at most `most_steps` Newton steps in a tick.
+//  6. On a sloping surface (CuttingOptions::slope) the tip's spring acts along the surface's normal. What it
+//     stores depends on the stretch alone, and the stretch is carried from tick to tick, so a surface that turns
+//     under the tip changes the direction of the force and no energy. With a rigid coupling this holds because a
+//     tick uses the slope for which the wrench of the last tick was computed.
+//  7. No allocation, lock or system call; at most `most_steps` Newton steps in a tick.
 //
 // Depth is -z of {B}: the tool enters the bone downwards, within kMaxTilt_deg of upright.
 #pragma once
@@ -38,6 +42,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -63,6 +68,9 @@ struct CuttingCoupling {
   double most_moment_Nm = std::numeric_limits<double>::infinity();
 };
 
+/// Largest tangent of the angle between the shaft and the normal of the surface under the tip (60 degrees).
+inline constexpr double kMaxSlope = 1.7320508075688772;
+
 /// Largest number of Gauss points of a hole's wall in each slab.
 inline constexpr std::size_t kMaxWallPoints = 2;
 
@@ -71,9 +79,9 @@ struct CuttingOptions {
   CuttingCoupling coupling;
   double tip_N_per_m = 20'000;  ///< stiffness of the tip against the front
   double presliding_m = 1e-4;  ///< displacement along and around the shaft at which friction slides
-  /// Coulomb friction coefficient between the tip and the front, for motion across the tool's axis. The limit
-  /// is this coefficient times the tip's force at the end of the last tick. The friction force reaches the
-  /// limit after a lateral displacement of tip_presliding_m.
+  /// Coulomb friction coefficient between the tip and what it presses on. On a surface (`slope`) friction acts in
+  /// the surface, elsewhere across the tool's axis. The limit is this coefficient times the normal force at the end
+  /// of the last tick. The friction force reaches the limit after a displacement of tip_presliding_m.
   double tip_friction = 0, tip_presliding_m = 1e-4;
   /// Share of the tip's force with which crushed bone holds the tip when it is pulled back. Bone under a tip is
   /// crushed, not compressed elastically, so it does not push the tip out again (indentation of foams:
@@ -82,6 +90,11 @@ struct CuttingOptions {
   double tip_hold = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot.
   double same_hole_m = 5e-5;
+  /// Gradient of the depth of the surface that the tip presses on, by x and y of {B}: it points downhill, and its
+  /// length is the tangent of the slope. The tip's force then acts along the surface's normal, so that the tip is
+  /// pushed downhill. None: the tip is inside bone, which surrounds it, and its force acts along the shaft. A new
+  /// value takes effect in the next tick. An angle between shaft and normal beyond kMaxSlope is limited to it.
+  std::optional<Eigen::Vector2d> slope;
   double tolerance =
       1e-6;             ///< residual force, relative to the larger of 1 N and the coupling force
   int most_steps = 12;  ///< largest number of Newton steps in a tick
@@ -140,14 +153,17 @@ struct CuttingState {
   /// Distance of the tip beyond the front, along the shaft. While it is positive, it is carried from tick to
   /// tick. It must not be recomputed from the geometry, because that would add energy.
   double stretch_m = 0;
+  std::optional<Eigen::Vector2d> slope;  ///< CuttingOptions::slope of the last tick
+  /// Depth by which the front has sunk because the tip slid down a slope. No bone surrounds the tool there.
+  double slid_m = 0;
   double friction_N_per_m = 0;                             ///< stiffness in the last tick
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< elastic slip along, around the shaft
   double tip_friction_N_per_m = 0;                         ///< stiffness in the last tick
-  Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();    ///< elastic slip across the axis
+  Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();    ///< elastic slip of the tip
   double hold_tip_N = 0;                   ///< force with which the bone around the tip was crushed
   double hold_depth_m = 0;                 ///< largest depth of the tip since it was last free
   double hold_N_per_m = 0;                 ///< stiffness of the hold in the last tick
-  double hold_slip_m = 0;                  ///< elastic slip of the hold along the shaft, at most 0
+  double hold_slip_m = 0;                  ///< elastic slip of the hold, as of stretch_m; at most 0
   int hole = -1;                           ///< hole that the tool is in; -1: none
   int embedded_from = 0, embedded_to = 0;  ///< slabs filled by the shaft, [from, to)
   std::uint64_t tick = 0;

@@ -70,16 +70,16 @@ void minimise(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   }
 }
 
-// Linear model at one evaluation. `along`: displacement of the proxy per unit of force along the shaft, at a
-// fixed front. `K_s`: decrease of the tip's force per metre of advance of the front, if the proxy follows.
+// Linear model at one evaluation. `press`: displacement of the proxy per unit of the tip's force, at a fixed
+// front. `K_s`: decrease of the tip's force per metre of advance of the front, if the proxy follows.
 struct Model {
-  Vector6 along = Vector6::Zero();
+  Vector6 press = Vector6::Zero();
   double K_s = 0;
 };
 Model model_of(const Tick& tick, const Evaluation& e, const BlockInverse& inverse) noexcept {
-  Model m{inverse.times(e.along), tick.options.tip_N_per_m};
+  Model m{inverse.times(e.press), tick.options.tip_N_per_m};
   if (e.tip_N > 0)
-    m.K_s = std::clamp(m.K_s * (1 - m.K_s * e.along.dot(m.along)), 1e-9 * m.K_s, m.K_s);
+    m.K_s = std::clamp(m.K_s * (1 - m.K_s * e.press.dot(m.press)), 1e-9 * m.K_s, m.K_s);
   return m;
 }
 
@@ -120,7 +120,7 @@ bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     Vector6 towards;
     if (!newton(tick, e, inverse, towards)) return false;
     const Model m = model_of(tick, e, inverse);
-    const double R = e.tip_N - tick.options.tip_N_per_m * e.along.dot(towards);
+    const double R = e.tip_N - tick.options.tip_N_per_m * e.press.dot(towards);
     if (least_N > 0 && R < least_N - std::max(allowed(tick, e), 1e-9 * least_N)) {
       take_back(tick, was, out);
       e = before;
@@ -141,7 +141,7 @@ bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     }
     ++out.steps;
     const double V = e.V;
-    const Pose X = moved(e.X, tick.options.tip_N_per_m * a.length_m * m.along - towards);
+    const Pose X = moved(e.X, tick.options.tip_N_per_m * a.length_m * m.press - towards);
     if (a.length_m > 0) {
       before = e;
       was = remember(tick, out);
@@ -190,7 +190,7 @@ void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
       }
       take(tick, a, out);
       ++out.steps;
-      evaluate(tick, moved(before.X, tick.options.tip_N_per_m * a.length_m * m.along), false, e,
+      evaluate(tick, moved(before.X, tick.options.tip_N_per_m * a.length_m * m.press), false, e,
                out);
       minimise(tick, e, out);
       const double slack = std::max(allowed(tick, e), 1e-9 * before.tip_N);

@@ -128,7 +128,7 @@ double cut_of(const Tick& tick, int slab) noexcept {
 }
 
 void enter_or_leave(Tick& tick) noexcept {
-  const double low = std::min(tick.front_m, -tick.tip.z());
+  const double low = tick.filled_to_m();
   if (tick.state.hole >= 0) {
     CuttingHole& hole = tick.hole_in_use();
     if (low > tick.slabs[static_cast<std::size_t>(hole.first)].top_m) {
@@ -150,7 +150,7 @@ void enter_or_leave(Tick& tick) noexcept {
 }
 
 void embed(Tick& tick) noexcept {
-  const double low = std::min(tick.front_m, -tick.tip.z());
+  const double low = tick.filled_to_m();
   double friction = 0, viscous = 0;
   int from = 0, to = 0;
   if (tick.state.hole >= 0) {

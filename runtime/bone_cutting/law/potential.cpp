@@ -39,6 +39,22 @@ void add_coupling(const Tick& tick, bool majorise, Evaluation& e) noexcept {
   e.g += e.coupling;
 }
 
+// Adds a force on the tip in a constant direction. `j`: derivative of the tip's displacement in this direction.
+void add_at_tip(const Vector3d& direction, const Evaluation::Vector6& j, double force_N,
+                double stiffness_N_per_m, const Vector3d& lever, bool majorise,
+                Evaluation& e) noexcept {
+  e.g += force_N * j;
+  if (stiffness_N_per_m > 0) e.H += stiffness_N_per_m * j * j.transpose();
+  // Geometric stiffness: the tip moves on a curved path when the tool rotates about
+  // the plate's origin.
+  if (force_N != 0 && !majorise) {
+    const Matrix3d M = 0.5 * force_N * direction * lever.transpose();
+    e.H.bottomRightCorner<3, 3>() += M + M.transpose();
+    for (int i = 3; i < 6; ++i)
+      e.H(i, i) -= force_N * direction.dot(lever);
+  }
+}
+
 // Adds tip, layers and friction of the shaft. The angle around the shaft is measured as 2 sin(angle
 // / 2), whose derivative is simple. The same measure is used throughout, so that energies agree.
 void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, bool majorise,
@@ -48,30 +64,41 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   const Vector3d half = sign * turned.vec();
   e.slide = {tick.axis.dot(tip - tick.tip), tick.options.tool.radius_m * tick.axis.dot(half)};
   e.along << tick.axis, lever.cross(tick.axis);
-  const double stretch = tick.state.stretch_m + e.slide[0];
+  e.pressed_m = tick.is_on_surface() ? tick.press.dot(tip - tick.tip) : e.slide[0];
+  const double stretch = tick.state.stretch_m + e.pressed_m;
   e.tip_N = tick.options.tip_N_per_m * std::max(stretch, 0.0);
-  double axial = e.tip_N, stiffness = stretch > 0 ? tick.options.tip_N_per_m : 0;
+  double pressing = e.tip_N, tip_stiffness = stretch > 0 ? tick.options.tip_N_per_m : 0;
+  e.hold_J = 0;
+  if (const double slip_m = tick.state.hold_slip_m + e.pressed_m; tick.hold_N > 0 && slip_m < 0) {
+    const YieldSpring h = yield_spring(tick.state.hold_N_per_m, tick.hold_N, -slip_m, majorise);
+    e.hold_J = h.energy;
+    pressing -= h.force;
+    tip_stiffness += h.along;
+  }
+  double axial = 0, stiffness = 0;
+  if (tick.is_on_surface()) {
+    e.press << tick.press, lever.cross(tick.press);
+    add_at_tip(tick.press, e.press, pressing, tip_stiffness, lever, majorise, e);
+  } else {
+    e.press = e.along;
+    axial = pressing;
+    stiffness = tip_stiffness;
+  }
+  e.pressed_N_per_m = stretch > 0 ? tick.options.tip_N_per_m : 0;
   e.layer_J = 0;
   if (!tick.layers.empty()) {
     const SoftSpring layers = spring_of_layers(tick, e.slide[0]);
     e.layer_J = layers.energy_J;
     axial += layers.force_N;
     stiffness += layers.stiffness_N_per_m;
+    e.pressed_N_per_m += layers.stiffness_N_per_m;
   }
-  e.pressed_N_per_m = stiffness;
   // A damper c dissipates the power c v^2. In a tick of length T with the slide s its potential is
   // c s^2 / (2 T).
   const double viscous_N_per_m = tick.viscous_N_s_per_m / tick.options.interval_s;
   e.viscous_J = 0.5 * viscous_N_per_m * e.slide[0] * e.slide[0];
   axial += viscous_N_per_m * e.slide[0];
   stiffness += viscous_N_per_m;
-  e.hold_J = 0;
-  if (const double slip_m = tick.state.hold_slip_m + e.slide[0]; tick.hold_N > 0 && slip_m < 0) {
-    const YieldSpring h = yield_spring(tick.state.hold_N_per_m, tick.hold_N, -slip_m, majorise);
-    e.hold_J = h.energy;
-    axial -= h.force;
-    stiffness += h.along;
-  }
   e.friction_J = 0;
   if (tick.state.friction_N_per_m > 0) {
     const Vector2d w = tick.state.presliding_m + e.slide;
@@ -95,22 +122,14 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
       e.H.bottomRows<3>() += M.transpose();
     }
   }
-  e.g += axial * e.along;
-  if (stiffness > 0) e.H += stiffness * e.along * e.along.transpose();
-  // Geometric stiffness: the tip moves on a curved path when the tool rotates about
-  // the plate's origin.
-  if (axial != 0 && !majorise) {
-    const Matrix3d M = 0.5 * axial * tick.axis * lever.transpose();
-    e.H.bottomRightCorner<3, 3>() += M + M.transpose();
-    for (int i = 3; i < 6; ++i)
-      e.H(i, i) -= axial * tick.axis.dot(lever);
-  }
+  add_at_tip(tick.axis, e.along, axial, stiffness, lever, majorise, e);
 }
 
-// Adds the friction of the tip across its axis.
+// Adds the friction of the tip across the direction in which it presses.
 void add_tip_friction(const Tick& tick, const Vector3d& tip, const Vector3d& lever, bool majorise,
                       Evaluation& e) noexcept {
-  const Matrix3d across = Matrix3d::Identity() - tick.axis * tick.axis.transpose();
+  const Matrix3d across =
+      Matrix3d::Identity() - tick.press * tick.press.transpose() / tick.press.squaredNorm();
   e.tip_slide = across * (tip - tick.tip);
   const Vector3d slip = tick.state.tip_slip_m + e.tip_slide;
   const double length = slip.norm();
@@ -153,7 +172,7 @@ void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
   add_walls(tick, tip, axis, lever, majorise, e);
   e.tip_friction_J = 0;
   if (tick.tip_friction_N > 0) add_tip_friction(tick, tip, lever, majorise, e);
-  const double stretch = tick.state.stretch_m + e.slide[0];
+  const double stretch = tick.state.stretch_m + e.pressed_m;
   e.V = e.coupling_J + e.friction_J + e.wall_J + e.viscous_J +
         (stretch > 0 ? 0.5 * tick.options.tip_N_per_m * stretch * stretch : 0) + e.layer_J +
         e.tip_friction_J + e.hold_J;

@@ -17,13 +17,15 @@ struct Evaluation {
   double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0, viscous_J = 0, layer_J = 0,
          tip_friction_J = 0, hold_J = 0;
   double pressed_N_per_m = 0;  ///< stiffness of tip and layers along the shaft
+  double pressed_m = 0;        ///< growth of the tip's stretch since the start of the tick
   double tip_N = 0, coupling_N = 0;
   Eigen::Vector2d slide =
       Eigen::Vector2d::Zero();  ///< slides since the start of the tick, along and around the shaft
   Vector6 along = Vector6::Zero();                   ///< derivative of slide[0]
+  Vector6 press = Vector6::Zero();                   ///< derivative of pressed_m
   Eigen::Vector3d around = Eigen::Vector3d::Zero();  ///< derivative of slide[1] by rotations
   Eigen::Vector3d tip_slide =
-      Eigen::Vector3d::Zero();  ///< slide across the axis since the start of the tick
+      Eigen::Vector3d::Zero();  ///< slide of the tip across Tick::press since the start of the tick
   Vector6 coupling = Vector6::Zero();
   Vector6 g = Vector6::Zero();
   Matrix6 H = Matrix6::Zero();

@@ -25,6 +25,9 @@ struct Tick {
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
+  /// The tip's stretch grows by the product of this vector and the tip's displacement. Inside bone it is the axis.
+  /// On a surface it is the inward normal, scaled so that its component along the axis is 1.
+  Eigen::Vector3d press = axis;
 
   int hole = -1;                          ///< hole that the tool is in or would enter; -1: none
   double front_m = 0, first_front_m = 0;  ///< depth of the front now and at the tick's start
@@ -42,15 +45,31 @@ struct Tick {
     tip = X * options.tool.tip_plate_m;
     down = -axis.z();
     back = X.q.conjugate();
+    press = axis;
+    if (state.slope) press += tilt_of_surface(*state.slope);
   }
 
-  /// Removes the component of the tip's slip along the shaft, and limits its length to tip_presliding_m.
-  /// This can only lower the stored energy.
+  bool is_on_surface() const noexcept { return state.slope.has_value(); }
+  /// Depth down to which bone surrounds the tool.
+  double filled_to_m() const noexcept {
+    return std::min(front_m - std::max(state.slid_m, 0.0), -tip.z());
+  }
+
+  /// Removes the component of the tip's slip along the normal of what it presses on, and limits its length to
+  /// tip_presliding_m. This can only lower the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
-    slip -= axis * axis.dot(slip);
+    slip -= press * (press.dot(slip) / press.squaredNorm());
     const double length = slip.norm();
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
+  }
+
+  /// Difference of `press` and the axis on a surface of this slope.
+  Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
+    const Eigen::Vector3d normal(slope.x(), slope.y(), 1);
+    const double along = normal.dot(axis);
+    const Eigen::Vector3d across = normal - along * axis;
+    return across / std::min({along, -across.norm() / kMaxSlope, -1e-9});
   }
 
   int slab_count() const noexcept { return static_cast<int>(slabs.size()); }

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Contract 1 of cutting_law.h in random sessions: bodies, tools, hands with mass, rates; push,
 // hold, hammer, twist, drag sideways, slide on the surface under load, withdraw, enter again; with
-// soft layers or without.
+// soft layers or without, on slopes that change or level.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -155,6 +156,17 @@ Vector2d crossing(const Pose& X, const CuttingTool& tool, double depth) {
   return (tip + axis * ((-depth - tip.z()) / axis.z())).head<2>();
 }
 
+// The direction in which a displacement of the tip stretches its spring by its length: along the axis, or along a
+// surface's normal, scaled to 1 along the axis. The angle between them is at most 60 degrees.
+Vector3d pressed_along(const Vector3d& axis, const std::optional<Vector2d>& slope) {
+  if (!slope) return axis;
+  const Vector3d inwards = -Vector3d(slope->x(), slope->y(), 1);
+  const double along = inwards.dot(axis);
+  const Vector3d across = inwards - along * axis;
+  if (across.norm() < std::sqrt(3.0) * along) return inwards / along;
+  return axis + std::sqrt(3.0) * across.normalized();
+}
+
 // An upper bound of what holding the wrench from pose A to B leaks where the coupling is rigid: for
 // each spring k of force f half of k times the square of its path, and f times the part of the path
 // that the held wrench, being straight, does not know. `was` and `is`: the states at A and B.
@@ -169,18 +181,21 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   const Eigen::Quaterniond turned = B.q * A.q.conjugate();
   const double around = 2 * tool.radius_m * axis.dot(turned.vec()) * (turned.w() < 0 ? -1 : 1);
   const double tip_N = s.options.tip_N_per_m * std::max(was.stretch_m, 0.0);
-  double leak = 0.5 * s.options.tip_N_per_m * along * along + tip_N * (along - straight);
+  const Vector3d slipped = B * tool.tip_plate_m - A * tool.tip_plate_m,
+                 straight_slip = dx.head<3>() + omega.cross(lever);
+  const Vector3d press = pressed_along(axis, was.slope);
+  const double pressed = press.dot(slipped), pressed_straight = press.dot(straight_slip);
+  double leak =
+      0.5 * s.options.tip_N_per_m * pressed * pressed + tip_N * (pressed - pressed_straight);
   const double k = std::max(was.friction_N_per_m, is.friction_N_per_m);
   const Vector2d f = was.friction_N_per_m * was.presliding_m;
   leak += 0.5 * k * (along * along + around * around) + f[0] * (along - straight) +
           f[1] * (around - tool.radius_m * axis.dot(omega));
-  const Vector3d slipped = B * tool.tip_plate_m - A * tool.tip_plate_m;
   const double shear = std::max(was.tip_friction_N_per_m, is.tip_friction_N_per_m);
-  leak +=
-      0.5 * shear * (slipped - axis * along).squaredNorm() +
-      was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - dx.head<3>() - omega.cross(lever));
-  leak += 0.5 * std::max(was.hold_N_per_m, is.hold_N_per_m) * along * along +
-          was.hold_N_per_m * was.hold_slip_m * (along - straight);
+  leak += 0.5 * shear * (slipped - press * (pressed / press.squaredNorm())).squaredNorm() +
+          was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - straight_slip);
+  leak += 0.5 * std::max(was.hold_N_per_m, is.hold_N_per_m) * pressed * pressed +
+          was.hold_N_per_m * was.hold_slip_m * (pressed - pressed_straight);
   for (std::size_t i = 0; i < s.layers.size(); ++i) {
     const double z = std::max(was.layers[i].stretch_m, 0.0);
     const double stiffest = soft_spring(s.layers[i], z + std::abs(along)).stiffness_N_per_m;
@@ -221,10 +236,10 @@ double strength_above(const Session& s, double front_m) {
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11), layers(12), tips(13), holds(14);
+  Random random(11), layers(12), tips(13), holds(14), slopes(15);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
-       gained = 0, torn = 0, slipped = 0, held = 0;
+       gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
@@ -235,6 +250,9 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       s.options.tip_presliding_m = tips.power(-5, -3.5);
     }
     if (holds.chance(0.4)) s.options.tip_hold = holds.uniform(0.05, 1);
+    // Level, a plane, or a surface that turns under the tip.
+    const int surface = slopes.integer(4);
+    const double steepness = slopes.uniform(0, 2.5);
     Aim aim;
     aim.kind = random.integer(7);
     aim.depth = random.uniform(0.002, 0.05);
@@ -281,6 +299,14 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
           ++slab.free_version;
         }
       }
+      if (surface == 2 && k == 0) {
+        const double way = slopes.uniform(0, 6.28);
+        s.options.slope = steepness * Vector2d(std::cos(way), std::sin(way));
+      } else if (surface == 3 && slopes.chance(0.1)) {
+        s.options.slope.reset();
+        if (slopes.chance(0.8))
+          s.options.slope = Vector2d(slopes.uniform(-3, 3), slopes.uniform(-3, 3));
+      }
       if (s.options.coupling.is_rigid) was = s.state;
       cutting_tick(s.options, X, s.slabs, s.state, out);
       ASSERT_TRUE(out.wrench_device.allFinite());
@@ -289,6 +315,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       torn += out.layer_cut_J > 0;
       slipped += s.state.tip_slip_m.norm() > 0;
       held += s.state.hold_slip_m < 0;
+      sloped += s.state.slope && s.state.stretch_m > 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
         const double Y = strength_above(s, out.front_m);
         too_far += out.tip_N < Y - 1e-4 * std::max(1.0, Y);
@@ -320,13 +347,14 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   std::printf(
       "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
       "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld slips of the tip, %ld "
-      "holds of it\n",
+      "holds of it, %ld on a slope\n",
       worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped,
-      held);
+      held, sloped);
   EXPECT_GT(cutting, ticks / 50);
   EXPECT_GT(torn, ticks / 1000);
   EXPECT_GT(slipped, ticks / 50);
   EXPECT_GT(held, ticks / 100);
+  EXPECT_GT(sloped, ticks / 20);
   EXPECT_GT(stopped, cutting / 4);
   // A tool that tilts over while the front advances loses force by that.
   EXPECT_LE(too_far, stopped / 1000);
