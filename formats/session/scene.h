@@ -134,7 +134,7 @@ struct SceneForceLaw {
   /// 0: as stiff as the device holds (runtime/bone_cutting/contact/device_coupling.h).
   double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
   PosePrediction prediction = PosePrediction::kAuto;
-  double tip_friction = 0;  ///< coefficient of the tip's friction for motion across the tool's axis
+  double tip_friction = 0.3;  ///< coefficient of the tip's friction on the bone that it presses on
   /// Crushed bone holds the tip against withdrawal with this fraction of the force that crushed it.
   double tip_hold = 0.25;
   bool twist = false;      ///< true: turning the tool while pushing it makes it cut more easily

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "runtime/bone_cutting/contact/admissible_region.h"
+#include "runtime/bone_cutting/contact/surface_slope.h"
 #include "runtime/bone_cutting/material/slabs.h"
 #include "runtime/contact/overlap.h"
 
@@ -73,6 +74,19 @@ class BoneContactTick {
       set_strength(i);
     if (state_.law.stretch_m <= 0 && first < count)
       state_.options.tip_N_per_m = bone_.sheets[first].tip_N_per_m;
+  }
+
+  // Finds the surface under the tip. Only slabs have one; sheets without thickness do not.
+  void evaluate_surface() noexcept {
+    state_.options.slope.reset();
+    const int count = static_cast<int>(sheets_.size());
+    int i = 0;
+    while (i < count && bone_.sheets[i].bottom_m < state_.front_m - 1e-6)
+      ++i;
+    if (i == count || bone_.sheets[i].bottom_m <= bone_.sheets[i].top_m) return;
+    if (bone_.sheets[i].top_m > tip_m_ + kAhead_m) return;
+    const Eigen::Vector3d tip = tool_ * bone_.tool.tip_plate_m;
+    state_.options.slope = surface_slope(bone_, sheets_, i, state_.front_m, tip.head<2>());
   }
 
   // Takes the sheets around the shaft in turn, kCheckedInTick of them in a tick. Updates the admissible region
@@ -334,6 +348,7 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   BoneContactTick tick(bone, sheets, T_device_evaluated, tracks, state);
   tick.evaluate_below();
   tick.evaluate_around();
+  tick.evaluate_surface();
   const bool was_loaded = state.law.stretch_m > 0;
   const double front_before_m = state.front_m;
   cutting_tick(state.options, T_device_evaluated, state.slabs, state.law, state.result);

@@ -164,6 +164,43 @@ TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
   }
 }
 
+// A surface of 45 degrees: the force has the direction of the friction cone, and a tool that nobody holds sideways slides.
+TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
+  for (const double friction : {0.0, 0.3}) {
+    const double ratio = (1 - friction) / (1 + friction);
+    Scene scene = body_scene(0, 15, 0.12);
+    scene.tissue.cut = CutTissue{};
+    scene.tissue.cut->strength_MPa = 30;
+    scene.tissue.stiffness_N_per_m = 200'000;
+    scene.force_law.tip_friction = friction;
+    Asset asset = spaced_asset(16, 1);
+    for (int i = 0; i < 16; ++i) {  // the edge of slice 8 is under the tool's axis
+      AssetSlice& slice = asset.slices[static_cast<std::size_t>(i)];
+      for (LatticePoint& p : slice.mesh.vertices)
+        p.x += 256 * (i + 12);
+      for (Ring& ring : slice.pslg.rings)
+        for (LatticePoint& p : ring)
+          p.x += 256 * (i + 12);
+    }
+    DryRun trial(scene, asset, false);
+    int loaded = 0;
+    double z_m = 0.118;
+    for (; z_m > 0.11; z_m -= 5e-6) {
+      trial.tick(0, z_m);
+      if (trial.force_N() < 5) continue;
+      ++loaded;
+      ASSERT_NEAR(-trial.side_N() / trial.force_N(), ratio, 0.05 * ratio)
+          << friction << ", " << z_m << ", " << trial.force_N() << " N";
+    }
+    EXPECT_GT(loaded, 500);
+    const double x_m = trial.state_.law.T_device_proxy.p_m.x(), force_N = trial.force_N();
+    for (int k = 0; k < 300; ++k)
+      trial.tick(trial.state_.law.T_device_proxy.p_m.x(), z_m);
+    EXPECT_LT(trial.state_.law.T_device_proxy.p_m.x(), x_m - 1e-3);
+    EXPECT_LT(trial.force_N(), 0.2 * force_N);
+  }
+}
+
 // The shaft's friction and a shell without support follow the HU under the tool, not the slice's mean.
 TEST(BodyContact, FrictionAndAThinShellAreThoseOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
@@ -319,6 +356,7 @@ Scene walled() {
   Scene scene = body_scene(0, 9, 0.12);
   scene.tissue.cut = CutTissue{0.2, std::nullopt, 0, 1, 0, 0, 0, 10, 5};
   scene.tissue.stiffness_N_per_m = 50'000;
+  scene.force_law.tip_friction = 0;
   return scene;
 }
 
