@@ -20,7 +20,7 @@ constexpr double kMinAmplitude = 0.03;
 /// Smallest fall of the squared, whitened residuals by which a hard layer is accepted.
 constexpr double kLayerEvidence = 36;
 constexpr double kMinExplained = 0.5;
-constexpr double kQuantile95 = 1.6448536269514722;  ///< of the normal distribution
+constexpr double kQuantile95 = 1.6448536269514722;  ///< quantile of the normal distribution
 constexpr int kMostSteps = 60;
 /// Smallest cutting force, as a part of the largest force.
 constexpr double kMinCutting = 0.02;
@@ -29,7 +29,7 @@ constexpr double kBendFrom = 0.6, kBendTo = 1.1;
 constexpr std::ptrdiff_t kMinRise = 4;  ///< points of the rise that the stiffness needs
 
 struct Problem {
-  std::vector<CurveMean> points;  ///< of the insertion, then of the withdrawal
+  std::vector<CurveMean> points;  ///< those of the insertion, then those of the withdrawal
   std::size_t insertion = 0;      ///< number of the insertion's points
   NoisePoints noise;
   bool resolves_rise = false;  ///< the rise has points enough for the stiffness

@@ -51,7 +51,7 @@ struct CurveFit {
       0;  ///< standard deviation of the correlated residuals where the force is largest
   double correlation_mm = 0;  ///< integral of their correlation
   double noise_N = 0;         ///< standard deviation of the load cell's noise
-  double rms_N = 0;           ///< of the residuals
+  double rms_N = 0;           ///< root mean square of the residuals
   double explained = 0;       ///< part of the variance of the force that the fit explains
   std::vector<FittedPoint> points;
 };

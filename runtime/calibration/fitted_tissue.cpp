@@ -70,7 +70,7 @@ Result<SceneTool> read_fit_tool(const std::filesystem::path& file) {
 Result<std::string> fitted_tissue(const CurveFit& fit, const SceneTool& tool) {
   const Result<ToolShape> shape = tool_shape(tool);
   if (!shape) return shape.error();
-  // What the law makes of a tissue with one pascal of everything.
+  // The law's values for a tissue with one pascal of everything.
   CutMaterial unit;
   unit.strength_Pa = 1;
   unit.modulus_Pa = 1;

@@ -57,7 +57,7 @@ Candidate candidate_of(const NoisePoints& points, const NoiseModel& model,
   for (const Eigen::MatrixXd& block : factor)
     log_determinant += 2 * block.diagonal().array().log().sum();
   const double prior = std::log(model.integral_mm() / kPriorLength_mm) / kPriorSpread;
-  // What exceeds the noise of neighbouring points belongs to the structure.
+  // The part beyond the noise of neighbouring points belongs to the structure.
   const double excess =
       std::max(std::log(std::sqrt(out.scale_squared) / std::max(points.noise_N, 1e-9)), 0.0) /
       kNoiseSpread;

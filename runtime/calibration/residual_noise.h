@@ -54,7 +54,7 @@ struct NoiseEstimate {
   double integral_mm = 0;  ///< weighted mean of NoiseModel::integral_mm()
   double structure_N =
       0;  ///< weighted mean standard deviation of the correlated part at amplitude 1
-  Eigen::MatrixXd covariance;  ///< of the parameters at which the residuals were taken
+  Eigen::MatrixXd covariance;  ///< covariance of the parameters at which the residuals were taken
 };
 
 /// `residuals`: measured minus fitted. `jacobian`: derivatives of the fitted force by the parameters, of full rank.

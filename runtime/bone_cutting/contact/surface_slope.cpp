@@ -13,7 +13,7 @@ using Eigen::Vector2d;
 
 constexpr double kLimit_m = 1e-3 * EdgeDistance::kReach_mm * (1 - 1e-6);
 
-/// From kMaxSlope to twice that tangent, the contact passes from the surface to the face of the tip.
+/// The contact passes from the surface to the face of the tip between kMaxSlope and twice that tangent.
 double limited(double steepness, const ToolShape& tool) noexcept {
   const double face = std::clamp(1 / std::tan(tool.half_angle_rad), 0.0, kMaxSlope);
   const double part = std::clamp(steepness / kMaxSlope - 1, 0.0, 1.0);

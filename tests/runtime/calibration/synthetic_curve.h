@@ -15,7 +15,7 @@ namespace trocar::runtime {
 
 struct SyntheticTissue {
   double stiffness_N_per_mm = 300, cutting_N = 60, friction_N_per_mm = 2;
-  double drift_N_per_mm = 0;  ///< from the surface on, where the strength is cutting_N
+  double drift_N_per_mm = 0;  ///< begins at the surface, where the strength is cutting_N
   double layer_N = 0, layer_mm = 0;
 };
 
