@@ -184,8 +184,9 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
     }
     DryRun trial(scene, asset, false);
     int loaded = 0;
-    double z_m = 0.118;
-    for (; z_m > 0.11; z_m -= 5e-6) {
+    double z_m = 0;
+    for (int k = 0; k < 1600; ++k) {
+      z_m = 0.118 - 5e-6 * k;
       trial.tick(0, z_m);
       if (trial.force_N() < 5) continue;
       ++loaded;
