@@ -6,6 +6,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/strict_json.h"
+#include "formats/session/procedures.h"
 #include "formats/session/scene_readers.h"
 
 namespace trocar {
@@ -116,6 +117,28 @@ void read_hand(StrictObject& object, SceneHand& hand) {
   read_trajectory(object, hand.trajectory);
 }
 
+// A procedure replaces the tool's shape, the tissue and the layers, so the scene must not state them as well.
+void read_procedure(StrictObject& object, const nlohmann::json& document, Scene& scene,
+                    JsonErrors& errors) {
+  const std::string name = object.string("name");
+  constexpr std::array kStrengths{"median", "low", "high"};
+  const Strength strength =
+      *strength_from_string(kStrengths.at(object.choice("strength", kStrengths)));
+  const Procedure* procedure = find_procedure(name);
+  if (procedure == nullptr) return object.error("name", "must be one of " + procedure_names());
+  for (const char* key : {"tissue", "tissues", "layers"})
+    if (document.contains(key))
+      return errors.add(std::string("/") + key, "cannot be combined with a procedure");
+  if (document.contains("tool"))
+    for (const char* key :
+         {"kind", "half_angle_deg", "inner_radius_m", "sides", "radius_m", "outline_m"})
+      if (document.at("tool").contains(key))
+        return errors.add(std::string("/tool/") + key, "cannot be combined with a procedure");
+  if (errors.first) return;
+  if (const auto applied = apply_procedure(*procedure, strength, scene); !applied)
+    errors.add("/procedure", applied.error().message);
+}
+
 }  // namespace
 
 Result<Scene> parse_scene(std::string_view text, const std::string& name,
@@ -148,6 +171,8 @@ Result<Scene> parse_scene(std::string_view text, const std::string& name,
   object.section("tool", [&](StrictObject& o) { read_tool(o, scene.tool); });
   object.required_section("hand", [&](StrictObject& o) { read_hand(o, scene.hand); });
   object.section("goals", [&](StrictObject& o) { read_goals(o, scene.goals.emplace()); });
+  object.section("procedure",
+                 [&](StrictObject& o) { read_procedure(o, *document, scene, errors); });
   object.finish();
   if (errors.first) return *errors.first;
   return scene;

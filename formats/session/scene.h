@@ -103,7 +103,9 @@ struct SceneLayer {
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;
   /// Fracture toughness, from which the force of puncture follows for the scene's tool; 0: puncture_N is given.
+  /// Unless cutting_N is given, the force after the puncture then is the part of it that tears the tissue.
   double toughness_J_per_m2 = 0;
+  bool cutting_is_given = false;
   double friction_N_per_m = 0;  ///< friction on the shaft per length of cut depth
 };
 inline constexpr std::size_t kMaxLayers = 8;

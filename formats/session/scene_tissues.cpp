@@ -88,6 +88,7 @@ void read_layers(StrictObject& scene, std::vector<SceneLayer>& layers) {
     } else {
       layer.puncture_N = object.number("puncture_N", 0.0, 1000.0);
     }
+    layer.cutting_is_given = object.has("cutting_N");
     object.read("cutting_N", layer.cutting_N, 0.0, 1000.0);
     object.read("friction_N_per_m", layer.friction_N_per_m, 0.0, 1e5);
     if (!(layer.stiffness_N_per_m + layer.stiffening_N_per_m2 > 0))

@@ -10,6 +10,7 @@
 
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
+#include "formats/session/procedures.h"
 #include "formats/session/scene.h"
 
 namespace trocar::runtime {
@@ -91,7 +92,24 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   app.add_option("--energy-budget", a.energy_budget)->group("");
 }
 
+Result<void> check_procedure(const RunArguments& a) {
+  if (!a.procedure.empty() && find_procedure(a.procedure) == nullptr)
+    return usage("--procedure " + a.procedure + ": must be one of " + procedure_names());
+  if (!a.strength.empty() && a.procedure.empty()) return usage("--strength: is for --procedure");
+  if (!a.strength.empty() && !strength_from_string(a.strength))
+    return usage("--strength " + a.strength + ": must be low, median or high");
+  if (!a.procedure.empty() && !a.force_law.empty() && a.force_law != "cutting")
+    return usage("--force-law " + a.force_law + ": a procedure is for the force law cutting");
+  if (!a.procedure.empty() && !a.new_scene.empty())
+    return usage("--procedure: is for a scene; leave --new-scene out");
+  if (a.explain && !(a.scene.empty() && a.new_scene.empty()))
+    return usage("--explain: runs no session; leave the scene out");
+  return {};
+}
+
 Result<void> check_scene_arguments(const RunArguments& a) {
+  if (const auto good = check_procedure(a); !good) return good;
+  if (a.explain) return {};
   if (a.scene.empty() && a.new_scene.empty())
     return usage("SCENE is required (see trocar-run --help)");
   if (!a.scene.empty() && !a.new_scene.empty())
@@ -111,6 +129,15 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   Group scene(app, "Scene");
   scene.option("--asset", a.asset, "an asset (.glb) instead of the scene's");
   scene.option("--force-law", a.force_law, force_law_names() + ", instead of the scene's");
+  scene.option(
+      "--procedure", a.procedure,
+      procedure_names() + ":\nits tool, soft layers and resistance instead of the scene's");
+  scene.option("--strength", a.strength,
+               "with --procedure: low, median or high, the part of each published range\n"
+               "(default: median)");
+  scene.flag("--explain", a.explain,
+             "run no session; print the values of --procedure, or of all procedures, with\n"
+             "their ranges and sources");
   scene.flag("--check", a.check,
              "run no session; print what the scene needs and where the tip can go, do a dry\n"
              "run with the simulated device, and warn of faults and of slices never touched");

@@ -22,6 +22,8 @@ inline constexpr double kDefaultRate_Hz = 1000;
 /// The options of the command line. An empty string means that the option was not given.
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
+  std::string procedure, strength;  ///< formats/session/procedures.h
+  bool explain = false;
   bool check = false, strict = false;
   std::string device{kDefaultDevice}, key_file, description, compensate = "none";
   std::string clock = "real", replay, live;

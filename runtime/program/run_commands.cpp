@@ -12,6 +12,7 @@
 #include "formats/asset/one_sheet.h"
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
+#include "formats/session/procedures.h"
 #include "runtime/checking/new_scene.h"
 #include "runtime/checking/scene_check.h"
 #include "runtime/program/session_inputs.h"
@@ -115,6 +116,10 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
       make_origin(arguments.scene, inputs.scene, inputs.description, options);
   if (!origin) return origin.error();
   options.origin = std::move(*origin);
+  if (!arguments.procedure.empty())
+    options.origin.entries.emplace_back(
+        "procedure",
+        arguments.procedure + "/" + (arguments.strength.empty() ? "median" : arguments.strength));
   if (inputs.replay.empty()) return {};
   const Result<std::string> warning =
       check_replay(inputs.replay_origin, options.origin, arguments.replay);
@@ -175,6 +180,15 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
   }
   return conclude(*report, outputs.write(*options, *report, remesher, link), remesher);
+}
+
+int explain_procedures(const RunArguments& arguments) {
+  for (const Procedure& procedure : procedures())
+    if (arguments.procedure.empty() || arguments.procedure == procedure.name)
+      std::printf("%s%s",
+                  &procedure != procedures().data() && arguments.procedure.empty() ? "\n" : "",
+                  explain(procedure).c_str());
+  return 0;
 }
 
 int make_new_scene(const RunArguments& arguments) {

@@ -15,6 +15,9 @@ namespace trocar::runtime {
 /// to request recovery.
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
+/// Prints the values of one procedure, or of all, with their ranges and sources (--explain).
+int explain_procedures(const RunArguments& arguments);
+
 /// Proposes a scene (--new-scene).
 int make_new_scene(const RunArguments& arguments);
 

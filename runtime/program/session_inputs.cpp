@@ -7,6 +7,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/one_sheet.h"
+#include "formats/session/procedures.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
 
 namespace trocar::runtime {
@@ -17,6 +18,11 @@ Result<Scene> load_scene(const RunArguments& arguments) {
   if (!scene) return scene.error();
   if (!arguments.asset.empty()) scene->asset = arguments.asset;
   if (const auto law = force_law_from_string(arguments.force_law)) scene->force_law.kind = *law;
+  if (const Procedure* procedure = find_procedure(arguments.procedure)) {
+    const Strength strength = strength_from_string(arguments.strength).value_or(Strength::kMedian);
+    if (const auto applied = apply_procedure(*procedure, strength, *scene); !applied)
+      return refused(arguments.scene + ": " + applied.error().message);
+  }
   if (arguments.coupling_N_per_m) {
     scene->force_law.axis = ToolAxis::kCoupled;
     scene->force_law.coupling_N_per_m = *arguments.coupling_N_per_m;

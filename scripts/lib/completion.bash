@@ -32,6 +32,8 @@ _trocar() {
             --hu | --only) _filedir ;;
             --black-box | --page) if [[ $subcommand == fit ]]; then _filedir html; else _filedir -d; fi ;;
             --tool) _filedir json ;;
+            --procedure) COMPREPLY=($(compgen -W "pedicle-probe jamshidi-8g vertebroplasty-11g bone-marrow-trephine spinal-needle tuohy-needle" -- "$cur")) ;;
+            --strength) COMPREPLY=($(compgen -W "low median high" -- "$cur")) ;;
             --tip) COMPREPLY=($(compgen -W "needle-bevel needle-conical needle-diamond trocar jamshidi" -- "$cur")) ;;
             --recording) _filedir csv ;;
             --scene) _filedir json ;;

@@ -221,7 +221,8 @@ Result<void> resolve_layers(Scene& scene) {
   for (SceneLayer& layer : scene.layers) {
     if (!(layer.toughness_J_per_m2 > 0)) continue;
     layer.puncture_N = membrane_break_N(layer.toughness_J_per_m2, layer.thickness_m, *shape);
-    layer.cutting_N = std::min(layer.cutting_N, layer.puncture_N);
+    layer.cutting_N = layer.cutting_is_given ? std::min(layer.cutting_N, layer.puncture_N)
+                                             : kTearingFraction * layer.puncture_N;
   }
   return {};
 }

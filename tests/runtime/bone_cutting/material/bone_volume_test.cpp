@@ -270,7 +270,9 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
   SceneLayer layer{.name = "dura", .top_z_m = 0.13, .thickness_m = 4e-4, .stiffness_N_per_m = 150};
   layer.toughness_J_per_m2 = 1500;
   layer.cutting_N = 100;
-  scene.layers = {layer, layer};
+  layer.cutting_is_given = true;
+  scene.layers = {layer, layer, layer};
+  scene.layers[2].cutting_is_given = false;
   scene.layers[1].toughness_J_per_m2 = 0;
   scene.layers[1].puncture_N = 7;
   scene.layers[1].cutting_N = 1;
@@ -284,6 +286,7 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
   EXPECT_EQ(scene.layers[0].cutting_N, scene.layers[0].puncture_N) << "at most that";
   EXPECT_EQ(scene.layers[1].puncture_N, 7);
   EXPECT_EQ(scene.layers[1].cutting_N, 1);
+  EXPECT_NEAR(scene.layers[2].cutting_N, 0.61 * tear_N, 1e-9) << "the part that tears";
 }
 
 // The shaft's friction follows the strength of the bone under the tool, as far as the friction coefficient
