@@ -72,6 +72,10 @@ class BoneContactTick {
     }
     for (int i = first; i < end; ++i)
       set_strength(i);
+    state_.options.twist_Nm =
+        slice_push_ > 0 && first < count
+            ? state_.sheets[first].share * bone_.sheets[first].twist_Nm(bone_.shape, slice_push_)
+            : 0;
     if (state_.law.stretch_m <= 0 && first < count)
       state_.options.tip_N_per_m = bone_.sheets[first].tip_N_per_m;
   }

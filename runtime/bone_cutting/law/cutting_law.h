@@ -2,7 +2,7 @@
 // The mechanics of one tool in one bone volume, a tick at a time. A massless proxy of the tool moves to the
 // minimum of a potential. The potential is the sum of these elements: the coupling of the proxy to the plate,
 // the tip's spring against the cutting front, friction of the shaft along and around its axis, friction of the
-// tip, and the walls of the hole. Each element is elastic up to a limit and yields there.
+// tip, its resistance to being turned, and the walls of the hole. Each element is elastic up to a limit and yields there.
 // Yielding only dissipates energy (incremental variational plasticity: Ortiz and Stainier, 1999). In a tick the
 // front moves down to the first equilibrium that it reaches, possibly through several slabs. (If it moved to
 // the global minimum of the energy, it would cut through a hard layer, such as a cortical shell, long before
@@ -88,6 +88,14 @@ struct CuttingOptions {
   /// L. Gibson, M. Ashby, Cellular Solids, 1997). The hold is friction that resists only withdrawal; it yields
   /// after tip_presliding_m and fades while the tip is raised by a diameter of the tool.
   double tip_hold = 0;
+  /// The core in a hollow tool presses on the bore more, the longer it is, as grain does in a silo (H. Janssen, 1895).
+  /// Friction is multiplied by core_friction_factor(). `core_fraction`: the core's part of the friction of a short
+  /// core. `core_growth_per_m`: 2 mu kappa / r, with the bore's radius r and friction mu, and the ratio kappa of the
+  /// pressures across and along the core.
+  double core_fraction = 0, core_growth_per_m = 0;
+  /// Moment at which the tip turns in what it cuts. It acts while the tip is under load, and is reached after a
+  /// rotation by tip_presliding_m at the tool's radius.
+  double twist_Nm = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot.
   double same_hole_m = 5e-5;
   /// Gradient of the depth of the surface that the tip presses on, by x and y of {B}: it points downhill, and its
@@ -160,11 +168,13 @@ struct CuttingState {
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< elastic slip along, around the shaft
   double tip_friction_N_per_m = 0;                         ///< stiffness in the last tick
   Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();    ///< elastic slip of the tip
-  double hold_tip_N = 0;                   ///< force with which the bone around the tip was crushed
-  double hold_depth_m = 0;                 ///< largest depth of the tip since it was last free
-  double hold_N_per_m = 0;                 ///< stiffness of the hold in the last tick
-  double hold_slip_m = 0;                  ///< elastic slip of the hold, as of stretch_m; at most 0
-  int hole = -1;                           ///< hole that the tool is in; -1: none
+  double hold_tip_N = 0;     ///< force with which the bone around the tip was crushed
+  double hold_depth_m = 0;   ///< largest depth of the tip since it was last free
+  double hold_N_per_m = 0;   ///< stiffness of the hold in the last tick
+  double hold_slip_m = 0;    ///< elastic slip of the hold, as of stretch_m; at most 0
+  double twist_N_per_m = 0;  ///< stiffness against the tip's rotation in the last tick
+  double twist_slip_m = 0;   ///< elastic slip around the axis, at the tool's radius
+  int hole = -1;             ///< hole that the tool is in; -1: none
   int embedded_from = 0, embedded_to = 0;  ///< slabs filled by the shaft, [from, to)
   std::uint64_t tick = 0;
   std::vector<CuttingHole> holes;  ///< fixed capacity; the oldest hole is forgotten first
@@ -173,6 +183,10 @@ struct CuttingState {
   std::vector<std::uint32_t> wall_points;  ///< capacity for all points of a hole
   double wall_radius_m = 1e-6;
 };
+
+/// Factor on the friction of a tool with this embedded length; at most that of the exponent kMaxCoreExponent.
+double core_friction_factor(const CuttingOptions& options, double embedded_m) noexcept;
+inline constexpr double kMaxCoreExponent = 4;
 
 CuttingState make_cutting_state(std::size_t slabs, std::size_t holes, std::size_t layers = 0);
 

@@ -2,6 +2,7 @@
 #include "runtime/bone_cutting/law/holes.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "runtime/bone_cutting/law/soft_layers.h"
 
@@ -101,6 +102,11 @@ void embed(const Tick& tick, std::size_t i, double low, CuttingHoleSlab& s) noex
 
 }  // namespace
 
+double core_friction_factor(const CuttingOptions& options, double embedded_m) noexcept {
+  const double x = std::min(options.core_growth_per_m * embedded_m, kMaxCoreExponent);
+  return x > 0 ? 1 + options.core_fraction * (std::expm1(x) / x - 1) : 1;
+}
+
 void choose_hole(Tick& tick) noexcept {
   tick.hole = tick.state.hole;
   if (tick.hole >= 0) return;
@@ -171,7 +177,7 @@ void embed(Tick& tick) noexcept {
   tick.state.embedded_from = from;
   tick.state.embedded_to = to;
   tick.embedded_m /= tick.down;
-  tick.friction_N = friction / tick.down;
+  tick.friction_N = friction / tick.down * core_friction_factor(tick.options, tick.embedded_m);
   tick.viscous_N_s_per_m = viscous / tick.down;
   if (!tick.layers.empty()) tick.friction_N += friction_of_layers(tick);
   const double stiffness = tick.friction_N / std::max(tick.options.presliding_m, 1e-9);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/bone_cutting/law/potential.h"
 
+#include <cmath>
+
 #include "runtime/bone_cutting/law/soft_layers.h"
 #include "runtime/bone_cutting/law/yield_spring.h"
 
@@ -99,6 +101,18 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   e.viscous_J = 0.5 * viscous_N_per_m * e.slide[0] * e.slide[0];
   axial += viscous_N_per_m * e.slide[0];
   stiffness += viscous_N_per_m;
+  if (tick.state.friction_N_per_m > 0 || tick.twist_N > 0)
+    e.around =
+        0.5 * tick.options.tool.radius_m * (sign * turned.w() * tick.axis + half.cross(tick.axis));
+  e.twist_J = 0;
+  if (tick.twist_N > 0) {
+    const double slip_m = tick.state.twist_slip_m + e.slide[1];
+    const YieldSpring h =
+        yield_spring(tick.state.twist_N_per_m, tick.twist_N, std::abs(slip_m), majorise);
+    e.twist_J = h.energy;
+    e.g.tail<3>() += std::copysign(h.force, slip_m) * e.around;
+    e.H.bottomRightCorner<3, 3>() += h.along * e.around * e.around.transpose();
+  }
   e.friction_J = 0;
   if (tick.state.friction_N_per_m > 0) {
     const Vector2d w = tick.state.presliding_m + e.slide;
@@ -110,8 +124,7 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
     const double less = h.across - h.along;
     axial += h.force * unit[0];
     stiffness += h.across - less * unit[0] * unit[0];
-    const Vector3d around = e.around =
-        0.5 * tick.options.tool.radius_m * (sign * turned.w() * tick.axis + half.cross(tick.axis));
+    const Vector3d& around = e.around;
     e.g.tail<3>() += h.force * unit[1] * around;
     const double around2 = h.across - less * unit[1] * unit[1];
     e.H.bottomRightCorner<3, 3>() += around2 * around * around.transpose();
@@ -175,7 +188,7 @@ void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
   const double stretch = tick.state.stretch_m + e.pressed_m;
   e.V = e.coupling_J + e.friction_J + e.wall_J + e.viscous_J +
         (stretch > 0 ? 0.5 * tick.options.tip_N_per_m * stretch * stretch : 0) + e.layer_J +
-        e.tip_friction_J + e.hold_J;
+        e.tip_friction_J + e.hold_J + e.twist_J;
 }
 
 }  // namespace trocar::runtime

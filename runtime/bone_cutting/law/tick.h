@@ -37,6 +37,7 @@ struct Tick {
   double viscous_N_s_per_m = 0;           ///< viscous friction along the shaft
   double tip_friction_N = 0;  ///< friction force at which the tip slides across its axis
   double hold_N = 0;          ///< force at which the tip slides back out of crushed bone
+  double twist_N = 0;         ///< force at the tool's radius at which the tip turns
   mutable WallModel walls{};  ///< cache; forget() it when a wall changes
 
   void start_at(const Pose& X) noexcept {

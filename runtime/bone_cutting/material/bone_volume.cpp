@@ -14,6 +14,8 @@ namespace {
 
 // A sheet of no thickness holds the shaft as if it were this thick: the figures of its hole are
 // those of the whole sheet.
+// Pressure of a core of bone on the bore over the pressure along it; assumed, 0.05 to 0.25.
+constexpr double kCorePressureRatio = 0.15;
 constexpr double kSheetHole_m = 1e-3;
 // So strong that nothing of a session breaks it.
 constexpr double kUnbreakable_N = 1e9;
@@ -163,6 +165,26 @@ void set_extent(std::span<const double> depth_m, std::size_t i, double spacing_m
   out.bottom_m = depth_m[i] + down;
 }
 
+// The options of the law that follow from the scene and its tool. `tissue`: that of the uppermost sheet.
+CuttingOptions options_of(const Scene& scene, const BoneVolume& bone, const Tissue& tissue) {
+  CuttingOptions options;
+  options.tool = {bone.tool.tip_plate_m, -bone.tool.axis_plate, bone.radius_m};
+  options.presliding_m = tissue.shaft.presliding_m;
+  const SceneForceLaw& law = scene.force_law;
+  options.tip_friction = law.tip_friction;
+  options.tip_hold = law.tip_hold;
+  if (law.coupling_N_per_m > 0) options.coupling.translation_N_per_m = law.coupling_N_per_m;
+  if (law.coupling_Nm_per_rad > 0) options.coupling.rotation_Nm_per_rad = law.coupling_Nm_per_rad;
+  const double bore_m = bone.shape.inner_radius_m;
+  if (bore_m > 0) {
+    options.core_fraction = bore_m / (bore_m + bone.shape.outer_radius_m);
+    if (tissue.cut)
+      options.core_growth_per_m =
+          2 * tissue.cut->friction_coefficient * kCorePressureRatio / bore_m;
+  }
+  return options;
+}
+
 }  // namespace
 
 double BoneSheet::pressure_Pa(double hu) const noexcept {
@@ -192,6 +214,11 @@ double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_pus
   CutMaterial here = material;
   if (law != nullptr) here.strength_Pa = pressure_Pa(hu);
   return tool_in_tissue(shape, here, 1, slice_push).strength_N;
+}
+
+double BoneSheet::twist_Nm(const ToolShape& shape, double slice_push) const noexcept {
+  // It depends on the tearing, which is the same at every HU.
+  return is_of_the_tool ? 0 : tool_in_tissue(shape, material, 1, slice_push).twist_Nm;
 }
 
 Result<ToolShape> tool_shape(const SceneTool& tool) {
@@ -243,14 +270,8 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   const SceneBody body = scene.body.value_or(SceneBody{});
   bone.shell_m = body.shell_m;
 
-  CuttingOptions& options = bone.options;
-  options.tool = {bone.tool.tip_plate_m, -bone.tool.axis_plate, bone.radius_m};
-  options.presliding_m = sheets.front()->tissue.shaft.presliding_m;
-  options.tip_friction = scene.force_law.tip_friction;
-  options.tip_hold = scene.force_law.tip_hold;
-  const SceneForceLaw& law = scene.force_law;
-  if (law.coupling_N_per_m > 0) options.coupling.translation_N_per_m = law.coupling_N_per_m;
-  if (law.coupling_Nm_per_rad > 0) options.coupling.rotation_Nm_per_rad = law.coupling_Nm_per_rad;
+  bone.options = options_of(scene, bone, sheets.front()->tissue);
+  const CuttingOptions& options = bone.options;
 
   // Runs of sheets that are one body.
   bone.sheets.resize(sheets.size());
@@ -282,6 +303,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
     from = to;
   }
 
+  double embedded_m = 0, friction_N = 0;
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     BoneSheet& out = bone.sheets[i];
     if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, body, out); !ok)
@@ -297,16 +319,19 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
       const double length_m = slab.bottom_m - slab.top_m + slab.hole_m;
       bone.across_N_per_m += slab.wall_N_per_m2 * length_m;
       bone.viscous_N_s_per_m += slab.viscous_N_s_per_m2 * length_m;
-      bone.along_N_per_m += slab.friction_N_per_m * length_m / std::max(options.presliding_m, 1e-9);
+      embedded_m += length_m;
+      friction_N += slab.friction_N_per_m * length_m;
       bone.slabs.push_back(slab);
       bone.sheet_of_slab.push_back(static_cast<int>(i));
     }
     out.slabs = static_cast<int>(bone.slabs.size()) - out.first_slab;
   }
+  bone.along_N_per_m +=
+      friction_N * core_friction_factor(options, embedded_m) / std::max(options.presliding_m, 1e-9);
   double tip_N_per_m = 0;
   for (const BoneSheet& sheet : bone.sheets)
     tip_N_per_m = std::max(tip_N_per_m, sheet.tip_N_per_m);
-  options.tip_N_per_m = bone.sheets.front().tip_N_per_m;
+  bone.options.tip_N_per_m = bone.sheets.front().tip_N_per_m;
   bone.along_N_per_m += tip_N_per_m;
   for (const SceneLayer& layer : scene.layers) {
     if (layer.toughness_J_per_m2 > 0 && !(layer.puncture_N > 0))

@@ -61,6 +61,8 @@ struct BoneSheet {
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front at an HU; `slice_push` as in tool_in_tissue().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
+  /// Moment that turns the tool at this ratio of slice and push (ToolInTissue::twist_Nm).
+  double twist_Nm(const ToolShape& shape, double slice_push) const noexcept;
 };
 
 struct BoneVolume {

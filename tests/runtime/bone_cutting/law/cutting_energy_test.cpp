@@ -194,6 +194,8 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   const double shear = std::max(was.tip_friction_N_per_m, is.tip_friction_N_per_m);
   leak += 0.5 * shear * (slipped - press * (pressed / press.squaredNorm())).squaredNorm() +
           was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - straight_slip);
+  leak += 0.5 * std::max(was.twist_N_per_m, is.twist_N_per_m) * around * around +
+          was.twist_N_per_m * was.twist_slip_m * (around - tool.radius_m * axis.dot(omega));
   leak += 0.5 * std::max(was.hold_N_per_m, is.hold_N_per_m) * pressed * pressed +
           was.hold_N_per_m * was.hold_slip_m * (pressed - pressed_straight);
   for (std::size_t i = 0; i < s.layers.size(); ++i) {
@@ -236,10 +238,10 @@ double strength_above(const Session& s, double front_m) {
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11), layers(12), tips(13), holds(14), slopes(15);
+  Random random(11), layers(12), tips(13), holds(14), slopes(15), twists(16);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
-       gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0;
+       gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0, twisted = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
@@ -250,6 +252,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       s.options.tip_presliding_m = tips.power(-5, -3.5);
     }
     if (holds.chance(0.4)) s.options.tip_hold = holds.uniform(0.05, 1);
+    const bool resists_twist = twists.chance(0.3);
     // Level, a plane, or a surface that turns under the tip.
     const int surface = slopes.integer(4);
     const double steepness = slopes.uniform(0, 2.5);
@@ -299,6 +302,8 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
           ++slab.free_version;
         }
       }
+      if (resists_twist && twists.chance(0.1))
+        s.options.twist_Nm = twists.chance(0.2) ? 0 : twists.power(-4, -1);
       if (surface == 2 && k == 0) {
         const double way = slopes.uniform(0, 6.28);
         s.options.slope = steepness * Vector2d(std::cos(way), std::sin(way));
@@ -315,6 +320,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       torn += out.layer_cut_J > 0;
       slipped += s.state.tip_slip_m.norm() > 0;
       held += s.state.hold_slip_m < 0;
+      twisted += s.state.twist_slip_m != 0;
       sloped += s.state.slope && s.state.stretch_m > 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
         const double Y = strength_above(s, out.front_m);
@@ -347,14 +353,15 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   std::printf(
       "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
       "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld slips of the tip, %ld "
-      "holds of it, %ld on a slope\n",
+      "holds of it, %ld on a slope, %ld turned\n",
       worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped,
-      held, sloped);
+      held, sloped, twisted);
   EXPECT_GT(cutting, ticks / 50);
   EXPECT_GT(torn, ticks / 1000);
   EXPECT_GT(slipped, ticks / 50);
   EXPECT_GT(held, ticks / 100);
   EXPECT_GT(sloped, ticks / 20);
+  EXPECT_GT(twisted, ticks / 50);
   EXPECT_GT(stopped, cutting / 4);
   // A tool that tilts over while the front advances loses force by that.
   EXPECT_LE(too_far, stopped / 1000);

@@ -177,5 +177,30 @@ TEST(CuttingLaw, TheWrenchIsTheEnergysDerivative) {
   }
 }
 
+// The friction of a core against the integral of its pressure, which grows from the tip upwards.
+TEST(CuttingLaw, ACoresFrictionGrowsWithItsLength) {
+  constexpr double kFraction = 0.4, kGrowth_per_m = 60, kFriction_N_per_m = 1000;
+  Bench b(even_slabs(40, 1e-3, 20));
+  for (CuttingSlab& slab : b.slabs)
+    slab.friction_N_per_m = kFriction_N_per_m;
+  b.options.core_fraction = kFraction;
+  b.options.core_growth_per_m = kGrowth_per_m;
+  b.options.presliding_m = 1e-5;
+  b.options.coupling.translation_N_per_m = 1e5;
+  for (const double depth_m : {0.01, 0.02, 0.03}) {
+    b.move(plate_at(0, depth_m - 0.0101), plate_at(0, depth_m), 1e-5);
+    const double length_m = b.out.embedded_m;
+    double core_N = 0;
+    for (int k = 0; k < 1000; ++k)
+      core_N += kFriction_N_per_m * kFraction * length_m / 1000 *
+                std::exp(kGrowth_per_m * length_m * (k + 0.5) / 1000);
+    const double outer_N = kFriction_N_per_m * (1 - kFraction) * length_m;
+    EXPECT_NEAR(b.out.wrench_device[2] - b.out.tip_N, core_N + outer_N, 0.01 * (core_N + outer_N))
+        << depth_m;
+  }
+  EXPECT_EQ(core_friction_factor(b.options, 0), 1);
+  EXPECT_LT(core_friction_factor(b.options, 10), 6) << "limited";
+}
+
 }  // namespace
 }  // namespace trocar::runtime
