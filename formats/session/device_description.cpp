@@ -76,6 +76,7 @@ void read_joint_limits(StrictObject& object, DeviceDescription& device) {
 
 void read_plate(StrictObject& object, DeviceDescription& device) {
   device.plate_mass_kg = object.number("mass_kg", 1e-3, 1e3);
+  object.read("stiffness_max_N_per_m", device.plate_stiffness_max_N_per_m, 1.0, 1e8);
   auto& i = device.plate_inertia_kg_m2;
   object.numbers("inertia_kg_m2", i, 1e-8, 1e3, true);
   if (i[0] + i[1] < i[2] || i[1] + i[2] < i[0] || i[2] + i[0] < i[1])

@@ -60,6 +60,7 @@ struct DeviceDescription {
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
   double plate_mass_kg = 0;                           ///< plate, sensor and grip
   std::array<double, 3> plate_inertia_kg_m2{};  ///< principal moments about {T}'s origin and axes
+  double plate_stiffness_max_N_per_m = 0;       ///< largest stiffness to render; 0: not stated
 
   // The rest concerns the simulated device only.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints

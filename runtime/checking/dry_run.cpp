@@ -95,6 +95,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
   silent.limits.gap_max_s = 0;
   silent.passivity = options.passivity;
   silent.coupling = options.coupling;
+  silent.stiffness = options.stiffness;
   silent.compensation = options.compensation;
   silent.stop = options.stop;
   silent.observers = {&observer};

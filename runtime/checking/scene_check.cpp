@@ -160,8 +160,8 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceDescription& devi
   Result<SceneEvaluation> evaluated = evaluate_scene(scene, device, sheets, options);
   if (!evaluated) return evaluated.error();
   const SceneEvaluation& e = *evaluated;
-  const Result<SceneRequirements> needs = describe_requirements(
-      scene, device, sheets, touching_poses(e), bytes, options.rate_Hz, options.duration_s);
+  const Result<SceneRequirements> needs =
+      describe_requirements(scene, device, sheets, touching_poses(e), bytes, options);
   if (!needs) return needs.error();
   SceneCheck check;
   check.text = needs->scene + describe_workspace(e) + describe_path(e) + describe_dry_run(e);

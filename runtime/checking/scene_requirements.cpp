@@ -49,8 +49,9 @@ std::uint64_t kept_bytes(const Sheet& sheet) noexcept {
 Result<SceneRequirements> describe_requirements(
     const Scene& scene, const DeviceDescription& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets,
-    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes, double rate_Hz,
-    double duration_s) {
+    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
+    const SessionOptions& options) {
+  const double rate_Hz = options.rate_Hz, duration_s = options.duration_s;
   const Tool tool = make_tool(scene.tool);
   std::uint64_t kept = 0;
   for (const auto& sheet : sheets) {
@@ -74,7 +75,7 @@ Result<SceneRequirements> describe_requirements(
   all.reserve(sheets.size());
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
-  const auto law = make_force_law({scene, device, all, rate_Hz, {}});
+  const auto law = make_force_law({scene, device, all, rate_Hz, {}, options.stiffness});
   if (!law) return law.error();
   out += (*law)->describe();
   needs.stability_warning = (*law)->stability_warning();

@@ -13,6 +13,7 @@
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 
@@ -39,8 +40,8 @@ struct SceneRequirements {
 Result<SceneRequirements> describe_requirements(
     const Scene& scene, const DeviceDescription& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets,
-    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes, double rate_Hz,
-    double duration_s);
+    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
+    const SessionOptions& options);
 
 /// Returns the number of bytes kept for a sheet during the session, for two replicas and
 /// its first version.

@@ -135,9 +135,12 @@ Result<void> Supervisor::start_run() {
   if (!asset_file_.empty()) add("--asset", asset_file_.string());
   if (request_.duration_s) add("--duration", text_line("%.9g", *request_.duration_s));
   if (!request_.force_law.empty()) add("--force-law", request_.force_law);
+  if (settings_.stiffness_limit_N_per_m)
+    add("--stiffness-limit", text_line("%.9g", *settings_.stiffness_limit_N_per_m));
   if (request_.device == "sim") {
     add("--device", "udp:" + device_endpoint_);
     add("--key-file", file / "key");
+    words.emplace_back("--simulated");
   } else if (request_.device != "inproc") {
     add("--device", request_.device);
   }

@@ -40,6 +40,7 @@ class Supervisor {
     std::filesystem::path attach;    ///< telemetry link to follow instead of starting sessions
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
     std::string device = "inproc";   ///< default for requests without a device
+    std::optional<double> stiffness_limit_N_per_m;  ///< the operator's limit for all sessions
   };
   explicit Supervisor(Settings settings);
 

@@ -16,6 +16,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <string>
 
@@ -29,6 +30,16 @@
 
 namespace trocar::runtime {
 
+/// Limits of the stiffness that a law renders, beside those that follow from the scene, the device and the rate.
+struct StiffnessLimits {
+  /// The stiffness that follows from the plate's mass is divided by this. It is 1 for a simulated device, which has
+  /// the mass that it states, and kHardwareMargin for one whose mass was measured.
+  double margin = 1;
+  double most_N_per_m =
+      std::numeric_limits<double>::infinity();  ///< at the tip; the operator's limit
+};
+inline constexpr double kHardwareMargin = 2;
+
 /// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. They are valid during the
 /// call of the factory, not necessarily as long as the law exists.
 struct ForceLawSetup {
@@ -37,6 +48,7 @@ struct ForceLawSetup {
   std::span<const Sheet* const> sheets;
   double rate_Hz = 1000;
   CouplingOptions coupling;  ///< virtual coupling between plate and proxy, if the law supports it
+  StiffnessLimits stiffness;
 };
 
 /// Inputs of one tick.

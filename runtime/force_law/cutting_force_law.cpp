@@ -15,9 +15,9 @@ Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSet
   Result<BoneVolume> bone = make_bone_volume(setup.scene, setup.sheets);
   if (!bone)
     return Error{bone.error().code, setup.scene.asset.string() + ": " + bone.error().message};
-  const DeviceCoupling coupling =
-      choose_coupling(*bone, setup.scene.force_law, setup.device,
-                      over_anchor(*setup.sheets.front(), bone->tool), setup.rate_Hz);
+  const DeviceCoupling coupling = choose_coupling(*bone, setup.scene.force_law, setup.device,
+                                                  over_anchor(*setup.sheets.front(), bone->tool),
+                                                  setup.rate_Hz, setup.stiffness);
   bone->options.coupling = coupling.coupling;
   return std::unique_ptr<CuttingForceLaw>(new CuttingForceLaw(setup, std::move(*bone), coupling));
 }

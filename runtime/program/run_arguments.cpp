@@ -71,6 +71,9 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "energy in J that the hand may receive within 0.1 s in addition to the energy\n"
                 "that the tissue stored at the beginning of that time; if it receives more, the\n"
                 "fault energy_limit is raised (default: 0.05)");
+  safety.option("--stiffness-limit", a.stiffness_limit_N_per_m,
+                "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
+                "with the force law cutting (default: what the device states)");
   safety.option("--late-ticks", a.late_ticks,
                 "raise a fault after this many consecutive missed deadlines; 0: never\n"
                 "(default: 3). The device inproc waits for the loop: deadlines are not checked");
@@ -149,6 +152,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   Group device(app, "Device");
   device.option("--device", a.device,
                 device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
+  device.flag("--simulated", a.simulated,
+              "the device process simulates its device. Without this it is taken to have\n"
+              "motors, and contact is half as stiff, because its mass was only measured");
   device.option("--key-file", a.key_file,
                 "key of the device link; the device process must have the same key");
   device.option("--device-description", a.description,
@@ -201,6 +207,11 @@ Result<void> check_run_arguments(const RunArguments& a) {
   if (a.energy_limit_J && !(*a.energy_limit_J >= 1e-3 && *a.energy_limit_J <= 10)) {
     return usage("--energy-limit: must be within 0.001 and 10 J");
   }
+  if (a.stiffness_limit_N_per_m &&
+      !(*a.stiffness_limit_N_per_m >= 10 && *a.stiffness_limit_N_per_m <= 1e8))
+    return usage("--stiffness-limit: must be within 10 and 100000000 N/m");
+  if (a.simulated && !may_have_motors(a.device))
+    return usage("--simulated: is for a device process; " + a.device + " is always simulated");
   if (a.strict && !a.check) return usage("--strict: is for --check");
   if (const long processors = ::sysconf(_SC_NPROCESSORS_CONF);
       a.cpu < -1 || (processors > 0 && a.cpu >= processors)) {
@@ -247,6 +258,10 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
                                                      : RecoveryPolicy::kNever;
   options.passivity.on = arguments.passivity == "on";
   options.limits.energy_limit_J = arguments.energy_limit_J.value_or(options.limits.energy_limit_J);
+  options.stiffness.margin =
+      may_have_motors(arguments.device) && !arguments.simulated ? kHardwareMargin : 1;
+  options.stiffness.most_N_per_m =
+      arguments.stiffness_limit_N_per_m.value_or(options.stiffness.most_N_per_m);
   options.coupling.on = arguments.coupling_N_per_m.has_value();
   options.coupling.stiffness_N_per_m =
       arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);

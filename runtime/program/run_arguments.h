@@ -26,12 +26,13 @@ struct RunArguments {
   bool explain = false;
   bool check = false, strict = false;
   std::string device{kDefaultDevice}, key_file, description, compensate = "none";
+  bool simulated = false;
   std::string clock = "real", replay, live;
   std::optional<double> rate_Hz, duration_s;
   bool quiet = false;
   std::string record, summary, session_report, meshes, frames;
   std::string black_box, recover = "never", passivity = "on";
-  std::optional<double> energy_limit_J, coupling_N_per_m;
+  std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
   int late_ticks = 3, cpu = -1;
   std::string energy_budget;  ///< the option's old name, which is refused with a hint
 };

@@ -105,6 +105,8 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   options.stop = &stop_requested;
   options.recover = &recover;
   set_loop_options(arguments, options);
+  if (!inputs.replay.empty())
+    options.stiffness.margin = stated_stiffness_margin(inputs.replay_origin);
   return options;
 }
 

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <system_error>
 
@@ -26,6 +27,7 @@ struct Arguments {
   std::string folder, listen = "127.0.0.1", attach, page, device = "inproc";
   std::string recording, against, scene, start;
   int port = 4841;
+  std::optional<double> stiffness_limit_N_per_m;
 };
 
 int fail(const Error& error) {
@@ -57,6 +59,9 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--page", arguments.page,
                  "folder of the page's files (default: the installed one)");
   app.add_option("--recording", arguments.recording, "play this recording instead; needs --scene");
+  app.add_option("--stiffness-limit", arguments.stiffness_limit_N_per_m,
+                 "largest stiffness in N/m that the device may render in any session")
+      ->check(option_range(10.0, 1e8));
   app.add_option("--against", arguments.against, "a second recording to show beside the first");
   app.add_option("--scene", arguments.scene, "the scene of the recordings");
   app.footer(
@@ -113,6 +118,7 @@ int run_command_line(int argc, char** argv) {
   std::error_code error;
   settings.session.programs = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
   settings.session.device = arguments.device;
+  settings.session.stiffness_limit_N_per_m = arguments.stiffness_limit_N_per_m;
   settings.session.attach = arguments.attach;
   const bool plays = !arguments.recording.empty();
   Result<Files> files =

@@ -36,13 +36,13 @@ OpenedDevice open_udp(std::string_view address, const OpenDeviceOptions& options
 struct DeviceKind {
   std::string_view uri;  ///< SCHEME or SCHEME:ADDRESS, as shown in the help text
   std::string_view help;
-  bool needs_key_file;
+  bool needs_key_file, may_have_motors;
   OpenedDevice (*open)(std::string_view address, const OpenDeviceOptions& options);
 };
 
 constexpr DeviceKind kDevices[] = {
-    {"inproc", "simulated in the process", false, open_simulated},
-    {"udp:HOST:PORT", "a device process, such as\ntrocar-device-sim", true, open_udp},
+    {"inproc", "simulated in the process", false, false, open_simulated},
+    {"udp:HOST:PORT", "a device process, such as\ntrocar-device-sim", true, true, open_udp},
 };
 
 struct UriParts {
@@ -78,6 +78,11 @@ std::string uris(Choose&& choose) {
 }
 
 }  // namespace
+
+bool may_have_motors(std::string_view uri) {
+  const DeviceKind* kind = find_device(uri);
+  return kind != nullptr && kind->may_have_motors;
+}
 
 Result<void> check_device_uri(std::string_view uri, bool has_key_file) {
   const DeviceKind* const kind = find_device(uri);

@@ -27,6 +27,10 @@ struct OpenDeviceOptions {
   double rate_Hz = 1000;           ///< the session's rate
 };
 
+/// True if the device may have motors. Only the device in the process is known to be simulated; a device process is
+/// taken to have motors, whatever it says.
+bool may_have_motors(std::string_view uri);
+
 /// Checks a URI. Errors: (usage) no device has this URI; a key file is missing; a key file is given
 /// but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -15,6 +16,7 @@ namespace trocar::runtime {
 namespace {
 
 constexpr const char* kRate = "rate_Hz";
+constexpr const char* kMargin = "stiffness-margin";
 
 std::string shortest(double x) {
   std::array<char, 32> text;
@@ -73,7 +75,17 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},
       {"energy-limit", shortest(options.limits.energy_limit_J)}};
+  // Only sessions that differ from a simulated one have these entries.
+  if (options.stiffness.margin != 1)
+    origin.entries.emplace_back(kMargin, shortest(options.stiffness.margin));
+  if (std::isfinite(options.stiffness.most_N_per_m))
+    origin.entries.emplace_back("stiffness-limit", shortest(options.stiffness.most_N_per_m));
   return origin;
+}
+
+double stated_stiffness_margin(const RecordingOrigin& recorded) {
+  const std::string* const text = recorded.find(kMargin);
+  return text != nullptr && *text == shortest(kHardwareMargin) ? kHardwareMargin : 1;
 }
 
 double stated_rate_Hz(const RecordingOrigin& recorded) {

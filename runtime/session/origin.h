@@ -25,6 +25,9 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
                                     const DeviceDescription& description,
                                     const SessionOptions& options);
 
+/// Returns the StiffnessLimits::margin of a recording; 1 if it states none.
+double stated_stiffness_margin(const RecordingOrigin& recorded);
+
 /// Returns the rate of the haptic loop that a recording states; 0: none.
 double stated_rate_Hz(const RecordingOrigin& recorded);
 

@@ -13,6 +13,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/recording.h"
+#include "runtime/contact/force_law.h"
 #include "runtime/control/haptic_loop.h"
 #include "runtime/telemetry/frame_display.h"
 #include "runtime/telemetry/session_facts.h"
@@ -55,6 +56,7 @@ struct SessionOptions {
   SafetyLimits limits;
   PassivityOptions passivity;
   CouplingOptions coupling;
+  StiffnessLimits stiffness;
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
   /// The operator sets this with kOnRequest. It is cleared when it takes effect.

@@ -19,7 +19,8 @@ Result<std::unique_ptr<ForceLaw>> make_law(const Scene& scene, const DeviceDescr
   std::vector<const Sheet*> sheets;
   for (std::size_t i = 0; i < remesher.size(); ++i)
     sheets.push_back(&remesher.first_version(i));
-  return make_force_law({scene, description, sheets, options.rate_Hz, options.coupling});
+  return make_force_law(
+      {scene, description, sheets, options.rate_Hz, options.coupling, options.stiffness});
 }
 
 }  // namespace

@@ -15,6 +15,8 @@ namespace trocar::runtime {
 namespace {
 
 constexpr double kMuch_N = 1e4, kMuch_Nm = 1e3;
+constexpr double kMinLever_m = 0.05;
+constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 struct Stiffness {
   double translation_N_per_m = 0, rotation_Nm_per_rad = 0;
@@ -35,7 +37,7 @@ double damping_share(const Jacobian& G, double joint_Nms_per_rad, const Stiffnes
 
 DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
                                const DeviceDescription& device, const Pose& T_device_plate,
-                               double rate_Hz) {
+                               double rate_Hz, const StiffnessLimits& limits) {
   DeviceCoupling out;
   CuttingCoupling& coupling = out.coupling;
   coupling = bone.options.coupling;
@@ -43,16 +45,28 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   const double tissue_N_per_m =
       std::max({bone.along_N_per_m, bone.across_N_per_m, bone.viscous_N_s_per_m / T_s});
   const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
-  const Stiffness most{
-      kMaxInertiaShare * device.plate_mass_kg / (T_s * T_s * scale),
-      kMaxInertiaShare *
-          *std::min_element(device.plate_inertia_kg_m2.begin(), device.plate_inertia_kg_m2.end()) /
-          (T_s * T_s * scale)};
+  const double per_inertia = kMaxInertiaShare / (T_s * T_s * scale * limits.margin);
+  const Stiffness most{per_inertia * device.plate_mass_kg,
+                       per_inertia * *std::min_element(device.plate_inertia_kg_m2.begin(),
+                                                       device.plate_inertia_kg_m2.end())};
+  const double stated_N_per_m =
+      device.plate_stiffness_max_N_per_m > 0 ? device.plate_stiffness_max_N_per_m : kUnlimited;
+  out.ceiling_N_per_m = std::min(stated_N_per_m, limits.most_N_per_m) / scale;
   if (!(law.coupling_N_per_m > 0)) coupling.translation_N_per_m = most.translation_N_per_m;
   if (!(law.coupling_Nm_per_rad > 0)) coupling.rotation_Nm_per_rad = most.rotation_Nm_per_rad;
+  if (coupling.translation_N_per_m > out.ceiling_N_per_m) {
+    // Rotation at the plate moves the tip, so its stiffness is limited likewise.
+    const double tip_m = std::max(bone.tool.tip_plate_m.norm(), kMinLever_m);
+    coupling.translation_N_per_m = out.ceiling_N_per_m;
+    coupling.rotation_Nm_per_rad =
+        std::min(coupling.rotation_Nm_per_rad, out.ceiling_N_per_m * tip_m * tip_m);
+    out.is_at_ceiling = true;
+  }
+  const bool may_be_rigid = tissue_N_per_m <= out.ceiling_N_per_m;
   coupling.is_rigid =
-      law.axis == ToolAxis::kRigid ||
-      (law.axis == ToolAxis::kAuto && tissue_N_per_m <= coupling.translation_N_per_m);
+      may_be_rigid &&
+      (law.axis == ToolAxis::kRigid ||
+       (law.axis == ToolAxis::kAuto && tissue_N_per_m <= coupling.translation_N_per_m));
   const Stiffness K =
       coupling.is_rigid
           ? Stiffness{scale * tissue_N_per_m, scale * tissue_N_per_m * lever_m * lever_m}
@@ -90,9 +104,10 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   const Stiffness rendered =
       coupling.is_rigid ? Stiffness{tissue_N_per_m, bone.across_N_per_m * lever_m * lever_m}
                         : Stiffness{coupling.translation_N_per_m, coupling.rotation_Nm_per_rad};
+  out.inertia_limit = kMaxInertiaShare / limits.margin;
   out.inertia_share =
-      kMaxInertiaShare * std::max(rendered.translation_N_per_m / most.translation_N_per_m,
-                                  rendered.rotation_Nm_per_rad / most.rotation_Nm_per_rad);
+      out.inertia_limit * std::max(rendered.translation_N_per_m / most.translation_N_per_m,
+                                   rendered.rotation_Nm_per_rad / most.rotation_Nm_per_rad);
   return out;
 }
 
@@ -103,6 +118,7 @@ std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
     std::snprintf(text.data(), text.size(), "tool axis coupled, %.4g N/m and %.4g Nm/rad",
                   chosen.coupling.translation_N_per_m, chosen.coupling.rotation_Nm_per_rad);
     out = text.data();
+    if (chosen.is_at_ceiling) out += " (the limit that the device or the operator states)";
   }
   std::snprintf(text.data(), text.size(), ", at most %.4g N of tissue at force scale %.4g",
                 chosen.most_N, law.force_scale);
@@ -125,13 +141,13 @@ std::string stability_warning(const DeviceCoupling& chosen) {
         chosen.damping_share);
     return text.data();
   }
-  if (chosen.inertia_share <= kMaxInertiaShare * (1 + kRounding)) return {};
+  if (chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding)) return {};
   std::snprintf(
       text.data(), text.size(),
       "the stiffness K that is rendered is too large for the plate's inertia M and the tick T: "
       "K T^2 / M is %.3g, and at most %.3g is known to be passive: leave out \"axis\", lower the "
       "tissue's stiffness or force_scale, or raise --rate",
-      chosen.inertia_share, kMaxInertiaShare);
+      chosen.inertia_share, chosen.inertia_limit);
   return text.data();
 }
 

@@ -18,9 +18,11 @@
 //     than the coupling.
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
 //  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2 divided by the force
-//     scale (SceneForceLaw::force_scale), and in rotation likewise with the plate's smallest moment of
-//     inertia. A stiffness of 0 in the scene's law stands for
-//     this limit, whether the pose is predicted or not.
+//     scale (SceneForceLaw::force_scale) and by StiffnessLimits::margin, and in rotation likewise with the
+//     plate's smallest moment of inertia. A stiffness of 0 in the scene's law stands for this limit, whether
+//     the pose is predicted or not.
+//     The rendered stiffness at the tip never exceeds what the device states or the operator's limit,
+//     whatever the scene says. A tool that the scene declares rigid is then coupled.
 //  4. `inertia_share` also counts the stiffness of a rigid tool, which is not limited.
 //  5. The coupling's largest force is the one that the device can render along the tool at its peak torques,
 //     divided by the force scale.
@@ -30,6 +32,7 @@
 
 #include "formats/session/device_description.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
+#include "runtime/contact/force_law.h"
 
 namespace trocar::runtime {
 
@@ -41,15 +44,20 @@ struct DeviceCoupling {
   bool predicts_pose = false;  ///< the law is evaluated at the pose predicted one tick ahead
   double damping_share = 0;    ///< at least 1: the device's own damping suffices
   /// The rendered stiffness over M / T^2, the larger of translation and rotation. With prediction, values above
-  /// kMaxInertiaShare are not known to be passive.
+  /// inertia_limit are not known to be passive.
   double inertia_share = 0;
+  double inertia_limit = kMaxInertiaShare;  ///< the same over StiffnessLimits::margin
   double most_N = 0;  ///< largest tissue force along the tool that the device can render
+  /// The smaller of the stiffness that the device states and the operator's limit, over the force scale; infinite:
+  /// neither is stated.
+  double ceiling_N_per_m = 0;
+  bool is_at_ceiling = false;  ///< the coupling is as stiff as that
 };
 
 /// Chooses the coupling for one pose of the plate, for example with the tip on top of the bone.
 DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
                                const DeviceDescription& device, const Pose& T_device_plate,
-                               double rate_Hz);
+                               double rate_Hz, const StiffnessLimits& limits = {});
 
 /// Returns the choice as one line of text, for `--check`.
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);

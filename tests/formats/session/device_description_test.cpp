@@ -92,6 +92,17 @@ TEST(DeviceDescription, EveryValueIsCheckedByName) {
   EXPECT_GT(leaves, 30);
 }
 
+TEST(DeviceDescription, MayStateTheLargestStiffness) {
+  Json document = Json::parse(shipped_text());
+  EXPECT_EQ(parse_device_description(document.dump(), "d")->plate_stiffness_max_N_per_m, 0);
+  document["plate"]["stiffness_max_N_per_m"] = 20'000;
+  EXPECT_EQ(parse_device_description(document.dump(), "d")->plate_stiffness_max_N_per_m, 20'000);
+  for (const Json& wrong : {Json(0), Json(-5), Json(1e9), Json("stiff")}) {
+    document["plate"]["stiffness_max_N_per_m"] = wrong;
+    expect_refused(document, "/plate/stiffness_max_N_per_m");
+  }
+}
+
 TEST(DeviceDescription, RefusesInconsistentValues) {
   const Json document = Json::parse(shipped_text());
   const auto with = [&](const char* pointer, const Json& value) {

@@ -83,7 +83,7 @@ TEST(ForceLawTable, MakesTheShippedLaws) {
   for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
     Scene scene = scene_of(static_cast<ForceLawKind>(i));
     const test::Placed placed(scene, test::square_asset(2));
-    const auto law = make_force_law({scene, device, placed.sheets, 1000, {}});
+    const auto law = make_force_law({scene, device, placed.sheets, 1000, {}, {}});
     ASSERT_TRUE(law) << law.error().message;
     const std::string name = kForceLaws.at(i).name;
     EXPECT_EQ((*law)->describe().rfind("force law  " + name, 0), 0U) << (*law)->describe();
@@ -146,9 +146,12 @@ TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
   const auto sheets = place_slices(scene, test::square_asset(2), "a");
   ASSERT_TRUE(sheets);
   const Tool tool = make_tool(scene.tool);
+  SessionOptions options;
+  options.rate_Hz = 1000;
+  options.duration_s = 1;
   const auto needs = describe_requirements(
       scene, device, *sheets, {over_anchor(*(*sheets)[0], tool), over_anchor(*(*sheets)[1], tool)},
-      {}, 1000, 1);
+      {}, options);
   ASSERT_TRUE(needs) << needs.error().message;
   EXPECT_NE(needs->scene.find("force law  constant\n"), std::string::npos);
 }

@@ -85,11 +85,12 @@ SceneForceLaw coupled(double translation_N_per_m = 10'000, double rotation_Nm_pe
 }
 
 DeviceCoupling choose(BoneVolume body, const SceneForceLaw& law, const DeviceDescription& device,
-                      const Pose& T = upright(), double rate_Hz = 1000) {
+                      const Pose& T = upright(), double rate_Hz = 1000,
+                      const StiffnessLimits& limits = {}) {
   // Sets the options as make_bone_volume() does from the scene's law.
   body.options.coupling.translation_N_per_m = law.coupling_N_per_m;
   body.options.coupling.rotation_Nm_per_rad = law.coupling_Nm_per_rad;
-  return choose_coupling(body, law, device, T, rate_Hz);
+  return choose_coupling(body, law, device, T, rate_Hz, limits);
 }
 
 TEST(DeviceCoupling, TheAxisIsRigidIfTheSceneSaysSoOrTheTissueIsSofter) {
@@ -205,6 +206,62 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
           EXPECT_NEAR(scale * chosen.coupling.translation_N_per_m,
                       std::min(scale * 1e6, most_N_per_m), 1e-6 * most_N_per_m)
               << "no softer than needed";
+        }
+      }
+    }
+  }
+}
+
+// Real hardware: the mass that its description states is a measurement.
+TEST(DeviceCoupling, AMarginDividesWhatTheMassAllows) {
+  const DeviceDescription device = default_device_description();
+  for (const bool is_stated : {false, true}) {
+    const SceneForceLaw law = is_stated ? coupled(1e7, 1e5) : coupled(0, 0);
+    const DeviceCoupling full = choose(bone_volume(), law, device),
+                         half = choose(bone_volume(), law, device, upright(), 1000, {.margin = 2});
+    EXPECT_NEAR(half.coupling.translation_N_per_m, full.coupling.translation_N_per_m / 2, 1e-6);
+    EXPECT_NEAR(half.coupling.rotation_Nm_per_rad, full.coupling.rotation_Nm_per_rad / 2, 1e-9);
+    EXPECT_NEAR(full.inertia_share, 0.5, 1e-9);
+    EXPECT_NEAR(half.inertia_share, 0.25, 1e-9);
+    EXPECT_EQ(stability_warning(half), "");
+  }
+  SceneForceLaw rigid = coupled();
+  rigid.axis = ToolAxis::kRigid;
+  rigid.prediction = PosePrediction::kOn;
+  BoneVolume bone = bone_volume();
+  bone.along_N_per_m = 0.4 * device.plate_mass_kg * 1e6;
+  bone.across_N_per_m = 0;
+  EXPECT_EQ(stability_warning(choose(bone, rigid, device)), "");
+  EXPECT_NE(stability_warning(choose(bone, rigid, device, upright(), 1000, {.margin = 2})), "");
+}
+
+TEST(DeviceCoupling, NeverStifferThanTheDeviceStatesOrTheOperatorAllows) {
+  for (const double stated_N_per_m : {0.0, 3000.0, 60'000.0}) {
+    for (const double allowed_N_per_m : {HUGE_VAL, 8000.0, 90'000.0}) {
+      DeviceDescription device = default_device_description();
+      device.plate_stiffness_max_N_per_m = stated_N_per_m;
+      const double ceiling_N_per_m =
+          std::min(stated_N_per_m > 0 ? stated_N_per_m : HUGE_VAL, allowed_N_per_m);
+      for (const double scale : {0.2, 1.0}) {
+        for (const ToolAxis axis : {ToolAxis::kAuto, ToolAxis::kCoupled, ToolAxis::kRigid}) {
+          for (const PosePrediction prediction : {PosePrediction::kOn, PosePrediction::kOff}) {
+            SceneForceLaw law = coupled(1e6, 1e4);
+            law.axis = axis;
+            law.prediction = prediction;
+            law.force_scale = scale;
+            const BoneVolume bone = bone_volume();
+            const DeviceCoupling chosen =
+                choose(bone, law, device, upright(), 1000, {.most_N_per_m = allowed_N_per_m});
+            const double K = chosen.coupling.is_rigid
+                                 ? std::max(bone.along_N_per_m, bone.across_N_per_m)
+                                 : chosen.coupling.translation_N_per_m;
+            EXPECT_LE(scale * K, ceiling_N_per_m * (1 + 1e-12));
+            EXPECT_EQ(chosen.is_at_ceiling, scale * 1e6 > ceiling_N_per_m);
+            if (!chosen.is_at_ceiling) continue;
+            const double lever_m = std::max(bone.tool.tip_plate_m.norm(), 0.05);
+            EXPECT_LE(scale * chosen.coupling.rotation_Nm_per_rad,
+                      ceiling_N_per_m * lever_m * lever_m * (1 + 1e-12));
+          }
         }
       }
     }
