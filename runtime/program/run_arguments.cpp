@@ -111,7 +111,7 @@ Result<void> check_procedure(const RunArguments& a) {
 }
 
 Result<void> check_scene_arguments(const RunArguments& a) {
-  if (const auto good = check_procedure(a); !good) return good;
+  if (auto good = check_procedure(a); !good) return good;
   if (a.explain) return {};
   if (a.scene.empty() && a.new_scene.empty())
     return usage("SCENE is required (see trocar-run --help)");

@@ -75,7 +75,8 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},
       {"energy-limit", shortest(options.limits.energy_limit_J)}};
-  // Only sessions that differ from a simulated one have these entries.
+  // Only the force law that renders such a stiffness has these entries, and only if they are not the default.
+  if (!traits_of(scene.force_law.kind).uses_bone_volume) return origin;
   if (options.stiffness.margin != 1)
     origin.entries.emplace_back(kMargin, shortest(options.stiffness.margin));
   if (std::isfinite(options.stiffness.most_N_per_m))
