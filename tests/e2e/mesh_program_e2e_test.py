@@ -330,7 +330,7 @@ def test_limits_its_memory(programs, scan, work):
     assert "slice 3: " in said.get("area_not_reached", ""), f"an area too small: {said}"
     made = json.loads((work / "fine.json").read_bytes())["slices"][0]
     assert made["max_area_mm2"] < 2e-6 * made["area_mm2"], f"not refined as far as possible: {made}"
-    refuses(3, "sample.nii.gz slice 3: not enough memory", "prlimit", "--as=500000000", programs / "trocar-mesh",
+    refuses(3, "sample.nii.gz slice 3: not enough memory", "prlimit", "--as=300000000", programs / "trocar-mesh",
             scan / "sample.nii.gz", "-o", work / "none.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "0.001")
 
 

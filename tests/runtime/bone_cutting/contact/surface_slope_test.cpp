@@ -87,7 +87,8 @@ TEST(SurfaceSlope, IsCloseOnAPlaneOfWholePixels) {
   const Body body(16, 1,
                   [&](int below) { return -kPixel_mm * std::floor(below / kPixel_mm + 0.5); });
   for (int sheet = 4; sheet < 12; ++sheet) {
-    for (double off_mm = 0.1; off_mm < 0.85; off_mm += 0.1) {
+    for (int step = 1; step <= 8; ++step) {
+      const double off_mm = 0.1 * step;
       const auto got = body.slope(-20 - sheet + off_mm, sheet);
       if (!got) continue;  // the tip is in the sheet above
       EXPECT_NEAR(got->x(), -1, 0.08) << sheet << ", " << off_mm;
