@@ -15,7 +15,7 @@
 #include "runtime/checking/dry_run.h"
 #include "runtime/checking/entry_column.h"
 #include "runtime/checking/scene_check.h"
-#include "runtime/checking/tip_workspace.h"
+#include "runtime/session/tip_workspace.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
 

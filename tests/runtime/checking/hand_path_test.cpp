@@ -2,7 +2,7 @@
 // The hand's path against the limits: poses are judged as the loop judges them, places and speeds
 // are those of the path, and every point of the stated workspace can be reached.
 #include "runtime/checking/hand_path.h"
-#include "runtime/checking/tip_workspace.h"
+#include "runtime/session/tip_workspace.h"
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/checking/tip_workspace.h"
+#include "runtime/session/tip_workspace.h"
 
 #include <array>
 #include <cmath>
 
-#include "runtime/checking/hand_path.h"
+#include "runtime/session/pose_margins.h"
 
 namespace trocar::runtime {
 namespace {
@@ -12,25 +12,25 @@ namespace {
 constexpr double kStep_m = 2e-3;
 
 bool is_reachable(const DeviceDescription& device, const SafetyLimits& limits, const Tool& tool,
-                  const Eigen::Vector3d& tip_m) noexcept {
-  Pose T_device_plate;
-  T_device_plate.p_m = tip_m - tool.tip_plate_m;
+                  const Eigen::Quaterniond& q, const Eigen::Vector3d& tip_m) noexcept {
+  const Pose T_device_plate{tip_m - q * tool.tip_plate_m, q};
   return pose_fault(limits, pose_margins(device, limits, tool, T_device_plate)) == Fault::kNone;
 }
 
 }  // namespace
 
 std::optional<WorkspaceHeights> workspace_heights(const DeviceDescription& device,
-                                                  const SafetyLimits& limits, const Tool& tool) {
+                                                  const SafetyLimits& limits, const Tool& tool,
+                                                  const Eigen::Quaterniond& q) {
   std::optional<WorkspaceHeights> tallest;
   WorkspaceHeights now;
   bool within = false;
   const int steps = static_cast<int>(
       std::floor((limits.workspace_max_m[2] - limits.workspace_min_m[2]) / kStep_m + 1e-9));
   for (int i = 0; i <= steps; ++i) {
-    Eigen::Vector3d tip_m = tool.tip_plate_m;
+    Eigen::Vector3d tip_m = q * tool.tip_plate_m;
     tip_m.z() += limits.workspace_min_m[2] + i * kStep_m;
-    const bool good = is_reachable(device, limits, tool, tip_m);
+    const bool good = is_reachable(device, limits, tool, q, tip_m);
     if (good && !within) now.min_m = tip_m.z();
     within = good;
     if (!good) continue;
@@ -42,10 +42,10 @@ std::optional<WorkspaceHeights> workspace_heights(const DeviceDescription& devic
 
 std::optional<WorkspaceRectangle> workspace_rectangle(const DeviceDescription& device,
                                                       const SafetyLimits& limits, const Tool& tool,
-                                                      double tip_z_m) {
-  const Eigen::Vector2d middle_m = tool.tip_plate_m.head<2>();
+                                                      double tip_z_m, const Eigen::Quaterniond& q) {
+  const Eigen::Vector2d middle_m = (q * tool.tip_plate_m).head<2>();
   const auto is_good = [&](double x_m, double y_m) {
-    return is_reachable(device, limits, tool, {middle_m.x() + x_m, middle_m.y() + y_m, tip_z_m});
+    return is_reachable(device, limits, tool, q, {middle_m.x() + x_m, middle_m.y() + y_m, tip_z_m});
   };
   if (!is_good(0, 0)) return std::nullopt;
   // Positions of the sides in whole steps from the middle: low x, low y, high x, high y.

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// The volume that the tip can reach without turning the plate.
+// Tests: tests/runtime/checking/hand_path_test.cpp
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <optional>
+
+#include "formats/session/device_description.h"
+#include "runtime/contact/tool.h"
+#include "runtime/control/limits.h"
+
+namespace trocar::runtime {
+
+/// A range of heights of the tip above the middle of the device.
+struct WorkspaceHeights {
+  double min_m = 0, max_m = 0;
+};
+/// Returns the longest range of heights that the tip reaches with the plate's rotation `q`, by default
+/// upright; none: it reaches no height.
+std::optional<WorkspaceHeights> workspace_heights(
+    const DeviceDescription& device, const SafetyLimits& limits, const Tool& tool,
+    const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
+
+/// A rectangle of tip positions at one height, all of which the tip reaches with this rotation. It is the
+/// largest square around the device's middle, with each side then moved outwards as far as
+/// possible. Positions 2 mm apart are tested.
+struct WorkspaceRectangle {
+  Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
+};
+std::optional<WorkspaceRectangle> workspace_rectangle(
+    const DeviceDescription& device, const SafetyLimits& limits, const Tool& tool, double tip_z_m,
+    const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
+
+}  // namespace trocar::runtime
