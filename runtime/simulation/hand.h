@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // A simulated hand. It holds the tool's tip through springs and dampers, in translation and
-// rotation, and moves the other end of the springs along a trajectory. It consists of plain values.
-// The haptic thread evaluates it.
+// rotation. The other end of the springs, the target, moves along a trajectory, or as a person decides
+// while the session runs. The haptic thread evaluates it.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <variant>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -58,6 +60,22 @@ struct HandTarget {
   Pose T_device_tool;
   Twist twist_device = Twist::Zero();  ///< twist [v; omega] of the target tip, in {B}
 };
+
+/// A hand whose targets become known only while the session runs. The haptic thread calls it.
+class UnscriptedHand {
+ public:
+  virtual ~UnscriptedHand() = default;
+  /// Returns the target before the first step.
+  virtual Pose start() const noexcept = 0;
+  /// Decides the targets of the device's next step, from `t_s` on for dt_s. At its beginning the tool's
+  /// tip is at `T_device_tool`.
+  virtual void begin_step(double t_s, double dt_s, const Pose& T_device_tool) noexcept = 0;
+  /// Returns the target at a time of this step.
+  virtual HandTarget target(double t_s) const noexcept = 0;
+};
+
+/// The target's motion: a trajectory, or a hand that must outlive its user. There is never both.
+using HandMotion = std::variant<HandTrajectory, std::reference_wrapper<UnscriptedHand>>;
 
 /// Returns the target at a time. If there is no keyframe, it is the identity, at rest. O(log
 /// keyframes), no allocation.

@@ -22,7 +22,7 @@ namespace trocar::runtime {
 
 struct SimulatedDeviceOptions {
   Pose T_plate_tool;  ///< pose of the tool's tip on the plate
-  /// Start pose. By default the tip starts at the hand's first keyframe; if there is no hand, the
+  /// Start pose. By default the tip starts at the hand's first target; if there is no hand, the
   /// plate starts at kSimulatedHomeHeight_m.
   std::optional<Pose> T_device_plate_start;
   std::optional<MechanicsOptions> mechanics;  ///< properties of the full model; none: light model
@@ -68,8 +68,7 @@ class SimulatedDevice final : public Device {
  public:
   /// Makes a device. Errors: (refused) a hand that check_hand() refuses, invalid mechanics, or a
   /// start pose outside the workspace.
-  static Result<SimulatedDevice> make(const DeviceDescription& device,
-                                      const HandTrajectory& trajectory,
+  static Result<SimulatedDevice> make(const DeviceDescription& device, const HandMotion& motion,
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
@@ -95,9 +94,9 @@ class SimulatedDevice final : public Device {
   TrueTip tip() const noexcept;
 
  private:
-  SimulatedDevice(const DeviceDescription& device, const HandTrajectory& trajectory,
+  SimulatedDevice(const DeviceDescription& device, const HandMotion& motion,
                   const HandImpedance& impedance, const SimulatedDeviceOptions& options)
-      : device_(device), trajectory_(trajectory), impedance_(impedance), options_(options) {}
+      : device_(device), motion_(motion), impedance_(impedance), options_(options) {}
   struct Forces;
   void substep(double t_s, double h_s) noexcept;
   void midpoint_substep(double t_s, double h_s) noexcept;
@@ -105,16 +104,15 @@ class SimulatedDevice final : public Device {
                 double since_s) const noexcept;
   void release_hand_mass() noexcept;
   double kinetic_energy() const noexcept;
-  bool hand_holds(double t_s) const noexcept {
-    return !trajectory_.keyframes.empty() && t_s < impedance_.let_go_t_s;
-  }
+  bool hand_holds(double t_s) const noexcept;
+  HandTarget target(double t_s) const noexcept;
   bool uses_mechanics() const noexcept {
     return options_.mechanics.has_value() || impedance_.mass_kg > 0;
   }
   double hand_mass_kg() const noexcept { return hand_mass_attached_ ? impedance_.mass_kg : 0; }
 
   DeviceDescription device_;
-  HandTrajectory trajectory_;
+  HandMotion motion_;
   HandImpedance impedance_;
   SimulatedDeviceOptions options_;
   SimulatedTruth truth_;
