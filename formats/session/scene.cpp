@@ -115,6 +115,12 @@ void read_hand(StrictObject& object, SceneHand& hand) {
   object.read("let_go_t_s", hand.let_go_t_s, 0.0, kMaxDuration_s);
   hand.grip = static_cast<HandGrip>(object.choice("grip", std::array{"firm", "light", "stiff"}));
   read_trajectory(object, hand.trajectory);
+  if (object.has("live")) hand.live = object.boolean("live");
+  if (!hand.live) return;
+  if (hand.trajectory.size() > 1)
+    object.error("trajectory", "must have one keyframe, the start, because the hand is live");
+  if (hand.let_go_t_s)
+    object.error("let_go_t_s", "cannot be combined with live: the person lets go");
 }
 
 // A procedure replaces the tool's shape, the tissue and the layers, so the scene must not state them as well.

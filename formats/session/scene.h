@@ -206,6 +206,9 @@ enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
 /// The simulated hand: an impedance that pulls the tool tip along a trajectory. Values that are
 /// absent are those of the grip (runtime/simulation/hand.h).
 struct SceneHand {
+  /// A person moves the hand while the session runs (trocar-run --live). The trajectory then has one
+  /// keyframe, the start, and let_go_t_s is absent.
+  bool live = false;
   HandGrip grip = HandGrip::kFirm;
   std::optional<double> stiffness_N_per_m;
   std::optional<double> damping_N_s_per_m;

@@ -54,6 +54,22 @@ Result<Scene> parse(const json& scene) {
   return parse_scene(scene.dump(), "s.json", "/data");
 }
 
+TEST(Scene, ALiveHandHasAStartOnly) {
+  json scene = smallest();
+  EXPECT_FALSE(parse(scene)->hand.live);
+  scene["hand"]["live"] = true;
+  const auto live = parse(scene);
+  ASSERT_TRUE(live) << live.error().message;
+  EXPECT_TRUE(live->hand.live);
+  scene["hand"]["let_go_t_s"] = 1;
+  EXPECT_NE(parse(scene).error().message.find("/hand/let_go_t_s"), std::string::npos);
+  scene["hand"].erase("let_go_t_s");
+  scene["hand"]["trajectory"].push_back({{"t_s", 1.5}, {"tip_m", {0, 0, 0.1}}});
+  EXPECT_NE(parse(scene).error().message.find("/hand/trajectory"), std::string::npos);
+  scene["hand"]["live"] = false;
+  EXPECT_TRUE(parse(scene));
+}
+
 TEST(Scene, DefaultsAreThoseOfThePaper) {
   const auto scene = parse(smallest());
   ASSERT_TRUE(scene) << scene.error().message;
