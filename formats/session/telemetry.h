@@ -4,12 +4,17 @@
 //
 // Contract (tests/formats/session/telemetry_test.cpp):
 //  1. The writer never waits for a reader. It reads nothing back from the memory except the command
-//     counters, and uses only whether they changed. So no reader can stop or mislead it.
+//     counters, of which it uses only whether they changed, and the live hand (item 5). So no reader can
+//     stop it, or mislead it by more than the hand's limits allow.
 //  2. A reader gets complete values only, and never an older value after a newer one. It gives up
 //     after a bounded number of attempts, even if the writer was killed in the middle of a write.
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
 //  4. A reader validates everything that it uses, and maps only the commands for writing. The
 //     memory is sealed: neither side can shrink it, which would kill the other one (SIGBUS).
+//  5. The live hand is the one value that a reader writes and the session reads. The session tries once
+//     to read it, and gets a complete value or none, provided that one process writes. If several
+//     processes write, or a hostile one, any numbers may come: the session checks each one, and does
+//     not rely on the order of the counts.
 #pragma once
 
 #include <array>
@@ -57,8 +62,13 @@ enum class TelemetryEventKind : std::uint8_t {
   kPaused,        ///< time stopped
   kResumed,       ///< time runs again
   kEnded,         ///< the session ended (end; found: the fault latched at the end, if any)
+  kHand,          ///< a live hand holds the tool
+  kHandLetGo,     ///< the live hand let go
+  kHandLost,      ///< the live hand was silent for too long, and counts as let go
 };
-/// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended".
+inline constexpr std::size_t kTelemetryEventKinds = 11;
+/// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended", "hand",
+/// "hand_let_go", "hand_lost".
 const char* to_string(TelemetryEventKind kind);
 
 enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };
@@ -99,6 +109,14 @@ struct TelemetryShape {
   std::vector<std::uint32_t> triangles;
 };
 
+/// The target of a live hand, as another process states it: any numbers, not validated here.
+struct TelemetryHand {
+  std::uint64_t count = 0;  ///< changes with each message
+  bool is_held = false;     ///< false: the hand has let go, and the numbers have no meaning
+  /// Position of the tool's tip in {B}, m, and rotation vector of the plate in {B}, rad.
+  std::array<double, 6> target{};
+};
+
 /// The sizes and counts that determine the size of the memory.
 struct TelemetrySizes {
   struct Mesh {
@@ -110,6 +128,7 @@ struct TelemetrySizes {
   /// The sheets' initial meshes. Each region has space for twice as much plus 64 KiB.
   std::vector<Mesh> sheets;
   bool has_shape = false;
+  bool has_hand = false;  ///< the session has a live hand
 };
 
 /// The session's side of the memory. Three threads may write at the same time: one writes the
@@ -146,6 +165,11 @@ class TelemetryWriter {
     return commands_[static_cast<std::size_t>(command)].load(std::memory_order_acquire);
   }
 
+  /// Reads the live hand in one attempt. Returns false, and leaves `hand` unchanged, if nothing was
+  /// written yet, a write is in progress, or the session has no live hand. Wait-free, for the haptic
+  /// thread.
+  bool hand(TelemetryHand& hand) const noexcept;
+
   /// The file descriptor of the memory.
   int fd() const noexcept { return fd_; }
 
@@ -175,6 +199,7 @@ class TelemetryWriter {
   std::vector<Region> sheets_;
   Word* event_words_ = nullptr;
   Word* commands_ = nullptr;
+  const Word* hand_ = nullptr;  ///< null: the session has no live hand
   std::uint64_t events_ = 0;
 };
 
@@ -222,6 +247,9 @@ class TelemetryReader {
   /// False if the process has ended, normally or not.
   bool writer_is_alive() const noexcept;
   void command(TelemetryCommand command) noexcept;
+  bool has_hand() const noexcept { return hand_ != nullptr; }
+  /// Writes the live hand. The session must have one, and no other process may write it.
+  void hand(const TelemetryHand& hand) noexcept;
 
  private:
   using Word = std::atomic<std::uint64_t>;
@@ -248,6 +276,7 @@ class TelemetryReader {
   std::vector<Region> sheets_;
   const Word* event_words_ = nullptr;
   Word* commands_ = nullptr;
+  Word* hand_ = nullptr;
   std::uint64_t last_snapshot_ = 0;
   std::uint64_t next_event_ = 1;
 };

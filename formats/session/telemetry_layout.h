@@ -35,6 +35,8 @@ enum Header : std::size_t {
   kEventsOffset,
   kEventSlots,
   kCommandsOffset,
+  kHandOffset,
+  kHandSize,
   kHeaderWords = 16
 };
 inline constexpr std::uint64_t kMagicWord =
@@ -53,6 +55,16 @@ enum Mesh : std::size_t {
   kMeshHead
 };
 inline constexpr std::uint64_t kIsShown = 1, kHasHu = 2;  ///< bits of kFlags
+/// Word numbers of the hand, which lies in the page of the commands.
+enum Hand : std::size_t {
+  kHandSequence,
+  kHandCount,
+  kHandHeld,
+  kHandPose,
+  kHandWords = kHandPose + 6
+};
+inline constexpr std::size_t kHandInPage = 64;  ///< its offset in the page, in bytes
+
 /// Words of an event, and of the head of all events.
 inline constexpr std::size_t kEventWords = 16, kEventsHead = 8;
 

@@ -96,6 +96,9 @@ Result<void> TelemetryReader::map(const std::string& name) {
     return no("its events are not inside it");
   if (header[kCommandsOffset] % kPage != 0 || !is_inside(header[kCommandsOffset], kPage))
     return no("its commands are not inside it");
+  if (header[kHandOffset] != 0 && (header[kHandOffset] != header[kCommandsOffset] + kHandInPage ||
+                                   header[kHandSize] != kHandWords))
+    return no("its hand is not behind its commands");
   const auto mesh_region = [&](std::uint64_t offset, std::uint64_t words, Region& region) {
     if (words > kMaxBytes / 8 || !is_inside(offset, 8 * (kMeshHead + words))) return false;
     region = {words_at(offset), words};
@@ -115,6 +118,7 @@ Result<void> TelemetryReader::map(const std::string& name) {
   if (page == MAP_FAILED) return no("mmap: " + system_message(errno));
   command_page_ = page;
   commands_ = static_cast<Word*>(page);
+  if (header[kHandOffset] != 0) hand_ = commands_ + kHandInPage / sizeof(Word);
   about_.assign(static_cast<const char*>(memory) + header[kAboutOffset], header[kAboutBytes]);
   columns_ = header[kColumns];
   snapshot_ = {words_at(header[kSnapshotOffset]), columns_};
@@ -187,7 +191,7 @@ TelemetryReader::Next TelemetryReader::next_event(TelemetryEvent& event, std::ui
   found.trial_force_N = number_in(values[9]);
   const auto index = static_cast<std::int64_t>(values[12]);
   const bool is_possible =
-      values[1] >= 1 && values[1] <= static_cast<std::uint64_t>(TelemetryEventKind::kEnded) &&
+      values[1] >= 1 && values[1] <= kTelemetryEventKinds &&
       (!has_end || values[5] <= static_cast<std::uint64_t>(TelemetryEnd::kFault)) &&
       values[10] < kFaults && values[11] < kFaultQuantities && index >= -1 && index < 16;
   if (!is_possible) return lose_to(number + 1);
@@ -283,6 +287,17 @@ bool TelemetryReader::writer_is_alive() const noexcept {
 
 void TelemetryReader::command(TelemetryCommand command) noexcept {
   commands_[static_cast<std::size_t>(command)].fetch_add(1, std::memory_order_acq_rel);
+}
+
+void TelemetryReader::hand(const TelemetryHand& hand) noexcept {
+  // A process that ended in the middle of a write has left an odd sequence.
+  const std::uint64_t sequence = hand_[kHandSequence].load(std::memory_order_acquire) | 1U;
+  hand_[kHandSequence].store(sequence, std::memory_order_release);
+  hand_[kHandCount].store(hand.count, std::memory_order_release);
+  hand_[kHandHeld].store(hand.is_held ? 1 : 0, std::memory_order_release);
+  for (std::size_t i = 0; i < hand.target.size(); ++i)
+    hand_[kHandPose + i].store(word_of(hand.target[i]), std::memory_order_release);
+  hand_[kHandSequence].store(sequence + 1, std::memory_order_release);
 }
 
 }  // namespace trocar

@@ -93,6 +93,10 @@ Layout layout_of(const TelemetrySizes& sizes) {
   }
   end = aligned(end, kPage);
   header[kCommandsOffset] = reserve(kPage);
+  if (sizes.has_hand) {
+    header[kHandOffset] = header[kCommandsOffset] + kHandInPage;
+    header[kHandSize] = kHandWords;
+  }
   header[kBytes] = end;
   return out;
 }
@@ -133,6 +137,7 @@ Result<std::unique_ptr<TelemetryWriter>> TelemetryWriter::make(const TelemetrySi
   writer->snapshot_ = {words_at(header[kSnapshotOffset]), sizes.columns, 0};
   writer->event_words_ = words_at(header[kEventsOffset]);
   writer->commands_ = words_at(header[kCommandsOffset]);
+  if (sizes.has_hand) writer->hand_ = words_at(header[kHandOffset]);
   if (sizes.has_shape) writer->shape_ = {words_at(header[kShapeOffset]), header[kShapeWords], 0};
   for (std::size_t i = 0; i < directory.size(); ++i) {
     const auto [offset, words] = directory[i];
@@ -222,6 +227,20 @@ void TelemetryWriter::event(TelemetryEvent& event) noexcept {
     slot[i].store(values[i], std::memory_order_release);
   slot[0].store(values[0], std::memory_order_release);
   event_words_[0].store(events_, std::memory_order_release);
+}
+
+bool TelemetryWriter::hand(TelemetryHand& hand) const noexcept {
+  if (hand_ == nullptr) return false;
+  const std::uint64_t sequence = hand_[kHandSequence].load(std::memory_order_acquire);
+  if (sequence == 0 || sequence % 2 != 0) return false;
+  TelemetryHand found;
+  found.count = hand_[kHandCount].load(std::memory_order_acquire);
+  found.is_held = hand_[kHandHeld].load(std::memory_order_acquire) == 1;
+  for (std::size_t i = 0; i < found.target.size(); ++i)
+    found.target[i] = number_in(hand_[kHandPose + i].load(std::memory_order_acquire));
+  if (hand_[kHandSequence].load(std::memory_order_acquire) != sequence) return false;
+  hand = found;
+  return true;
 }
 
 void TelemetryWriter::lose_events(std::uint64_t count) noexcept {

@@ -38,6 +38,7 @@ TelemetrySizes some_sizes() {
   sizes.columns = 300;
   sizes.sheets = {{100, 180, true}, {10, 8, false}};
   sizes.has_shape = true;
+  sizes.has_hand = true;
   return sizes;
 }
 
@@ -329,6 +330,90 @@ TEST(TelemetryMemory, CommandsArrive) {
   }
 }
 
+/// A hand whose numbers follow from its count.
+TelemetryHand hand_of(std::uint64_t count) {
+  TelemetryHand hand;
+  hand.count = count;
+  hand.is_held = count % 2 != 0;
+  for (std::size_t i = 0; i < hand.target.size(); ++i)
+    hand.target[i] = static_cast<double>(count) + static_cast<double>(i);
+  return hand;
+}
+bool is_whole(const TelemetryHand& hand) {
+  return hand.is_held == hand_of(hand.count).is_held && hand.target == hand_of(hand.count).target;
+}
+
+TEST(TelemetryMemory, AHandArrivesWholeOrNotAtAll) {
+  const auto writer = make_writer();
+  const auto reader = open_reader(*writer);
+  ASSERT_TRUE(reader->has_hand());
+  TelemetryHand hand = hand_of(7);
+  EXPECT_FALSE(writer->hand(hand)) << "nothing was written yet";
+  EXPECT_EQ(hand.count, 7U);
+  std::atomic<bool> done{false};
+  std::thread console([&] {
+    for (std::uint64_t count = 1; !done.load(); ++count)
+      reader->hand(hand_of(count));
+  });
+  std::uint64_t last = 0, reads = 0;
+  const auto end = steady_clock::now() + std::chrono::milliseconds(1000);
+  while (steady_clock::now() < end) {
+    if (!writer->hand(hand)) continue;
+    ++reads;
+    ASSERT_TRUE(is_whole(hand)) << hand.count;
+    ASSERT_GE(hand.count, last);
+    last = hand.count;
+  }
+  done.store(true);
+  console.join();
+  EXPECT_GT(reads, 0U);
+}
+
+TEST(TelemetryMemory, OnlyASessionWithALiveHandHasOne) {
+  TelemetrySizes sizes = some_sizes();
+  sizes.has_hand = false;
+  const auto writer = make_writer(sizes);
+  EXPECT_FALSE(open_reader(*writer)->has_hand());
+  TelemetryHand hand;
+  EXPECT_FALSE(writer->hand(hand));
+}
+
+TEST(TelemetryMemory, ATornOrHostileHandChangesNothingAndTheNextOneHeals) {
+  const auto writer = make_writer();
+  const auto reader = open_reader(*writer);
+  auto* const words = static_cast<std::atomic<std::uint64_t>*>(
+      ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, writer->fd(), 0));
+  ASSERT_NE(words, MAP_FAILED);
+  const std::uint64_t hand_at = words[14].load();
+  EXPECT_EQ(words[15].load(), 9U);
+  EXPECT_EQ(hand_at, words[13].load() + 64);
+  auto* const page = static_cast<std::atomic<std::uint64_t>*>(
+      ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, writer->fd(),
+             static_cast<off_t>(words[13].load())));
+  ASSERT_NE(page, MAP_FAILED);
+  auto* const hand_words = page + 8;
+  reader->hand(hand_of(5));
+  TelemetryHand hand;
+  ASSERT_TRUE(writer->hand(hand));
+  // A console that was killed in a write leaves an odd sequence; the next one goes on.
+  hand_words[0].fetch_add(1);
+  hand_words[1].store(99);
+  EXPECT_FALSE(writer->hand(hand));
+  EXPECT_EQ(hand.count, 5U);
+  reader->hand(hand_of(6));
+  ASSERT_TRUE(writer->hand(hand));
+  EXPECT_EQ(hand.count, 6U);
+  // Any words are numbers; who uses them checks these.
+  std::mt19937_64 random(20261125);
+  for (int round = 0; round < 10'000; ++round) {
+    for (std::size_t i = 0; i < 9; ++i)
+      hand_words[i].store(random());
+    writer->hand(hand);
+  }
+  ::munmap(words, 4096);
+  ::munmap(page, 4096);
+}
+
 TEST(TelemetryMemory, ALinkOfADeadProcessIsReplacedAndOfALivingOneRefused) {
   const Folder folder;
   const std::filesystem::path file = folder.path / "live";
@@ -495,7 +580,7 @@ TEST(TelemetryMemory, WhatIsNotAMemoryIsRefused) {
 
 TEST(TelemetryMemory, EveryDamagedWordOfTheHeaderIsRefused) {
   const std::uint64_t most = std::numeric_limits<std::uint64_t>::max();
-  for (std::size_t i = 0; i < 14; ++i) {
+  for (std::size_t i = 0; i < 16; ++i) {
     for (const std::uint64_t value :
          {most, most - 7, most / 2, std::uint64_t{1} << 40U, std::uint64_t{3}}) {
       const Copy copy;
