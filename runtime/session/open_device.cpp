@@ -13,7 +13,12 @@ namespace {
 using OpenedDevice = Result<std::unique_ptr<Device>>;
 
 OpenedDevice open_simulated(std::string_view, const OpenDeviceOptions& options) {
-  Result<SimulatedDevice> made = make_simulated_device(options.scene, options.description);
+  if (options.scene.hand.live != (options.hand != nullptr))
+    return bug("the simulated device needs exactly one hand");
+  Result<SimulatedDevice> made =
+      options.hand == nullptr
+          ? make_simulated_device(options.scene, options.description)
+          : make_simulated_device(options.scene, options.description, *options.hand);
   if (!made) return Error{made.error().code, options.scene_name + ": " + made.error().message};
   return std::unique_ptr<Device>(std::make_unique<SimulatedDevice>(std::move(*made)));
 }

@@ -13,6 +13,7 @@
 #include "formats/session/scene.h"
 #include "runtime/device/device.h"
 #include "runtime/session/session_options.h"
+#include "runtime/simulation/hand.h"
 
 namespace trocar::runtime {
 
@@ -25,6 +26,8 @@ struct OpenDeviceOptions {
   std::filesystem::path key_file;  ///< key of the link to a device process
   Clock clock = Clock::kReal;      ///< the session's clock
   double rate_Hz = 1000;           ///< the session's rate
+  UnscriptedHand* hand =
+      nullptr;  ///< moves the scene's hand, if that is live; must outlive the device
 };
 
 /// True if the device may have motors. Only the device in the process is known to be simulated; a device process is
@@ -36,7 +39,7 @@ bool may_have_motors(std::string_view uri);
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
 /// Returns the device of a URI, ready for start(). Errors: those of check_device_uri() and
-/// of the device.
+/// of the device; (bug) the scene's hand is live, and there is no OpenDeviceOptions::hand, or the reverse.
 Result<std::unique_ptr<Device>> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// Returns the help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT:

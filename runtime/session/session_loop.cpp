@@ -51,6 +51,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     const TelemetryCommands given = publisher_->take_commands();
     if (given.stop) return false;
     commands_.apply(given, state_.safety.fault);
+    receive_hand(start_ns);
     if (pauses(start_ns)) return true;
   }
   std::int64_t cuts_published = 0;
@@ -77,6 +78,13 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   return goes_on();
 }
 
+void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
+  if (options_.live_hand == nullptr) return;
+  publisher_->read_hand(hand_);
+  if (const auto change = options_.live_hand->receive(hand_, now_ns))
+    publisher_->push_event(*change, result_.row.t_s);
+}
+
 /// Returns true if time is paused in this period: the operator has paused the session, and torques
 /// are zero. A drive with a clock of its own meanwhile gets zero torques, because its watchdog
 /// waits for commands.
@@ -88,7 +96,10 @@ bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   if (is_paused_ != was_paused)
     publisher_->push_event(is_paused_ ? TelemetryEventKind::kPaused : TelemetryEventKind::kResumed,
                            result_.row.t_s);
-  if (!is_paused_) return false;
+  if (!is_paused_) {
+    if (was_paused && options_.live_hand != nullptr) options_.live_hand->restart_at_tip();
+    return false;
+  }
   if (!is_replay && !device_.is_paced_by_loop()) {
     DeviceState ignored = state_.device;
     device_.read(ignored);

@@ -54,6 +54,7 @@ class SessionLoop {
   SessionReport finish();
 
  private:
+  void receive_hand(std::int64_t now_ns) noexcept;
   bool pauses(std::int64_t now_ns) noexcept;
   TickInputs inputs(const TickTiming& timing) noexcept;
   void request_hole(const CutRequest& cut) noexcept;
@@ -70,6 +71,7 @@ class SessionLoop {
   SessionClock& clock_;
   SessionPublisher* publisher_;  ///< source of the operator's commands; null: none
   OperatorCommands commands_;
+  TelemetryHand hand_;  ///< latest complete message of a live hand
   MessageSource messages_;
   SessionStatistics statistics_;
   std::vector<TickObserver*> observers_;

@@ -4,6 +4,18 @@
 #include <numbers>
 
 namespace trocar::runtime {
+namespace {
+
+Result<SimulatedDevice> make(const Scene& scene, const DeviceDescription& description,
+                             const HandMotion& motion,
+                             const std::optional<MechanicsOptions>& mechanics) {
+  SimulatedDeviceOptions options;
+  options.mechanics = mechanics;
+  options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
+  return SimulatedDevice::make(description, motion, hand_impedance(scene.hand), options);
+}
+
+}  // namespace
 
 HandTrajectory hand_trajectory(const Scene& scene) {
   HandTrajectory trajectory;
@@ -18,10 +30,7 @@ HandTrajectory hand_trajectory(const Scene& scene) {
   return trajectory;
 }
 
-Result<SimulatedDevice> make_simulated_device(const Scene& scene,
-                                              const DeviceDescription& description,
-                                              const std::optional<MechanicsOptions>& mechanics) {
-  const SceneHand& hand = scene.hand;
+HandImpedance hand_impedance(const SceneHand& hand) {
   HandImpedance impedance = hand.grip == HandGrip::kLight   ? light_grip()
                             : hand.grip == HandGrip::kStiff ? stiff_grip()
                                                             : HandImpedance{};
@@ -33,10 +42,19 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
       hand.rotation_damping_Nm_s_per_rad.value_or(impedance.rotational_damping_Nms_per_rad);
   impedance.mass_kg = hand.mass_kg.value_or(impedance.mass_kg);
   impedance.let_go_t_s = hand.let_go_t_s.value_or(impedance.let_go_t_s);
-  SimulatedDeviceOptions options;
-  options.mechanics = mechanics;
-  options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
-  return SimulatedDevice::make(description, hand_trajectory(scene), impedance, options);
+  return impedance;
+}
+
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description,
+                                              const std::optional<MechanicsOptions>& mechanics) {
+  return make(scene, description, hand_trajectory(scene), mechanics);
+}
+
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description,
+                                              UnscriptedHand& hand) {
+  return make(scene, description, std::ref(hand), std::nullopt);
 }
 
 }  // namespace trocar::runtime

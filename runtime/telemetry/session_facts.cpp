@@ -73,6 +73,18 @@ json describe_device(const DeviceDescription& device, const SafetyLimits& limits
             {"tilt_max_rad", limits.plate_tilt_max_rad}}}};
 }
 
+json describe_hand(const std::optional<PublishedHand>& hand) {
+  if (!hand) return nullptr;
+  return {{"live", true},
+          {"box", {{"min_m", hand->min_m}, {"max_m", hand->max_m}}},
+          {"start", {{"tip_m", hand->start_tip_m}, {"rotation_rad", hand->start_rotation_rad}}},
+          {"stiffness_N_per_m", hand->stiffness_N_per_m},
+          {"rotation_stiffness_Nm_per_rad", hand->rotation_stiffness_Nm_per_rad},
+          {"speed_max_m_per_s", hand->speed_max_m_per_s},
+          {"rotation_rate_max_rad_per_s", hand->rotation_rate_max_rad_per_s},
+          {"turn_max_rad", hand->turn_max_rad}};
+}
+
 }  // namespace
 
 std::string session_facts(const Scene& scene, const DeviceDescription& description,
@@ -93,6 +105,7 @@ std::string session_facts(const Scene& scene, const DeviceDescription& descripti
       {"recovery", options.recovery},
       {"record", session.record ? json(session.record->string()) : json(nullptr)},
       {"tool", describe_tool(scene.tool)},
+      {"hand", describe_hand(session.hand)},
       {"sheets", describe_sheets(remesher, options)},
       {"layers", json::array()},
       {"columns", json::array()},

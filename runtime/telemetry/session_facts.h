@@ -4,6 +4,7 @@
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -23,12 +24,20 @@ struct TelemetryOptions {
   std::vector<std::string> tissue_of_sheet;  ///< names, the topmost first; empty: no name
 };
 
+/// A live hand: limits and start of its target in {B}, and the stiffness of its springs.
+struct PublishedHand {
+  std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
+  double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;
+  double speed_max_m_per_s = 0, rotation_rate_max_rad_per_s = 0, turn_max_rad = 0;
+};
+
 /// Facts that come from the options of the session.
 struct PublishedSession {
   double rate_Hz = 1000, duration_s = 1;
   std::string clock;  ///< "real", "virtual" or "replay"
   std::optional<std::filesystem::path> record;
   SafetyLimits limits;
+  std::optional<PublishedHand> hand;
 };
 
 std::string session_facts(const Scene& scene, const DeviceDescription& description,

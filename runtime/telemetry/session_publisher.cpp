@@ -23,6 +23,7 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
   sizes.about = session_facts(scene, description, remesher, options, session);
   sizes.columns = snapshot_size();
   sizes.has_shape = prefetch != nullptr;
+  sizes.has_hand = session.hand.has_value();
   for (std::size_t i = 0; i < remesher.size(); ++i) {
     const Sheet& sheet = remesher.first_version(i);
     const FirstSheet& first = made->first_.emplace_back(sheet);

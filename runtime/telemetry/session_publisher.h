@@ -48,12 +48,14 @@ class SessionPublisher final : public TickObserver {
   // The haptic thread calls these functions.
 
   TelemetryCommands take_commands() noexcept;
+  /// Tries once to read the live hand; leaves `hand` unchanged if there is nothing complete.
+  void read_hand(TelemetryHand& hand) const noexcept { writer_->hand(hand); }
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_message(const OperatorMessage& message) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
   /// Called instead of on_tick() while the session is paused.
   void on_paused_period(std::int64_t now_ns) noexcept;
-  /// Pushes the event kPaused or kResumed. If the queue is full, the event is lost; readers see the
+  /// Pushes an event that has only a time. If the queue is full, the event is lost; readers see the
   /// number of lost events.
   void push_event(TelemetryEventKind kind, double t_s) noexcept;
 
