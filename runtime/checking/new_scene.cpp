@@ -15,9 +15,9 @@
 #include "runtime/checking/dry_run.h"
 #include "runtime/checking/entry_column.h"
 #include "runtime/checking/scene_check.h"
-#include "runtime/session/tip_workspace.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/session/tip_workspace.h"
 
 namespace trocar::runtime {
 namespace {
@@ -44,12 +44,13 @@ class Proposal {
  public:
   Proposal(const Asset& asset, const std::filesystem::path& asset_file,
            const std::filesystem::path& scene_file, const DeviceDescription& device,
-           const SessionOptions& options)
+           const SessionOptions& options, NewSceneHand hand)
       : asset_(asset),
         asset_file_(asset_file),
         scene_file_(scene_file),
         device_(device),
-        options_(options) {}
+        options_(options),
+        hand_(hand) {}
 
   Result<NewScene> make() {
     if (auto ok = find_levels(); !ok) return ok.error();
@@ -213,11 +214,35 @@ class Proposal {
     std::size_t punctured = 0, sheets = 0;
   };
 
+  /// Returns the first warning of a scene, or the reason why it is refused; none: it has no problem.
+  std::optional<std::string> first_problem(const Scene& scene,
+                                           const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                                           const SessionOptions& options) const {
+    const Result<SceneCheck> check =
+        check_scene(scene, device_, sheets, choose_tissues(scene, asset_), {}, options);
+    if (!check) return check.error().message;
+    if (!check->warnings.empty()) return check->warnings.front();
+    return std::nullopt;
+  }
+
+  /// Replaces the path of a scene's hand by a live hand at its start.
+  static json with_live_hand(json scene) {
+    json& hand = scene["hand"];
+    json start = hand["trajectory"][0];
+    hand["live"] = true;
+    hand["trajectory"] = json::array({std::move(start)});
+    scene["duration_s"] = 600;
+    return scene;
+  }
+
   /// Tries a scene. Returns none, with the reason in `why`, if it is refused, has a warning,
   /// or punctures nothing.
   std::optional<Tried> try_scene(const json& proposed, std::string& why) const {
     Tried tried;
-    tried.json = proposed.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
+    const auto text = [](const json& of) {
+      return of.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
+    };
+    tried.json = text(proposed);
     const std::string name = asset_file_.string();
     Result<Scene> scene = parse_scene(tried.json, scene_file_.string(), scene_file_.parent_path());
     const auto fails = [&](const std::string& reason) {
@@ -231,10 +256,7 @@ class Proposal {
     if (!sheets) return fails(sheets.error().message);
     SessionOptions options = options_;
     options.duration_s = scene->duration_s;
-    const Result<SceneCheck> check =
-        check_scene(*scene, device_, *sheets, choose_tissues(*scene, asset_), {}, options);
-    if (!check) return fails(check.error().message);
-    if (!check->warnings.empty()) return fails(check->warnings.front());
+    if (const auto problem = first_problem(*scene, *sheets, options)) return fails(*problem);
     const Result<DryRun> dry_run = run_dry_run(*scene, device_, *sheets, options);
     if (!dry_run) return fails(dry_run.error().message);
     tried.force_max_N = dry_run->force_max_N;
@@ -242,6 +264,12 @@ class Proposal {
     for (const SheetDryRun& each : dry_run->sheets)
       tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
     if (tried.punctured == 0) return fails("the tool punctures nothing");
+    if (hand_ == NewSceneHand::kScripted) return tried;
+    const json live = with_live_hand(proposed);
+    tried.json = text(live);
+    scene->hand.live = true;
+    scene->hand.trajectory.resize(1);
+    if (const auto problem = first_problem(*scene, *sheets, options)) return fails(*problem);
     return tried;
   }
 
@@ -263,6 +291,9 @@ class Proposal {
             "most %.1f N, and --check has no warning. ",
             low_m_ - kWorkspaceMargin_m, high_m_ + kWorkspaceMargin_m, made.punctured, made.sheets,
             made.force_max_N) +
+        (hand_ == NewSceneHand::kLive ? "That was with a scripted hand; the hand is now live: "
+                                        "start the scene with trocar-console. "
+                                      : "") +
         "For training, not for planning.\n";
     return out;
   }
@@ -271,6 +302,7 @@ class Proposal {
   const std::filesystem::path &asset_file_, &scene_file_;
   const DeviceDescription& device_;
   const SessionOptions& options_;
+  NewSceneHand hand_;
   std::vector<Level> levels_;      ///< levels of the asset, the topmost first
   bool has_hu_ = false;            ///< every slice with material has HU
   double low_m_ = 0, high_m_ = 0;  ///< heights of the tip that the proposal uses
@@ -280,8 +312,9 @@ class Proposal {
 
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file,
-                               const DeviceDescription& device, const SessionOptions& options) {
-  return Proposal(asset, asset_file, scene_file, device, options).make();
+                               const DeviceDescription& device, const SessionOptions& options,
+                               NewSceneHand hand) {
+  return Proposal(asset, asset_file, scene_file, device, options, hand).make();
 }
 
 }  // namespace trocar::runtime

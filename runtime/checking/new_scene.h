@@ -4,6 +4,7 @@
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -19,15 +20,19 @@ struct NewScene {
   std::string text;  ///< reasons for the choice, in one line
 };
 
+enum class NewSceneHand : std::uint8_t { kScripted, kLive };
+
 /// Proposes a scene. `asset` was read from `asset_file` and has been through weld_materials(). The
 /// scene will be written to `scene_file`. If the asset has HU and its slices are at most 3 mm apart,
 /// the force law is `cutting` through one bone volume, with slices at their true spacing and strength
 /// by HU. Otherwise the force law is `hooke`, with slices far enough apart for each to be felt
 /// separately. Proposals are checked in turn, as `--check --strict` does with `options`, until one
-/// has no warning and a slice is punctured. Errors: (refused, with the reason) the asset is empty,
-/// its bone is nowhere as wide as the tool, or every proposal has a warning.
+/// has no warning and a slice is punctured. If `hand` is kLive, that scene's path is then replaced by a live
+/// hand at its start, and the result is checked once more. Errors: (refused, with the reason) the asset is
+/// empty, its bone is nowhere as wide as the tool, or every proposal has a warning.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file,
-                               const DeviceDescription& device, const SessionOptions& options);
+                               const DeviceDescription& device, const SessionOptions& options,
+                               NewSceneHand hand = NewSceneHand::kScripted);
 
 }  // namespace trocar::runtime

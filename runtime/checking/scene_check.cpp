@@ -74,6 +74,16 @@ std::string describe_workspace(const SceneEvaluation& e) {
   return out;
 }
 
+std::string describe_live_hand(const LiveHandLimits& hand) {
+  const Eigen::Vector3d& at_m = hand.T_device_tool_start.p_m;
+  return text_line(
+      "hand       live, begins with the tip at (%.4f, %.4f, %.4f) m; moves within x %.3f to %.3f, "
+      "y %.3f "
+      "to %.3f, z %.3f to %.3f m, at up to %.2f m/s; no dry run\n",
+      at_m.x(), at_m.y(), at_m.z(), hand.min_m.x(), hand.max_m.x(), hand.min_m.y(), hand.max_m.y(),
+      hand.min_m.z(), hand.max_m.z(), hand.speed_max_m_per_s);
+}
+
 std::string describe_feel(const SceneEvaluation& e) {
   const ContactFeel& feel = e.dry_run->feel;
   std::string out = text_line(
@@ -125,7 +135,8 @@ std::string describe_slice(const SceneEvaluation& e, std::size_t index,
                         "tool over material; ",
                         crossing->t_s, crossing->tip_m.x(), crossing->tip_m.y(),
                         100 * crossing->coverage)
-                  : std::string("the path does not go through; at the anchor ");
+                  : std::string(e.scene.hand.live ? "" : "the path does not go through; ") +
+                        "at the anchor ";
   out += needs.force + '\n';
   if (!e.dry_run || !e.dry_run->sheets[index].touched) return out;
   const SheetDryRun& sheet = e.dry_run->sheets[index];
@@ -164,10 +175,16 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceDescription& devi
       describe_requirements(scene, device, sheets, touching_poses(e), bytes, options);
   if (!needs) return needs.error();
   SceneCheck check;
-  check.text = needs->scene + describe_workspace(e) + describe_path(e) + describe_dry_run(e);
+  if (scene.hand.live) {
+    const Result<LiveHandLimits> hand = live_hand_limits(scene, device, options.limits);
+    check.text = needs->scene + describe_workspace(e) + (hand ? describe_live_hand(*hand) : "");
+    check.warnings = find_live_hand_warnings(e, tissues, hand);
+  } else {
+    check.text = needs->scene + describe_workspace(e) + describe_path(e) + describe_dry_run(e);
+    check.warnings = find_warnings(e, tissues);
+  }
   for (std::size_t i = 0; i < sheets.size(); ++i)
     check.text += describe_slice(e, i, needs->slices[i], tissues[i].choice);
-  check.warnings = find_warnings(e, tissues);
   if (!needs->stability_warning.empty()) check.warnings.push_back(needs->stability_warning);
   return check;
 }

@@ -14,6 +14,8 @@
 //     tip is at most 3 mm past the front that bears it, and the front moves at most 1.5 mm in a tick. A hand that
 //     lets go at ten moments of the contact causes no fault, and the plate moves at most 3 mm and 0.25 m/s.
 //  7. With the law `cutting`, the rendered stiffness is one that is passive (device_coupling.h).
+// With a live hand nothing is known of what the person will do. There is no warning if and only if a session
+// can start, every slice is within the hand's box, and 4, 5 and 7 hold.
 // If the session has more than kMaxDryRunTicks ticks, the dry run ends there (dry_run.h). For later
 // times only the path of the hand is evaluated, as if the tool followed it exactly: there is a
 // warning if the path exceeds a limit or misses a slice.

@@ -51,6 +51,10 @@ Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescripti
       static_cast<double>(tick_count(options.duration_s, options.rate_Hz) - 1) / options.rate_Hz;
   e.let_go_s = std::min(e.end_s, scene.hand.let_go_t_s.value_or(e.end_s));
   e.report = evaluate_path(e.path, device, options.limits, e.tool, 0, e.let_go_s);
+  if (scene.hand.live) {
+    e.views.resize(sheets.size());
+    return e;
+  }
   const Pose& T_device_tool = e.path.keyframes.front().T_device_tool;
   const Pose start{T_device_tool.p_m - T_device_tool.q * e.tool.tip_plate_m, T_device_tool.q};
   if (inverse_kinematics(device, start).status) {

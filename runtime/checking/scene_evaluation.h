@@ -44,7 +44,7 @@ struct SceneEvaluation {
   double end_s = 0;     ///< time of the last tick
   double let_go_s = 0;  ///< time until which the hand holds the tool, at most end_s
   PathReport report{};
-  std::optional<DryRun> dry_run{};  ///< none: the session cannot start
+  std::optional<DryRun> dry_run{};  ///< none: the session cannot start, or the hand is live
   std::optional<LetGoTrial>
       let_go{};  ///< force law `cutting` only, after a dry run without a fault
   std::vector<SheetView> views{};
@@ -55,7 +55,7 @@ struct SceneEvaluation {
   }
 };
 
-/// Follows the path and does a dry run. The references must outlive the result. Errors: those of
+/// Follows the path and does a dry run; with a live hand there is neither, and no sheet counts as missed. The references must outlive the result. Errors: those of
 /// run_dry_run(); (refused) SessionOptions::stop was set.
 Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescription& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,

@@ -274,6 +274,13 @@ std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
          (r ? describe_rectangle(*r) : std::string("nothing at that height")) + ": move it";
 }
 
+/// Warns of what does not depend on how the hand moves.
+void warn_of_scene(const SceneEvaluation& e, const std::vector<SliceTissue>& tissues,
+                   std::vector<std::string>& warnings) {
+  if (const auto unfitting = warn_of_unfitting(e.scene, tissues)) warnings.push_back(*unfitting);
+  if (const auto target = warn_of_target(e)) warnings.push_back(*target);
+}
+
 }  // namespace
 
 std::vector<std::string> find_warnings(const SceneEvaluation& e,
@@ -299,8 +306,26 @@ std::vector<std::string> find_warnings(const SceneEvaluation& e,
     warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
   }
   warn_of_feel(e, warnings);
-  if (const auto unfitting = warn_of_unfitting(e.scene, tissues)) warnings.push_back(*unfitting);
-  if (const auto target = warn_of_target(e)) warnings.push_back(*target);
+  warn_of_scene(e, tissues, warnings);
+  return warnings;
+}
+
+std::vector<std::string> find_live_hand_warnings(const SceneEvaluation& e,
+                                                 const std::vector<SliceTissue>& tissues,
+                                                 const Result<LiveHandLimits>& hand) {
+  std::vector<std::string> warnings;
+  std::vector<std::size_t> outside;
+  if (!hand) warnings.push_back(hand.error().message);
+  for (std::size_t i = 0; hand && i < e.sheets.size(); ++i) {
+    if (e.sheets[i]->z_m < hand->min_m.z() || e.sheets[i]->z_m > hand->max_m.z())
+      outside.push_back(i);
+  }
+  if (!outside.empty())
+    warnings.push_back(name_sheets(e, outside) +
+                       text_line(": out of the live hand's heights, which are %.4f to %.4f m: move "
+                                 "the slices, or begin at another height",
+                                 hand->min_m.z(), hand->max_m.z()));
+  warn_of_scene(e, tissues, warnings);
   return warnings;
 }
 

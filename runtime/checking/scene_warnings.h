@@ -9,11 +9,17 @@
 
 #include "runtime/checking/scene_evaluation.h"
 #include "runtime/checking/tissue_assignment.h"
+#include "runtime/session/live_hand.h"
 
 namespace trocar::runtime {
 
 /// Returns the warnings. Each is a line with position, value, limit and advice.
 std::vector<std::string> find_warnings(const SceneEvaluation& evaluation,
                                        const std::vector<SliceTissue>& tissues);
+
+/// Returns the warnings of a scene with a live hand. `hand`: result of live_hand_limits().
+std::vector<std::string> find_live_hand_warnings(const SceneEvaluation& evaluation,
+                                                 const std::vector<SliceTissue>& tissues,
+                                                 const Result<LiveHandLimits>& hand);
 
 }  // namespace trocar::runtime

@@ -60,6 +60,8 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "--session-report", a.session_report,
       "write a report for the debriefing, NAME.html, and the same figures, NAME.json:\n"
       "path, forces, punctures, plunges, tremor, and the scene's goals");
+  recording.option("--hand-path", a.hand_path,
+                   "write what a live hand did: JSON, a scene's `hand` that repeats it");
 }
 
 void declare_safety_options(CLI::App& app, RunArguments& a) {
@@ -120,6 +122,8 @@ Result<void> check_scene_arguments(const RunArguments& a) {
   if (!a.new_scene.empty() && a.output.empty())
     return usage("--new-scene: needs -o SCENE.json, the file to write");
   if (a.new_scene.empty() && !a.output.empty()) return usage("-o: is for --new-scene");
+  if (a.new_scene.empty() && a.live_hand)
+    return usage("--live-hand: is for --new-scene; in a scene, `hand` has `live`");
   return {};
 }
 
@@ -147,6 +151,8 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
   scene.option("--new-scene", a.new_scene,
                "run no session; propose a scene for this asset (.glb) and write it to -o");
+  scene.flag("--live-hand", a.live_hand,
+             "with --new-scene: a scene whose hand you move yourself in trocar-console");
   scene.option("-o,--output", a.output, "with --new-scene: the scene to write, JSON");
 
   Group device(app, "Device");

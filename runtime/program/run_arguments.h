@@ -24,13 +24,13 @@ struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
   std::string procedure, strength;  ///< formats/session/procedures.h
   bool explain = false;
-  bool check = false, strict = false;
+  bool check = false, strict = false, live_hand = false;
   std::string device{kDefaultDevice}, key_file, description, compensate = "none";
   bool simulated = false;
   std::string clock = "real", replay, live;
   std::optional<double> rate_Hz, duration_s;
   bool quiet = false;
-  std::string record, summary, session_report, meshes, frames;
+  std::string record, summary, session_report, meshes, frames, hand_path;
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
   int late_ticks = 3, cpu = -1;

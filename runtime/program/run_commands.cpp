@@ -18,6 +18,7 @@
 #include "runtime/program/session_inputs.h"
 #include "runtime/program/session_messages.h"
 #include "runtime/program/session_outputs.h"
+#include "runtime/session/live_hand.h"
 #include "runtime/session/origin.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
@@ -41,7 +42,8 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
                                      .description = inputs.description,
                                      .key_file = arguments.key_file,
                                      .clock = options.clock,
-                                     .rate_Hz = options.rate_Hz});
+                                     .rate_Hz = options.rate_Hz,
+                                     .hand = options.live_hand});
   if (!opened) return opened.error();
   Device& device = **opened;
   if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
@@ -66,6 +68,37 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
                  link->restore_error->message.c_str());
   }
   return report;
+}
+
+/// Checks that a person can hold the scene's hand, if it is live. Errors: (usage) the options do not allow that.
+Result<void> check_hand_options(const RunArguments& arguments, const Scene& scene) {
+  const bool is_live = scene.hand.live && arguments.replay.empty();
+  if (!is_live && !arguments.hand_path.empty())
+    return usage("--hand-path: is for a session whose hand is live");
+  if (!is_live || arguments.check) return {};
+  const std::string live_hand = arguments.scene + ": its hand is live";
+  if (arguments.device != kDefaultDevice)
+    return usage("--device " + arguments.device + ": " + live_hand +
+                 ", which is for the simulated device " + std::string(kDefaultDevice));
+  if (arguments.clock != "real")
+    return usage("--clock " + arguments.clock + ": " + live_hand + ", which needs the real clock");
+  if (arguments.live.empty())
+    return usage(live_hand +
+                 ", and without --live FILE nobody could move it; start it with trocar-console");
+  return {};
+}
+
+/// Makes the scene's hand, if it is live.
+Result<std::unique_ptr<LiveHand>> make_live_hand(const RunArguments& arguments,
+                                                 const SessionInputs& inputs,
+                                                 const SessionOptions& options) {
+  if (!inputs.scene.hand.live || !options.replay.empty()) return std::unique_ptr<LiveHand>();
+  const Result<LiveHandLimits> limits =
+      live_hand_limits(inputs.scene, inputs.description, options.limits);
+  if (!limits) return Error{limits.error().code, arguments.scene + ": " + limits.error().message};
+  return std::make_unique<LiveHand>(
+      *limits, make_tool(inputs.scene.tool), inputs.description, options.limits,
+      TargetPath(arguments.hand_path.empty() ? 0 : options.duration_s));
 }
 
 /// Warns if the recording is shorter than its session.
@@ -161,6 +194,8 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   Result<SessionInputs> inputs = load_inputs(arguments);
   if (!inputs) return fail(inputs.error());
   if (const auto good = check_run_outputs(arguments, *inputs); !good) return fail(good.error());
+  if (const auto good = check_hand_options(arguments, inputs->scene); !good)
+    return fail(good.error());
   Result<SessionOptions> options = session_options(arguments, *inputs, recover);
   if (!options) return fail(options.error());
   if (arguments.check) return check_inputs(arguments, *inputs, *options);
@@ -168,6 +203,10 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
   if (const auto done = set_origin(arguments, *inputs, *options); !done) return fail(done.error());
   if (!arguments.live.empty()) options->telemetry = telemetry_options(arguments, *inputs);
+
+  const Result<std::unique_ptr<LiveHand>> hand = make_live_hand(arguments, *inputs, *options);
+  if (!hand) return fail(hand.error());
+  options->live_hand = hand->get();
 
   SessionOutputs outputs(arguments, *inputs, options->rate_Hz);
   outputs.collect(*options);
@@ -208,7 +247,8 @@ int make_new_scene(const RunArguments& arguments) {
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
   const Result<NewScene> made =
-      propose_scene(*asset, arguments.new_scene, arguments.output, *description, options);
+      propose_scene(*asset, arguments.new_scene, arguments.output, *description, options,
+                    arguments.live_hand ? NewSceneHand::kLive : NewSceneHand::kScripted);
   if (!made) return fail(made.error());
   if (const auto written = write_file_atomically(arguments.output, made->json); !written)
     return fail(written.error());

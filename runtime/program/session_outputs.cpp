@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/session_outputs.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
@@ -9,6 +10,9 @@
 #include "formats/base/json_text.h"
 #include "runtime/reporting/material_section.h"
 #include "runtime/reporting/summary.h"
+#include "runtime/session/live_hand.h"
+#include "runtime/session/pose_margins.h"
+#include "runtime/session/simulated_hand.h"
 
 namespace trocar::runtime {
 namespace {
@@ -42,6 +46,36 @@ std::vector<ReportSheet> report_sheets(const SessionInputs& inputs) {
   return sheets;
 }
 
+double rounded(double value, double parts) {
+  return std::round(value * parts) / parts;
+}
+
+/// Returns the `hand` of a scene, with the impedance of `hand` and this path.
+std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
+  const HandImpedance impedance = hand_impedance(hand);
+  nlohmann::ordered_json out = {
+      {"stiffness_N_per_m", impedance.stiffness_N_per_m},
+      {"damping_N_s_per_m", impedance.damping_Ns_per_m},
+      {"rotation_stiffness_Nm_per_rad", impedance.rotational_stiffness_Nm_per_rad},
+      {"rotation_damping_Nm_s_per_rad", impedance.rotational_damping_Nms_per_rad},
+      {"mass_kg", impedance.mass_kg},
+      {"trajectory", nlohmann::ordered_json::array()}};
+  for (const HandKeyframe& keyframe : path.keyframes) {
+    const Eigen::Vector3d tip_m = keyframe.T_device_tool.p_m,
+                          turn_deg = rotation_vector(keyframe.T_device_tool.q) * kDegreesPerRadian;
+    constexpr double kParts = 1e8;
+    nlohmann::ordered_json tip = nlohmann::ordered_json::array(), turn = tip;
+    for (const double x : tip_m)
+      tip.push_back(rounded(x, kParts));
+    for (const double x : turn_deg)
+      turn.push_back(rounded(x, kParts));
+    out["trajectory"].push_back({{"t_s", rounded(keyframe.t_s, kParts)},
+                                 {"tip_m", std::move(tip)},
+                                 {"rotation_deg", std::move(turn)}});
+  }
+  return out.dump();
+}
+
 }  // namespace
 
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs) {
@@ -49,6 +83,7 @@ Result<void> check_run_outputs(const RunArguments& arguments, const SessionInput
                                 {"--summary", arguments.summary},
                                 {"--meshes", arguments.meshes},
                                 {"--frames", arguments.frames},
+                                {"--hand-path", arguments.hand_path},
                                 {"--session-report", arguments.session_report},
                                 {"--session-report (its figures)", figures_file(arguments)}};
   for (const OutputFile& output : outputs) {
@@ -115,6 +150,11 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
     keep_error(write_file_atomically(arguments_.meshes, text));
   }
   if (!arguments_.frames.empty()) keep_error(frames_.finish());
+  if (!arguments_.hand_path.empty() && options.live_hand != nullptr) {
+    const std::string text =
+        describe_hand(inputs_.scene.hand, options.live_hand->path().keyframes());
+    keep_error(write_file_atomically(arguments_.hand_path, text + "\n"));
+  }
   if (!arguments_.session_report.empty()) {
     const SessionFigures figures = observer_.figures();
     const ReportFacts all = facts(figures, options, report, remesher);

@@ -139,6 +139,8 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
     Result<Scene> read = read_scene(arguments.scene);
     if (!read) return read.error();
     scene = std::move(*read);
+    if (scene->hand.live)
+      return usage(arguments.scene + ": its hand is live, which is for trocar-run --device inproc");
     if (description_file.empty() && scene->device) description_file = scene->device->string();
   }
   DeviceDescription description = default_device_description();

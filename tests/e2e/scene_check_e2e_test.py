@@ -248,6 +248,20 @@ def check_broken(judge):
     assert judge.call(*common, "--quiet").stderr == "", "--quiet: a warning of tissues"
 
 
+def check_live_hand(judge, source):
+    """With a live hand only the start and the reach are checked."""
+    scene = json.loads((source / "runtime" / "scenes" / "vertebra_live.json").read_text())
+    for name, tip_m, top_z_m, wrong in (("good", [0, 0, 0.162], 0.157, None), ("beyond", [0.058, 0, 0.162], 0.157, "cannot start at"),
+                                         ("above", [0, 0, 0.1], 0.235, "out of the live hand's heights")):
+        file = judge.work / f"live_{name}.json"
+        hand = {"live": True, "trajectory": [{"t_s": 0, "tip_m": tip_m}]}
+        file.write_text(json.dumps({**scene, "body": {**scene["body"], "top_z_m": top_z_m}, "hand": hand}))
+        done = judge.call(file, "--asset", judge.asset, "--check", "--strict")
+        assert done.returncode == (REFUSED if wrong else 0), f"live_{name}: {done.returncode}: {done.stderr}"
+        assert "dry run    " not in done.stdout and "path  " not in done.stdout, f"live_{name}: {done.stdout}"
+        assert wrong in done.stderr if wrong else "hand       live, begins" in done.stdout, f"live_{name}: {done.stdout}{done.stderr}"
+
+
 def check_text(judge, source):
     """The figures that --check prints of the paper's experiment: the path, the reach, the tissue, what is under the tool."""
     scene = source / "runtime" / "scenes" / "three_slices.json"
@@ -304,8 +318,8 @@ def test_scene_check(source, programs, scan, work):
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     judge = Judge(programs, work, asset)
     for scene in sorted((source / "runtime" / "scenes").glob("*.json")):
-        if json.loads(scene.read_text())["asset"] != "../../out/sample.glb":
-            continue  # of another scan
+        if json.loads(scene.read_text())["asset"] != "../../out/sample.glb" or scene.stem == "vertebra_live":
+            continue  # of another scan, or without a path to try
         _, warnings = judge.judged(scene.stem, scene)
         assert not warnings, f"{scene.name}: {warnings}"
     for name, scene in GOOD.items():
@@ -313,5 +327,6 @@ def test_scene_check(source, programs, scan, work):
         assert not warnings, f"{name}: {warnings}"
     check_broken(judge)
     check_text(judge, source)
+    check_live_hand(judge, source)
     check_beyond_dry_run(judge)
     check_random(judge)
