@@ -35,6 +35,9 @@ bool is_numerical(std::string_view host) noexcept {
          });
 }
 
+constexpr double kMessagesPerSecond = 125, kMaxAtOnce = 4;
+constexpr auto kSilent = std::chrono::seconds(1);
+
 }  // namespace
 
 const char* to_string(Role role) noexcept {
@@ -94,6 +97,37 @@ bool is_file_name(std::string_view name) noexcept {
     parts += at_start ? 1 : 0;
   }
   return !at_start && parts <= kMaxParts;
+}
+
+const char* to_string(HandShare share) noexcept {
+  constexpr std::array<const char*, 3> kNames = {"yours", "other", "free"};
+  return kNames[static_cast<std::size_t>(share)];
+}
+
+bool HandHolder::move(Client client, std::uint64_t number, Clock::time_point now) noexcept {
+  if (holder_ != nullptr && holder_ != client) return false;
+  if (holder_ == client && number <= number_) return false;
+  if (holder_ == nullptr) holder_ = client;
+  number_ = number;
+  heard_at_ = now;
+  const double passed_s = std::chrono::duration<double>(now - credited_at_).count();
+  credit_ = std::min(kMaxAtOnce, credit_ + passed_s * kMessagesPerSecond);
+  credited_at_ = now;
+  if (credit_ < 1) return false;
+  credit_ -= 1;
+  return true;
+}
+
+bool HandHolder::let_go(Client client) noexcept {
+  if (holder_ != client) return false;
+  holder_ = nullptr;
+  return true;
+}
+
+bool HandHolder::lose_silent(Clock::time_point now) noexcept {
+  if (holder_ == nullptr || now - heard_at_ < kSilent) return false;
+  holder_ = nullptr;
+  return true;
 }
 
 }  // namespace trocar::runtime

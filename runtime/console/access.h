@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Access control: tokens with their roles, the host names under which the console answers, and the
-// names of files that a page may send.
-// Tests: tests/runtime/console/console_test.cpp
+// Access control: tokens with their roles, the host names under which the console answers, the
+// names of files that a page may send, and which page holds a live hand.
+// Tests: tests/runtime/console/console_test.cpp, tests/runtime/console/hand_holder_test.cpp
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -53,5 +54,41 @@ class HostNames {
 /// have at most 512 bytes, no "..", no control character, no backslash, and no name that
 /// begins with '.'.
 bool is_file_name(std::string_view name) noexcept;
+
+enum class HandShare : std::uint8_t { kYours, kOther, kFree };
+/// "yours", "other", "free".
+const char* to_string(HandShare share) noexcept;
+
+/// Decides which client holds the live hand of a session, and which of its messages are used. Contract
+/// (tests/runtime/console/hand_holder_test.cpp):
+///  1. At most one client holds the hand: the first that moves it while it is free. It holds it until it
+///     lets go, leaves, or has been silent for 1 s. Messages of other clients have no effect.
+///  2. On average at most 125 messages a second are used, and at most 4 at once; the others are dropped.
+///     A message whose number is not above that of the client's last one is dropped, too, and counts as silence.
+///     Letting go is never dropped.
+class HandHolder {
+ public:
+  using Clock = std::chrono::steady_clock;
+  /// Identifies a client; never null, never dereferenced.
+  using Client = const void*;
+
+  /// A client moves the hand. Returns true if the message is to be used.
+  bool move(Client client, std::uint64_t number, Clock::time_point now) noexcept;
+  /// A client lets go, or leaves. Returns true if it held the hand.
+  bool let_go(Client client) noexcept;
+  /// Returns true if the holder has just lost the hand by its silence.
+  bool lose_silent(Clock::time_point now) noexcept;
+  HandShare share_of(Client client) const noexcept {
+    return holder_ == nullptr  ? HandShare::kFree
+           : holder_ == client ? HandShare::kYours
+                               : HandShare::kOther;
+  }
+
+ private:
+  Client holder_ = nullptr;
+  std::uint64_t number_ = 0;  ///< number of the holder's last message
+  Clock::time_point heard_at_, credited_at_;
+  double credit_ = 0;  ///< number of messages that may be used now
+};
 
 }  // namespace trocar::runtime

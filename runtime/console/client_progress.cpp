@@ -22,10 +22,15 @@ ClientMessage text_message(std::string text) {
 }  // namespace
 
 std::optional<ClientMessage> ClientProgress::next(const Supervisor& session, Role role,
-                                                  bool has_new_snapshot, Clock::time_point now) {
+                                                  HandShare hand, bool has_new_snapshot,
+                                                  Clock::time_point now) {
   const SessionTelemetry& telemetry = session.telemetry();
   if (!said_hello_ || session_ != telemetry.sessions()) return hello(telemetry, role);
-  // Events come first, so that a client that reads "ended" has received all of them.
+  if (telemetry.about().has_live_hand && hand_ != hand) {
+    hand_ = hand;
+    return text_message(std::string(R"({"hand":")") + to_string(hand) + "\"}");
+  }
+  // Events come before the state, so that a client that reads "ended" has received all of them.
   if (cursor_ < telemetry.last_event()) {
     if (auto message = next_events(telemetry)) return message;
   }
@@ -53,6 +58,7 @@ ClientMessage ClientProgress::hello(const SessionTelemetry& session, Role role) 
   said_hello_ = true;
   session_ = session.sessions();
   state_ = 0;
+  hand_.reset();
   snapshot_ = 0;
   shape_version_ = 0;
   sheet_versions_.assign(session.sheets().size(), 0);

@@ -33,8 +33,9 @@ class ClientProgress {
   /// Returns the next message, if there is one that the client may get now. Events come before the
   /// state, and the state before binary messages. `has_new_snapshot`: a snapshot has just been
   /// read, so it is as recent as possible.
-  std::optional<ClientMessage> next(const Supervisor& session, Role role, bool has_new_snapshot,
-                                    Clock::time_point now);
+  /// `hand`: the client's share in the live hand, if the session has one.
+  std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
+                                    bool has_new_snapshot, Clock::time_point now);
   /// Call this when the client has drawn the binary messages up to `number`.
   void acknowledge(std::uint64_t number);
   /// Returns true if a binary message has been waiting for its acknowledgement for more than 6 s.
@@ -53,6 +54,8 @@ class ClientProgress {
 
   bool said_hello_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
+  std::optional<HandShare>
+      hand_;  ///< last share that the client was told; none: it was told nothing
   std::vector<std::uint64_t> sheet_versions_;
   std::uint64_t shape_version_ = 0;
   std::uint32_t number_ = 0;  ///< number of the last binary message

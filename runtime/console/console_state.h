@@ -62,6 +62,7 @@ struct ConsoleState {
   HostNames hosts;
   Tokens tokens;
   Supervisor supervisor;
+  HandHolder hand;
   RefusalLog log;
   std::vector<std::weak_ptr<HttpConnection>> connections;
   std::vector<std::weak_ptr<TelemetryClient>> clients;

@@ -56,6 +56,7 @@ json describe(const Scene& scene, const std::string& name) {
                 {"force_law", to_string(scene.force_law.kind)},
                 {"duration_s", scene.duration_s},
                 {"slices", slices}};
+  if (scene.hand.live) entry["live_hand"] = true;
   if (scene.body) entry["body"] = {{"from", scene.body->from}, {"to", scene.body->to}};
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(scene.asset, ignored)) entry["asset_missing"] = true;

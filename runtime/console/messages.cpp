@@ -82,6 +82,15 @@ json as_json(const TelemetryEvent& event) {
     case TelemetryEventKind::kResumed:
       text = "resumed" + at;
       break;
+    case TelemetryEventKind::kHand:
+      text = "a hand holds the tool" + at;
+      break;
+    case TelemetryEventKind::kHandLetGo:
+      text = "the hand let go" + at;
+      break;
+    case TelemetryEventKind::kHandLost:
+      text = "the hand was lost" + at + ": nothing came from it for 250 ms, so it lets go";
+      break;
     case TelemetryEventKind::kEnded:
       out.update({{"end", to_string(event.end)}, {"fault", words.name}});
       text = "ended" + at;

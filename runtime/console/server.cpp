@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "runtime/console/beast.h"
@@ -88,6 +89,8 @@ class Server {
     const auto now = Clock::now();
     const std::uint64_t snapshots = console_.supervisor.telemetry().snapshots();
     console_.supervisor.poll(now);
+    if (console_.hand.lose_silent(now) && console_.supervisor.has_hand())
+      console_.supervisor.move_hand(std::nullopt);
     console_.has_new_snapshot = console_.supervisor.telemetry().snapshots() != snapshots;
     for (std::size_t i = 0; i < console_.clients.size(); ++i) {
       if (const auto client = console_.clients[i].lock()) client->pump(now);

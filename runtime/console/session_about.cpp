@@ -38,6 +38,7 @@ SessionAbout parse_about(std::string_view text, std::size_t snapshot_values) {
   out.asset = text_of(about, "asset");
   out.record = text_of(about, "record");
   out.clock = text_of(about, "clock");
+  out.has_live_hand = about.contains("hand") && about["hand"].is_object();
   std::size_t at = 0;
   json columns = json::array();
   if (about.contains("columns") && about["columns"].is_array()) {

@@ -26,6 +26,16 @@ void SessionTelemetry::attach(std::unique_ptr<TelemetryReader> reader) {
   ++sessions_;
 }
 
+void SessionTelemetry::move_hand(const std::optional<std::array<double, 6>>& target) {
+  // The count goes on from one session to the next, so it differs from what an earlier console left only by
+  // chance; then the session takes the second message.
+  TelemetryHand hand;
+  hand.count = ++hand_messages_;
+  hand.is_held = target.has_value();
+  hand.target = target.value_or(hand.target);
+  reader_->hand(hand);
+}
+
 void SessionTelemetry::poll() {
   if (!reader_) return;
   if (reader_->snapshot(values_)) {

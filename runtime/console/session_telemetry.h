@@ -5,9 +5,11 @@
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <deque>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -37,6 +39,10 @@ class SessionTelemetry {
   void poll();
   /// Passes a command on. A session must be attached.
   void command(TelemetryCommand command) { reader_->command(command); }
+  /// True if a live hand can be moved.
+  bool has_hand() const noexcept { return reader_ && reader_->has_hand() && !has_ended_; }
+  /// Moves the live hand, which must exist; none: it lets go.
+  void move_hand(const std::optional<std::array<double, 6>>& target);
 
   std::uint64_t sessions() const noexcept { return sessions_; }  ///< number of attached sessions
   const SessionAbout& about() const noexcept { return about_; }  ///< json empty: no session yet
@@ -63,6 +69,7 @@ class SessionTelemetry {
   Frame snapshot_;
   std::deque<Event> events_;
   bool has_ended_ = false;
+  std::uint64_t hand_messages_ = 0;
   std::vector<Mesh> sheets_;
   Mesh shape_;
 };

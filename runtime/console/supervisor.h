@@ -4,6 +4,7 @@
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -48,6 +49,12 @@ class Supervisor {
   Result<void> start(const StartRequest& request);
   /// Passes a command on. Errors: (refused) there is no session.
   Result<void> command(TelemetryCommand command);
+  /// True if a session runs whose live hand can be moved.
+  bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
+  /// Moves the live hand, which must exist; none: it lets go.
+  void move_hand(const std::optional<std::array<double, 6>>& target) {
+    telemetry_.move_hand(target);
+  }
   /// Sends the emergency stop, and kills the session if its ticks do not show zero torques
   /// within 100 ms.
   Result<void> emergency_stop();

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/telemetry_client.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <utility>
 
 #include "formats/base/strict_json.h"
@@ -15,6 +17,27 @@ constexpr std::uint64_t kMaxMessage = 4 << 10;
 constexpr auto kStalled = std::chrono::seconds(6);
 constexpr auto kFirstMessageWithin = std::chrono::seconds(5);
 constexpr int kSendBuffer = 65536;
+// Largest coordinate and largest component of the rotation vector of a hand's target.
+constexpr double kMaxHand_m = 1, kMaxHand_rad = 7;
+
+/// Returns the request of a message that has the key `hand`; none: it is malformed.
+std::optional<HandRequest> hand_request(const json& message) {
+  HandRequest request;
+  const json& hand = message.at("hand");
+  const auto n = message.find("n");
+  const bool has_number = n != message.end() && n->is_number_unsigned();
+  if (message.size() != (has_number ? 2U : 1U)) return std::nullopt;
+  if (hand.is_null()) return request;
+  std::array<double, 6>& target = request.target.emplace();
+  if (!has_number || !hand.is_array() || hand.size() != target.size()) return std::nullopt;
+  request.number = n->get<std::uint64_t>();
+  for (std::size_t i = 0; i < target.size(); ++i) {
+    if (!hand[i].is_number()) return std::nullopt;
+    target[i] = hand[i].get<double>();
+    if (!(std::abs(target[i]) <= (i < 3 ? kMaxHand_m : kMaxHand_rad))) return std::nullopt;
+  }
+  return request;
+}
 
 }  // namespace
 
@@ -46,7 +69,8 @@ void TelemetryClient::pump(Clock::time_point now) {
   }
   if (progress_.is_stalled(now)) return abort();
   if (is_writing_ || is_closing_) return;
-  auto message = progress_.next(console_.supervisor, role_, console_.has_new_snapshot, now);
+  auto message = progress_.next(console_.supervisor, role_, console_.hand.share_of(this),
+                                console_.has_new_snapshot, now);
   if (!message) return;
   message_ = std::move(*message);
   is_writing_ = true;
@@ -74,6 +98,7 @@ void TelemetryClient::read() {
 
 void TelemetryClient::on_error(beast::error_code error) {
   is_closing_ = true;
+  release_hand();
   if (error == websocket::error::message_too_big || error == websocket::error::buffer_overflow)
     console_.log.refused("a WebSocket message that is too long", from_);
   else if (error.category() == beast::error_code(websocket::error::bad_opcode).category() &&
@@ -86,7 +111,7 @@ void TelemetryClient::on_message() {
   const std::string text = beast::buffers_to_string(buffer_.data());
   buffer_.consume(buffer_.size());
   if (is_closing_) return;
-  const bool is_good = is_text && (role_ == Role::kNone ? on_first(text) : on_ack(text));
+  const bool is_good = is_text && (role_ == Role::kNone ? on_first(text) : on_later(text));
   if (!is_good) {
     console_.log.refused(role_ == Role::kNone
                              ? "a WebSocket without a valid token in its first message"
@@ -116,17 +141,41 @@ bool TelemetryClient::on_first(const std::string& text) {
   return role_ != Role::kNone;
 }
 
-bool TelemetryClient::on_ack(const std::string& text) {
+bool TelemetryClient::on_later(const std::string& text) {
   const Result<json> message = parse_strict_json(text, "message");
   if (!message || !message->is_object()) return false;
+  if (message->contains("hand")) {
+    const std::optional<HandRequest> request = hand_request(*message);
+    return request && on_hand(*request);
+  }
   const auto ack = message->find("ack");
   if (message->size() != 1 || ack == message->end() || !ack->is_number_unsigned()) return false;
   progress_.acknowledge(ack->get<std::uint64_t>());
   return true;
 }
 
+bool TelemetryClient::on_hand(const HandRequest& request) {
+  if (role_ != Role::kOperator) {
+    console_.log.refused("a hand from an audience", from_);
+    return false;
+  }
+  if (!request.target) {
+    release_hand();
+  } else if (console_.supervisor.has_hand() &&
+             console_.hand.move(this, request.number, Clock::now())) {
+    console_.supervisor.move_hand(request.target);
+  }
+  return true;
+}
+
+void TelemetryClient::release_hand() {
+  if (console_.hand.let_go(this) && console_.supervisor.has_hand())
+    console_.supervisor.move_hand(std::nullopt);
+}
+
 void TelemetryClient::close() {
   is_closing_ = true;
+  release_hand();
   if (is_writing_) return abort();
   socket_.async_close(websocket::close_code::policy_error,
                       [self = shared_from_this()](beast::error_code) {});
@@ -135,6 +184,7 @@ void TelemetryClient::close() {
 void TelemetryClient::abort() {
   beast::error_code ignored;
   is_closing_ = true;
+  release_hand();
   beast::get_lowest_layer(socket_).socket().close(ignored);
 }
 

@@ -5,8 +5,10 @@
 
 #include <array>
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "runtime/console/beast.h"
@@ -14,6 +16,12 @@
 #include "runtime/console/console_state.h"
 
 namespace trocar::runtime {
+
+/// A client's message for the live hand.
+struct HandRequest {
+  std::optional<std::array<double, 6>> target;  ///< none: it lets go
+  std::uint64_t number = 0;
+};
 
 class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
  public:
@@ -32,7 +40,9 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   void on_error(beast::error_code error);
   void on_message();
   bool on_first(const std::string& text);
-  bool on_ack(const std::string& text);
+  bool on_later(const std::string& text);
+  bool on_hand(const HandRequest& request);
+  void release_hand();
   void close();
   void abort();
   std::function<void(beast::error_code, std::size_t)> written();

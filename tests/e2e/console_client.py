@@ -168,15 +168,16 @@ class Live:
         self.ack = ack
         self.hello, self.session, self.columns, self.events, self.states = None, None, {}, [], []
         self.values, self.sheets, self.shapes, self.missed, self.snapshots, self.hellos = None, {}, 0, 0, 0, 0
+        self.hands = []  # "yours", "other" or "free", as told
         self.web.send(json.dumps({"token": token, **first}))
 
     def next(self, timeout=20):
-        """The kind of the next message: "hello", "events", "missed", "state", or SNAPSHOT, SHEET, SHAPE."""
+        """The kind of the next message: "hello", "events", "missed", "state", "hand", or SNAPSHOT, SHEET, SHAPE."""
         self.web.socket.settimeout(timeout)
         opcode, data = self.web.receive()
         if opcode == TEXT:
             message = json.loads(data)
-            kind = next(iter(set(message) & {"hello", "events", "missed", "state"}))
+            kind = next(iter(set(message) & {"hello", "events", "missed", "state", "hand"}))
             if kind == "hello":
                 self.hellos += 1
                 if message["session"] != self.session:
@@ -190,6 +191,8 @@ class Live:
                 self.events += message["events"]
             elif kind == "missed":
                 self.missed += message["missed"]
+            elif kind == "hand":
+                self.hands.append(message["hand"])
             else:
                 self.states.append(message)
             return kind
