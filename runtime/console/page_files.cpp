@@ -16,6 +16,7 @@ namespace {
 
 constexpr std::uint64_t kMaxBytes = std::uint64_t{8} << 20;
 constexpr std::size_t kMaxFiles = 64;
+constexpr const char* kVendor = "vendor";
 
 /// Returns the file's content type; empty: the file does not belong to the page.
 std::string type_of(const std::filesystem::path& file) {
@@ -73,7 +74,7 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   PageFiles page;
   std::error_code error;
   bool has_vendor = false;
-  for (const char* part : {"", "vendor"}) {
+  for (const std::string part : {"", "hand", kVendor}) {
     for (std::filesystem::directory_iterator entry(folder / part, error), end;
          !error && entry != end; entry.increment(error)) {
       std::error_code ignored;
@@ -84,8 +85,8 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
       Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMaxBytes);
       if (!bytes) return bytes.error();
       const std::string name = entry->path().filename().string();
-      has_vendor = has_vendor || *part != '\0';
-      page.files_["/" + (*part == '\0' ? name : part + ("/" + name))] = {
+      has_vendor = has_vendor || part == kVendor;
+      page.files_["/" + (part.empty() ? name : part + "/" + name)] = {
           type, std::string(bytes->begin(), bytes->end())};
     }
   }
