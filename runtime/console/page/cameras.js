@@ -79,6 +79,26 @@ export class Cameras {
     this.along.lookAt(at);
   }
 
+  /// Says whether a drag with the left button or one finger moves the camera. If not, the right button turns it, and two fingers and the
+  /// middle button stay as they are.
+  set_drag(is_cameras) {
+    const { MOUSE, TOUCH } = THREE;
+    for (const [control, left] of [[this.turn, MOUSE.ROTATE], [this.shift, MOUSE.PAN]]) {
+      control.mouseButtons.LEFT = is_cameras ? left : null;
+      control.mouseButtons.RIGHT = is_cameras ? MOUSE.PAN : left;
+      control.touches.ONE = is_cameras ? TOUCH.ROTATE : null;
+    }
+  }
+
+  /// Returns the plane of the screen through `at`: its directions `right` and `up` in {B}, and `m_per_px`, the metres per pixel of a view
+  /// of this height.
+  plane(at, height_px) {
+    const camera = this.active, column = (k) => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, k).toArray();
+    if (camera === this.above) return { right: column(0), up: column(1), m_per_px: 1 / this.section_scale(height_px) };
+    const depth_m = new THREE.Vector3(...at).applyMatrix4(camera.matrixWorldInverse).z;
+    return { right: column(0), up: column(1), m_per_px: 2 * Math.abs(depth_m) * Math.tan(camera.fov * Math.PI / 360) / height_px };
+  }
+
   /// Returns the pixels per metre of the cross-section.
   section_scale(height) { return height / (this.above.top - this.above.bottom) * this.above.zoom; }
 }

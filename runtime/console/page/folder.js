@@ -62,6 +62,16 @@ export class Folder {
     this.list();
   }
 
+  /// A needle that is held from this page needs the simulated device in the session's process, and real time.
+  limit_choices() {
+    const is_live = Boolean(this.scene(this.chosen)?.live_hand);
+    for (const [id, value] of [["start-device", "inproc"], ["start-clock", ""]]) {
+      const select = by_id(id);
+      if (select.disabled !== is_live) select.value = is_live ? value : "";
+      select.disabled = is_live;
+    }
+  }
+
   choose(file) {
     this.chosen = file;
     by_id("start-scene").value = file;
@@ -71,10 +81,11 @@ export class Folder {
 
   list() {
     const { scenes, assets, recordings, truncated } = this.data;
+    this.limit_choices();
     by_id("scenes").replaceChildren(...scenes.map((scene) => {
       if (scene.error) return item(scene, []);
       const entry = item(scene, [scene.name, `${slices_of(slices_in(scene))}, ${scene.force_law}, ${seconds(scene.duration_s)}`,
-        scene.asset_missing ? `its asset ${scene.asset} is missing: choose another above` : `asset ${scene.asset}`], [["Show", () => this.choose(scene.file)]]);
+        scene.live_hand ? "the needle is held from this page" : "", scene.asset_missing ? `its asset ${scene.asset} is missing: choose another above` : `asset ${scene.asset}`], [["Show", () => this.choose(scene.file)]]);
       if (scene.file === this.chosen) entry.setAttribute("aria-current", "true");
       return entry;
     }));

@@ -7,7 +7,7 @@ import { token } from "./api.js";
 const kSnapshot = 1, kSheet = 2, kShape = 3;
 
 export class Live {
-  /// `on` has the functions {hello, snapshot, sheet, shape, events, missed, state, down}.
+  /// `on` has the functions {hello, snapshot, sheet, shape, events, missed, state, hand, down}.
   constructor(on) {
     this.on = on;
     this.session = null;
@@ -57,8 +57,13 @@ export class Live {
   /// The caller calls this once per frame. It acknowledges what has been shown, so that the console sends less to a slow page.
   ack() {
     if (!this.to_ack || this.socket?.readyState !== WebSocket.OPEN) return;
-    this.socket.send(JSON.stringify({ ack: this.to_ack }));
+    this.send({ ack: this.to_ack });
     this.to_ack = 0;
+  }
+
+  /// Sends a message if there is a connection.
+  send(message) {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
   text(message) {
@@ -77,6 +82,7 @@ export class Live {
       this.on.events(fresh);
     }
     if (message.state) this.on.state(message);
+    if (message.hand) this.on.hand(message.hand);
   }
 
   binary(data) {

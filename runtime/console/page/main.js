@@ -6,6 +6,7 @@ import { Charts } from "./charts.js";
 import { Shown, read_bone } from "./data.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
+import { Hand } from "./hand/hand.js";
 import { Live } from "./live.js";
 import { Playback } from "./playback.js";
 import { View3d } from "./view3d.js";
@@ -34,6 +35,7 @@ function set_theme(name) {
   localStorage.setItem("trocar-theme", name);
   app.view?.set_theme();
   app.charts?.set_theme();
+  app.hand?.set_theme();
 }
 document.documentElement.dataset.theme = localStorage.getItem("trocar-theme") ?? "dark";
 by_id("theme").textContent = document.documentElement.dataset.theme === "dark" ? "Light" : "Dark";
@@ -167,6 +169,7 @@ app.link = new Live({
     app.bone_key = "";
     app.gauges.events_key = "";
     document.body.dataset.session = "live";
+    app.hand?.new_session();
     if (app.tab === "folder") set_tab("session");
     live_bone(app.live);
   },
@@ -174,6 +177,7 @@ app.link = new Live({
     if (!app.live || row.length !== app.live.columns.width) return;
     const has_moved = row[0] !== app.live.row?.[0];  // the time stops in a pause and at the end
     app.live.take(row);
+    app.hand?.take_snapshot();
     app.has_moved ||= has_moved;
     app.panels_are_old = true;
   },
@@ -188,11 +192,13 @@ app.link = new Live({
   },
   events: (events) => {
     app.live?.events.push(...events);
+    app.hand?.take_events(events);
     changed();
   },
   missed: (count) => { if (app.live) app.live.missed += count; },
   state: (state) => {
     app.state = state;
+    app.hand?.take_state(state);
     document.body.dataset.session = state.state;
     if (state.state === "ended" || state.state === "idle") {
       refresh();
@@ -203,12 +209,16 @@ app.link = new Live({
     changed();
     draw_status();
   },
+  hand: (holder) => app.hand?.set_holder(holder),
   down: (is_refused) => {
     app.connected = false;
+    app.hand?.connection_lost();
     app.refused = is_refused;
     draw_status();
   },
 });
+
+if (app.view) app.hand = new Hand(app);
 
 const is_running = () => ["starting", "running", "paused"].includes(app.state.state);
 const command = guarded(async (name) => { await post("/api/command", { command: name }); });
@@ -236,6 +246,7 @@ by_id("pause").addEventListener("click", () => command(app.state.state === "paus
 for (const name of ["zero", "recover", "stop"]) by_id(name).addEventListener("click", () => command(name));
 
 async function stop_now() {
+  app.hand?.let_go();
   try {
     await emergency_stop();
   } catch (error) {
@@ -385,6 +396,7 @@ function frame(now) {
   const passed_s = (now - last) / 1000;
   last = now;
   app.link.ack();
+  app.hand?.frame(now, passed_s);
   const before = app.playback.first?.events.length;
   if (app.tab === "playback" && app.playback.advance(passed_s)) {
     changed();
@@ -399,6 +411,7 @@ function frame(now) {
   panels_at = now;
   draw_status();
   draw_overlay(source);
+  app.hand?.draw_bar();
   if (app.tab === "playback") draw_player();
   if (!source || app.tab === "folder") return;
   app.gauges.update(source);
@@ -420,6 +433,16 @@ window.trocar = {
   get words() { return `${by_id("state").textContent}: ${by_id("words").textContent}`; },
   get row() { return row_of(app.live); },
   get events() { return app.live?.events ?? []; },
+  get camera() {
+    if (!app.view) return null;
+    const { cameras } = app.view, { right, up } = cameras.plane([0, 0, 0], 1);
+    return { right, up, away_m: cameras.active.position.distanceTo(cameras.turn.target) };
+  },
+  get hand() {
+    if (!app.hand) return null;
+    const { is_held, holder, target, force_N, lag_mm, words, sent, felt, scale_N } = app.hand;
+    return { is_held, holder, target, force_N, lag_mm, words, sent, felt, scale_N };
+  },
   get missed() { return app.live?.missed ?? 0; },
   get slices() { return app.view?.slices.map(({ slice, z_m, triangles, positions, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: positions.length / 2, cuts: cuts ?? 0 })) ?? []; },
   get totals() { return app.gauges.totals; },

@@ -29,6 +29,7 @@ export class View3d {
     this.bone_shown_ms = null;
     this.slices = [];
     this.shows_surface = true;
+    this.allows_arrow = true;
     this.is_dirty = true;
     this.label = document.getElementById("force-label");
     // The context is opaque, so that the browser need not blend it with the background. (three.js always asks for an alpha channel.)
@@ -270,7 +271,7 @@ export class View3d {
     for (const mark of this.marks.children)
       mark.visible = !is_section || Math.abs(mark.position.z - this.slices[near].z_m) < 3e-4;
     this.bend(shown);
-    this.arrow.update(shown.values("wrench_delivered"), tip, this.view === "perspective");
+    this.arrow.update(shown.values("wrench_delivered"), tip, this.view === "perspective" && this.allows_arrow);
     if (this.view === "tool" && tip) this.cameras.follow(tip, shown.values("axis"));
   }
 
