@@ -3,12 +3,12 @@
 // out, is_idle}. Prints one JSON object: {failures, figures, sessions}; pictures go to the folder `out`.
 import { execFileSync } from "node:child_process";
 import { writeFileSync } from "node:fs";
-import { chromium } from "playwright-core";
+import { Browser } from "./browser.mjs";
 import { layout_faults } from "./layout.mjs";
 
 const given = JSON.parse(process.argv[2]);
-const failures = [], figures = {}, sessions = {};
-const check = (condition, words) => { if (!condition) failures.push(words); };
+const figures = {}, sessions = {};
+const check = (condition, words) => browser.check(condition, words);
 const size = { small: { width: 1280, height: 720 }, wall: { width: 3840, height: 2160 } };
 
 // The failures so far are reported even if a step throws.
@@ -18,25 +18,11 @@ process.on("uncaughtException", (error) => {
   process.exit(0);
 });
 
-const browser = await chromium.launch({
-  executablePath: given.chromium,
-  args: ["--no-sandbox", "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--disable-background-timer-throttling"],
-});
-async function open(link) {
-  const page = await browser.newPage({ viewport: size.small });
-  page.setDefaultTimeout(30000);
-  page.on("pageerror", (error) => failures.push(`the page threw: ${error.stack}`));
-  page.on("request", (request) => check(request.url().startsWith(new URL(link).origin) || /^(blob|data):/.test(request.url()), `the page asked for ${request.url()}`));
-  await page.goto(link);
-  return page;
-}
+const browser = await Browser.launch(given);
+const failures = browser.failures;
+const open = (link) => browser.open(link);
 const get = (page, expression) => page.evaluate(expression);
-/// Waits until the expression over the page's test view is true. (The page's policy forbids playwright's own way.)
-async function until(page, expression, what, timeout = 30000) {
-  for (const end = Date.now() + timeout; Date.now() < end; await page.waitForTimeout(40)) if (await get(page, expression)) return true;
-  failures.push(`${what}: did not happen within ${timeout / 1000} s; the page says "${await get(page, "trocar.words")}"`);
-  return false;
-}
+const until = (...words) => browser.until(...words);
 /// Like until(), but presses Recover in each fault.
 async function until_recovered(page, expression, what) {
   for (const end = Date.now() + 30000; Date.now() < end; await page.waitForTimeout(200)) {
@@ -45,10 +31,7 @@ async function until_recovered(page, expression, what) {
   }
   failures.push(`${what}: did not happen within 30 s; the page says "${await get(page, "trocar.words")}"`);
 }
-async function picture(page, name) {
-  await page.screenshot({ path: `${given.out}/${name}.png` });
-  for (const fault of await page.evaluate(layout_faults)) failures.push(`${name}: ${fault}`);
-}
+const picture = (page, name) => browser.picture(page, name);
 async function start(page, scene, options = {}) {
   await page.click("[data-to=folder]");
   await page.selectOption("#start-scene", scene);

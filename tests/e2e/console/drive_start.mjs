@@ -1,20 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_start.mjs JSON: opens the pages of a console with --start. The argument: {link, view_link, chromium}. Prints {failures}.
-import { chromium } from "playwright-core";
+import { Browser } from "./browser.mjs";
 
 const given = JSON.parse(process.argv[2]);
-const failures = [];
-const browser = await chromium.launch({ executablePath: given.chromium, args: ["--no-sandbox"] });
-async function open(link) {
-  const page = await browser.newPage();
-  page.on("pageerror", (error) => failures.push(`the page threw: ${error.stack}`));
-  await page.goto(link);
-  return page;
-}
-async function until(page, expression, what) {
-  for (const end = Date.now() + 30000; Date.now() < end; await page.waitForTimeout(50)) if (await page.evaluate(expression)) return;
-  failures.push(`${what}: did not happen within 30 s; the page says "${await page.evaluate("trocar.words")}"`);
-}
+const browser = await Browser.launch(given);
+const { failures } = browser;
+const open = (link) => browser.open(link);
+const until = (...words) => browser.until(...words);
 
 const audience = await open(given.view_link);
 await until(audience, `trocar.is_connected && trocar.state.state === "idle"`, "the audience's page before the session");

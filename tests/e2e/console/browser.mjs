@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// A headless Chromium with the console's page, for drivers: opening, waiting, pictures. Failures are collected, and reported at the end.
+import { chromium } from "playwright-core";
+import { layout_faults } from "./layout.mjs";
+
+const kArguments = ["--no-sandbox", "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--disable-background-timer-throttling"];
+
+export class Browser {
+  failures = [];
+
+  /// `given`: {chromium, out}. `out` is the folder of the pictures.
+  static async launch(given) {
+    const made = new Browser();
+    made.given = given;
+    made.browser = await chromium.launch({ executablePath: given.chromium, args: kArguments });
+    return made;
+  }
+
+  close() { return this.browser.close(); }
+
+  /// Failures are also printed at once, in case the driver is stopped.
+  fail(words) {
+    this.failures.push(words);
+    console.error(words);
+  }
+  check(condition, words) { if (!condition) this.fail(words); }
+
+  /// Opens a link in a browser window of its own. `context`: playwright's options of that window.
+  async open(link, context = {}) {
+    const page = await (await this.browser.newContext({ viewport: { width: 1280, height: 720 }, ...context })).newPage();
+    page.setDefaultTimeout(30000);
+    page.on("pageerror", (error) => this.fail(`the page threw: ${error.stack}`));
+    page.on("request", (request) => this.check(request.url().startsWith(new URL(link).origin) || /^(blob|data):/.test(request.url()), `the page asked for ${request.url()}`));
+    await page.goto(link);
+    return page;
+  }
+
+  /// Waits until the expression over the page's test view is true. (The page's policy forbids playwright's own way.)
+  async until(page, expression, what, timeout_ms = 30000) {
+    for (const end = Date.now() + timeout_ms; Date.now() < end; await page.waitForTimeout(20)) if (await page.evaluate(expression)) return true;
+    this.fail(`${what}: did not happen within ${timeout_ms / 1000} s; the page says "${await page.evaluate("trocar.words")}" and ${JSON.stringify(await page.evaluate("trocar.hand"))}`);
+    return false;
+  }
+
+  /// Takes a picture, and checks that no text is cut off or covered. `is_scrolled`: a small window in which panels are below its edge.
+  async picture(page, name, is_scrolled = false) {
+    await page.screenshot({ path: `${this.given.out}/${name}.png` });
+    for (const fault of await page.evaluate(layout_faults)) if (!is_scrolled || !/not to be seen|outside of the window/.test(fault)) this.fail(`${name}: ${fault}`);
+  }
+}
