@@ -16,6 +16,8 @@ what the dynamic linker loads for trocar-run:
     before it in scripts/lib/folders.py, so that no include runs back up; the picture of
     the folders in ARCHITECTURE.md is up to date.
  6. No file includes itself through others, and no library links itself through others.
+ 7. The haptic loop, its force laws and its session work with any hand device: no file of
+    ANY_DEVICE reaches the mechanism of one, not even through others.
 
 For each rule, a test shows that it fails on a made-up tree that breaks it.
 """
@@ -56,6 +58,8 @@ FORMATS_JSON_HEADERS = {"formats/asset/gltf_document.h", "formats/asset/hu_secti
                         "formats/asset/slice_payload.h", "formats/asset/stated_entries.h",
                         "formats/base/json_text.h", "formats/base/strict_json.h",
                         "formats/session/scene_readers.h"}
+ANY_DEVICE = ("runtime/contact/", "runtime/bone_cutting/", "runtime/force_law/", "runtime/control/", "runtime/telemetry/", "runtime/session/")
+ONE_DEVICE = ("runtime/mechanism/", "runtime/device/device.h", "runtime/link/", "runtime/simulation/")
 FORBIDDEN_SHARED = re.compile(r"lib(opencv_\w+|gmp|gmpxx|mpfr|boost_\w+|CGAL\w*)\.so")
 APACHE, GPL = "Apache-2.0", "GPL-3.0-or-later"
 LICENSED = ("*.h", "*.cpp", "*.py", "*.mjs", "*.js", "*.cmake", "CMakeLists.txt")
@@ -184,6 +188,13 @@ def check_circles(source, library_links):
             for circle in folders.circles(graph)]
 
 
+def check_any_device(source):
+    """Rule 7."""
+    lines = folders.include_lines(source)
+    return [f"{name} reaches {other}" for name in sorted(lines) if name.startswith(ANY_DEVICE)
+            for other in sorted(folders.reachable(name, lines)) if other.startswith(ONE_DEVICE)]
+
+
 def broken_rules(lines):
     """Fails with the broken rules, one a line."""
     assert not lines, "\n" + "\n".join(lines)
@@ -218,6 +229,10 @@ def test_order_of_folders():
     broken_rules(check_folders(SOURCE))
 
 
+def test_any_device():
+    broken_rules(check_any_device(SOURCE))
+
+
 def test_circles():
     broken_rules(check_circles(SOURCE, (BUILD / "library_links.txt").read_text()))
 
@@ -243,6 +258,12 @@ ORDERED = {
     "formats/asset/asset.h": '#include "formats/geometry/lattice.h"\n#include "formats/base/result.h"\n',
     "runtime/sheet_mesh/sheet.cpp": '#include "formats/asset/asset.h"\n#include <vector>\n',
 }
+
+
+def test_any_device_finds_a_mechanism_behind_another_header(tmp_path):
+    write_tree(tmp_path, {"runtime/mechanism/legs.h": "", "runtime/contact/tool.h": '#include "runtime/mechanism/legs.h"\n',
+                          "runtime/control/loop.h": '#include "runtime/contact/tool.h"\n', "runtime/devices/open.h": '#include "runtime/mechanism/legs.h"\n'})
+    assert check_any_device(tmp_path) == ["runtime/contact/tool.h reaches runtime/mechanism/legs.h", "runtime/control/loop.h reaches runtime/mechanism/legs.h"]
 
 
 def test_picture_of_folders(tmp_path):

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "runtime/mechanism/four_legs.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
@@ -100,8 +101,10 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
   silent.stop = options.stop;
   silent.observers = {&observer};
   Remesher remesher(sheets);
+  FourLegs four_legs(description, *device);
   const Result<SessionReport> report = run_session(
-      scene, description, remesher, *device, [&](double dt_s) { device->advance(dt_s); }, silent);
+      scene, description, remesher, four_legs, [&](double dt_s) { four_legs.advance(dt_s); },
+      silent);
   if (!report) return report.error();
 
   dry_run.ticks = report->ticks;

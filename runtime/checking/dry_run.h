@@ -18,8 +18,8 @@
 #include "formats/session/scene.h"
 #include "runtime/checking/contact_feel.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 
 namespace trocar::runtime {
 

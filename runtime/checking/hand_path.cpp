@@ -79,24 +79,25 @@ std::string describe_joint(const DeviceDescription& device, const JointAngles& j
                    low_deg, high_deg);
 }
 
-std::string describe_singularity(const DeviceDescription& device, const SafetyLimits& limits,
-                                 const Pose& T_device_plate, const JointAngles& joints) {
+std::string describe_singularity(const DeviceDescription& device, const Pose& T_device_plate,
+                                 const JointAngles& joints) {
   const JacobianResult motion = jacobian(device, T_device_plate, joints);
   if (!motion.status) {
     return text_line("theta%d of leg %d is at the end of its reach", motion.status.joint,
                      motion.status.leg);
   }
   const Singularity measured = measure_singularity(device, T_device_plate, joints, motion.G);
-  if (measured.nearest_branch_m < limits.branch_distance_min_m) {
+  if (measured.nearest_branch_m < kMechanism.branch_distance_min_m) {
     return text_line(
         "theta%d of leg %d is %s mm from the end of its reach; the limit is %.4g mm",
         measured.nearest_joint, measured.nearest_leg,
-        apart_from(measured.nearest_branch_m * 1e3, limits.branch_distance_min_m * 1e3, 2).c_str(),
-        limits.branch_distance_min_m * 1e3);
+        apart_from(measured.nearest_branch_m * 1e3, kMechanism.branch_distance_min_m * 1e3, 2)
+            .c_str(),
+        kMechanism.branch_distance_min_m * 1e3);
   }
-  if (measured.inverse_condition >= limits.inverse_condition_min) return {};
+  if (measured.inverse_condition >= kMechanism.inverse_condition_min) return {};
   return describe_beyond("the inverse condition is", measured.inverse_condition,
-                         limits.inverse_condition_min, "", 3);
+                         kMechanism.inverse_condition_min, "", 3);
 }
 
 /// Speed of the plate's origin, and its rotation rate.
@@ -143,7 +144,7 @@ std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
     case Fault::kJointLimit:
       return inverse.status ? describe_joint(device, inverse.joints) : std::string{};
     case Fault::kSingularity:
-      return inverse.status ? describe_singularity(device, limits, T_device_plate, inverse.joints)
+      return inverse.status ? describe_singularity(device, T_device_plate, inverse.joints)
                             : std::string{};
     case Fault::kWorkspace:
       if (margins.box_m < 0) return describe_box(limits, T_device_plate);

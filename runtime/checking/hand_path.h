@@ -14,7 +14,7 @@
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
-#include "runtime/session/pose_margins.h"
+#include "runtime/devices/pose_margins.h"
 #include "runtime/simulation/hand.h"
 
 namespace trocar::runtime {

@@ -17,7 +17,7 @@
 #include "runtime/checking/scene_check.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
-#include "runtime/session/tip_workspace.h"
+#include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
 namespace {

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
-#include "runtime/session/simulated_hand.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {

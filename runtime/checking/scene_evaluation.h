@@ -12,7 +12,7 @@
 #include "formats/base/result.h"
 #include "runtime/checking/dry_run.h"
 #include "runtime/checking/hand_path.h"
-#include "runtime/session/tip_workspace.h"
+#include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
 

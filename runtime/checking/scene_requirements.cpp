@@ -5,31 +5,20 @@
 
 #include "formats/base/text_line.h"
 #include "runtime/force_law/force_law_table.h"
-#include "runtime/mechanism/jacobian.h"
-#include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/torque_allocation.h"
+#include "runtime/mechanism/four_legs_specification.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
 namespace {
 
-/// Describes the torque needed for the threshold force at the puncture of a sheet that is touched
-/// at this pose, or the reason why this is not possible.
-std::string motor_need(const DeviceDescription& device, const TipForce& tip, const Tool& tool,
-                       Pose T_device_plate) {
+/// Describes what the threshold force at the puncture of a sheet demands of the device, if the sheet is touched
+/// at this pose.
+std::string describe_puncture(const DeviceSpecification& device, const TipForce& tip,
+                              const Tool& tool, Pose T_device_plate) {
   T_device_plate.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;
-  const InverseResult inverse = inverse_kinematics(device, T_device_plate);
-  if (!inverse.status) return "out of the device's reach";
-  const JacobianResult motion = jacobian(device, T_device_plate, inverse.joints);
-  if (!motion.status) return "at a singularity of the device";
-  const AllocationResult allocation =
-      allocate_torques(motion.G,
-                       wrench_at({0, 0, tip.scale * tip.threshold_N},
-                                 T_device_plate * tool.tip_plate_m, T_device_plate),
-                       device.motor_peak_torque_Nm);
-  return text_line("threshold needs %.2f of %.2f Nm%s",
-                   allocation.tau_motor_Nm.cwiseAbs().maxCoeff(), device.motor_peak_torque_Nm,
-                   allocation.scale < 1 ? ", and is then not given in full" : "");
+  return device.describe_demand("threshold", T_device_plate,
+                                wrench_at({0, 0, tip.scale * tip.threshold_N},
+                                          T_device_plate * tool.tip_plate_m, T_device_plate));
 }
 
 }  // namespace
@@ -75,7 +64,8 @@ Result<SceneRequirements> describe_requirements(
   all.reserve(sheets.size());
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
-  const auto law = make_force_law({scene, device, all, rate_Hz, {}, options.stiffness});
+  const FourLegsSpecification specification(device);
+  const auto law = make_force_law({scene, specification, all, rate_Hz, {}, options.stiffness});
   if (!law) return law.error();
   out += (*law)->describe();
   needs.stability_warning = (*law)->stability_warning();
@@ -88,7 +78,8 @@ Result<SceneRequirements> describe_requirements(
         text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
                   sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
                   sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
-    slice.force = motor_need(device, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
+    slice.force =
+        describe_puncture(specification, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
     needs.slices.push_back(std::move(slice));
   }
   return needs;

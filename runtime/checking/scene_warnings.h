@@ -9,7 +9,7 @@
 
 #include "runtime/checking/scene_evaluation.h"
 #include "runtime/checking/tissue_assignment.h"
-#include "runtime/session/live_hand.h"
+#include "runtime/devices/live_hand.h"
 
 namespace trocar::runtime {
 

@@ -20,13 +20,13 @@
 #include <span>
 #include <string>
 
-#include "formats/session/device_description.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/contact/prefetch_worker.h"
 #include "runtime/contact/puncture.h"
 #include "runtime/contact/virtual_coupling.h"
+#include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
 
@@ -44,7 +44,7 @@ inline constexpr double kHardwareMargin = 2;
 /// call of the factory, not necessarily as long as the law exists.
 struct ForceLawSetup {
   const Scene& scene;
-  const DeviceDescription& device;
+  const DeviceSpecification& device;
   std::span<const Sheet* const> sheets;
   double rate_Hz = 1000;
   CouplingOptions coupling;  ///< virtual coupling between plate and proxy, if the law supports it

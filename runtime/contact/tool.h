@@ -13,7 +13,7 @@
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
 #include "formats/session/scene.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

@@ -17,7 +17,7 @@
 #pragma once
 
 #include "runtime/contact/local_environment.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

@@ -34,7 +34,7 @@
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/control/limits.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // One tick of the haptic loop, the same in real and in virtual time. In:
-// encoder angles. Out: torques and one row of the recording. No allocation, lock or exception.
+// the pose that a device measures. Out: the wrench that the device is to render, and one row of the recording. No
+// allocation, lock or exception.
 //
 // Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
 // energy_limit.h and passivity.h:
-//  1. Every torque written is finite and within what its motor's thermal state allows.
-//  2. When a fault ends the state `running` (safety.h), torques follow the ramp of safety.h, which starts
-//     from the last torques written. If writing failed, the ramp starts one tick later, from the torques
+//  1. Every command written is one that the device prepared (hand_device.h), within what it may do.
+//  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h, which starts
+//     from the last command written. If writing failed, the ramp starts one tick later, from the command
 //     that could not be written. Once the ramp has ended, and in `idle`, `ready` and `recovering`,
-//     torques are zero.
-//  3. The row holds every input of the tick, so replaying the rows gives the same torques.
+//     the force is zero.
+//  3. The row holds every input of the tick, so replaying the rows gives the same commands.
 //  4. All times are those of the device's clock. Intervals between poses, velocities, the largest allowed
-//     step of an encoder and the motor heat of a late tick are computed from differences of the device's time
+//     step of a reading and the device's heat in a late tick are computed from differences of the device's time
 //     stamps, to the nanosecond. In `running`, a device state is new if its time stamp is finite and later
 //     than the previous one. After no_data_max_s without a new device state the fault is kNoData. If a time
 //     stamp lies more than gap_max_s after the previous one, the fault is kNoData at once. In all safety
 //     states except `running`, the device's clock may restart, for example after the link was restored; the
 //     velocity estimation restarts too.
-//  5. The rise of torques, the ramps and the blending of stiffnesses count ticks, so late ticks
+//  5. The rise of commands, the ramps and the blending of stiffnesses count ticks, so late ticks
 //     make them slower.
 // Tests: tests/runtime/control/loop_test.cpp
 #pragma once
@@ -25,7 +26,6 @@
 #include <cstdint>
 #include <span>
 
-#include "formats/session/device_description.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
@@ -34,33 +34,26 @@
 #include "runtime/control/passivity.h"
 #include "runtime/control/safety.h"
 #include "runtime/control/velocity_window.h"
-#include "runtime/device/device.h"
-#include "runtime/mechanism/motor.h"
-#include "runtime/mechanism/torque_allocation.h"
+#include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
 
 /// Parameters of the loop, constant during a session.
 struct LoopModel {
-  DeviceDescription device;
   Tool tool;
   SafetyLimits limits;
   PassivityOptions passivity;        ///< ignored by force laws that are passive
-  CompensationOptions compensation;  ///< added to the rendered torques, in `running` only
+  CompensationOptions compensation;  ///< added to what the device renders, in `running` only
   double rate_Hz = 1000;
 };
 
 /// State of the loop that is kept between ticks. The force law keeps its own state (force_law.h).
 struct LoopState {
-  Pose T_device_plate;                                ///< pose of the last tick whose checks passed
-  Jacobian G = Jacobian::Zero();                      ///< Jacobian at T_device_plate
-  MotorVector tau_motor_Nm = MotorVector::Zero();     ///< torques last written
-  MotorVector tau_at_stop_Nm = MotorVector::Zero();   ///< torques when `running` ended
-  MotorVector compensation_Nm = MotorVector::Zero();  ///< compensation contained in tau_motor_Nm
+  Pose T_device_plate;  ///< pose of the last tick whose checks passed
   VelocityWindow window;
   PreviousPose
       previous;  ///< earlier pose from which velocities are computed; absent: the last new pose
-  LimitState limits;
+  SpeedState speed;
   PassivityState passivity;
   EnergyAccount energy;
   std::uint64_t tick = 0;  ///< number of ticks done
@@ -68,19 +61,19 @@ struct LoopState {
   /// tick is not new, or it is the first one. While no pose is new, the last velocity is kept, so the next
   /// new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Device time minus the time of the ticks counted so far. The heating of the motors in this extra time has
-  /// not been added yet.
+  /// Device time minus the time of the ticks counted so far. What the device did in this extra time, such as the
+  /// heating of its motors, has not been added yet.
   double ahead_s = 0;
-  double compensation_authority = 0;  ///< factor on the compensation; rises like Safety::authority
   Safety safety;
-  DeviceState device;  ///< last state read whose angles are finite
+  double reading_t_s = 0;  ///< time of the last reading that was kept
   int no_data_ticks = 0;
-  bool has_state = false;  ///< `device` has been read
+  bool has_reading = false;  ///< a reading was kept
 };
 
 struct TickResult {
   RecordingRow row;
   ContactOutput contact;  ///< result of the force law; the caller requests the holes in its cuts()
+  DeviceReadout readout;
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
   /// The first fault found in this tick, with the measured value. If new_fault is set, `found` describes it.
@@ -88,7 +81,7 @@ struct TickResult {
   FaultDetail found;
   /// ForceLaw::retract_distance_m(). While it is positive, `running` cannot begin.
   double retract_distance_m = 0;
-  bool at_rest = false;  ///< the ramp after a fault has ended, so torques are zero
+  bool at_rest = false;  ///< the ramp after a fault has ended, so the force is zero
 };
 
 /// Inputs of a tick from other threads, the clock and the operator.
@@ -101,8 +94,8 @@ struct TickInputs {
   bool recover = false;                  ///< the operator asks for recovery
 };
 
-/// Runs one tick: reads and checks the device, computes and writes torques, and fills `result`.
-void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, ForceLaw& law,
-                 LoopState& state, TickResult& result) noexcept;
+/// Runs one tick: reads and checks the device, computes the wrench, lets the device render it, and fills `result`.
+void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& device,
+                 ForceLaw& law, LoopState& state, TickResult& result) noexcept;
 
 }  // namespace trocar::runtime

@@ -1,64 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// Safety limits of the plate's pose and speed and of the motors. Exceeding
+// Safety limits of the plate's pose and speed, of the energy, and of the time. Exceeding
 // a limit is a named fault, which stops the loop. The haptic thread calls these functions. They have no state
-// of their own.
+// of their own. The limits of a device's own parts are in its implementation of HandDevice.
 //
-// Contract (limits_test.cpp and, in the loop, loop_motors_test.cpp in tests/runtime/control/):
+// Contract (limits_test.cpp in tests/runtime/control/):
 //  1. A check returns kNone within its limit, and its own fault beyond it, with the quantity, its value and the
 //     limit. A value that is not finite is beyond every limit. A limit of nan always trips, and so does a
 //     negative limit of a quantity that cannot be negative.
 //  2. Speeds are smoothed over `speed_window_s`, so that a single encoder count does not appear as a speed.
-//  3. The thermal state of a motor is the i2t model of motor.h. It determines the torque available from the
-//     motor. As the motor warms up, this torque falls smoothly from the peak to the continuous torque. The wrench
-//     is scaled down along its own direction, and no motor exceeds its thermal limit. This is not a fault,
-//     because a force that falls slowly is less surprising than one that vanishes. The fault kMotorOverload is
-//     raised if a thermal limit was exceeded (because torques other than those of item 5 were written). It is
-//     also raised if derated motors have rendered less than `overload_scale_min` of the wanted wrench in every
-//     tick of `overload_time_max_s`.
-//  4. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step from the last
-//     torques is shortened by one factor, so that the change of the wrench keeps its direction. A torque rises by
-//     the growth of its magnitude; if it reverses, by its new magnitude. A fall towards zero, as at a puncture,
-//     is not limited. Exception: if the largest torque of all motors grows, every change counts as a rise.
-//  5. The torques that limit_torques() returns are within every motor's limit. If item 4 leaves more than a
-//     motor's limit, all torques are scaled down by one factor.
 #pragma once
 
 #include <array>
 
-#include "formats/session/device_description.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/control/safety.h"
-#include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/motor.h"
-#include "runtime/mechanism/pose.h"
-#include "runtime/mechanism/singularity.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 
 struct SafetyLimits {
-  double encoder_rate_max_rad_per_s = 60;  ///< rate of any encoder between two ticks
-  double pose_residual_max_m = 0.5e-3;     ///< residual of the pose's fit to the upper chains
-  double theta4_residual_max_rad = 0.01;   ///< |measured theta4 - theta4 of the fitted pose|
-  double inverse_condition_min =
-      0.02;  ///< inverse condition of the Jacobian, with lengths divided by 0.05 m
-  /// Smallest allowed Singularity::nearest_branch_m. It is at least the error that a pose may have
-  /// (pose_residual_max_m), so that a leg cannot change its branch undetected. The smallest value among 100,000
-  /// poses of the stated workspace is 0.749 mm (tests/runtime/control/limits_test.cpp).
-  double branch_distance_min_m = 0.5e-3;
   std::array<double, 3> workspace_min_m{-0.06, -0.06, 0.06};  ///< bounds of the plate's origin
   std::array<double, 3> workspace_max_m{0.06, 0.06, 0.24};
   double plate_tilt_max_rad = 0.6;          ///< angle between the plate's z axis and {B}'s
   double speed_max_m_per_s = 2;             ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 40;  ///< rotation rate of the plate
   double speed_window_s = 0.004;            ///< smoothing time of item 2
-  double torque_max_Nm = 0;  ///< torque of each motor; 0: the torque that its thermal state allows
-  double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 4
-  /// Longest time for which item 4 may shorten steps. A tick whose step is at most half the limit
-  /// resets the time.
-  double torque_rise_time_max_s = 0.02;
-  double overload_scale_min = 0.5;  ///< factor of item 3
-  double overload_time_max_s = 1;   ///< time of item 3
   /// Energy that may be released to the hand within 0.1 s beyond what was stored (energy_limit.h).
   double energy_limit_J = 0.05;
   /// Longest time without data from the device. Until then the loop uses the last device state.
@@ -69,14 +36,11 @@ struct SafetyLimits {
   SafetyTiming timing;
 };
 
-/// State kept between ticks.
-struct LimitState {
+/// The plate's motion, kept between ticks.
+struct SpeedState {
   bool has_pose = false;
   Pose T_device_plate;  ///< pose of the last tick
   Twist twist_device = Twist::Zero();
-  double rise_s = 0;      ///< time for which item 4 has shortened steps
-  MotorLoad load;         ///< thermal state of item 3
-  double overload_s = 0;  ///< time for which too little of the wanted wrench was rendered (item 3)
 };
 
 /// Returns kWorkspace or none.
@@ -85,33 +49,6 @@ FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_pla
 /// Returns kSpeed or none, and stores the pose. `dt_s`: time since the last call. If has_pose is false, the plate
 /// is assumed to be at rest.
 FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
-                        LimitState& state) noexcept;
-
-/// Returns kSingularity or none.
-FaultDetail check_singularity(const SafetyLimits& limits, const Singularity& singularity) noexcept;
-
-/// Updates the thermal state for torques that were held for dt_s. Returns kMotorOverload if a thermal limit is
-/// exceeded (item 3), or none.
-FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
-                       LimitState& state) noexcept;
-
-/// Returns kMotorOverload if a motor's thermal state is above `share_max` times its limit, or none.
-FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
-                             double share_max) noexcept;
-
-/// Call this in a tick of dt_s that renders `scale` times the wanted wrench. Returns kMotorOverload if too little
-/// has been rendered for too long (item 3), or none.
-FaultDetail check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale,
-                           double dt_s, LimitState& state) noexcept;
-
-/// Applies item 4. Returns the torques, and sets `shortened` if they differ from `wanted`.
-MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
-                       bool& shortened) noexcept;
-
-/// Applies items 4 and 5: changes `wanted_Nm` to the torques that may be written. Returns kTorqueLimit,
-/// kTorqueRate, kTorqueNotFinite or none. `limit_Nm` must be positive, for example from available_torque().
-FaultDetail limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
-                          const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
-                          LimitState& state) noexcept;
+                        SpeedState& state) noexcept;
 
 }  // namespace trocar::runtime

@@ -29,7 +29,7 @@
 //     report must be less than that.
 #pragma once
 
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

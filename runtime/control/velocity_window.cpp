@@ -16,21 +16,21 @@ constexpr double kMinBefore = 0.5;
 /// Range of the slopes of lines through an encoder's newest reading that are within a count of all
 /// readings so far.
 struct Slopes {
-  double min_rad_per_s = -std::numeric_limits<double>::infinity();
-  double max_rad_per_s = std::numeric_limits<double>::infinity();
+  double min_per_s = -std::numeric_limits<double>::infinity();
+  double max_per_s = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace
 
-void VelocityWindow::add(const DeviceState& state, const Pose& T_device_plate) noexcept {
-  ring_[static_cast<std::size_t>(next_)] = {state, T_device_plate};
+void VelocityWindow::add(const Measurement& measured, const Pose& T_device_plate) noexcept {
+  ring_[static_cast<std::size_t>(next_)] = {measured, T_device_plate};
   next_ = (next_ + 1) % static_cast<int>(ring_.size());
   count_ = std::min(count_ + 1, static_cast<int>(ring_.size()));
 }
 
-PreviousPose VelocityWindow::begin(double count_rad, double period_s) const noexcept {
-  if (!(count_rad > 0)) return late_begin(period_s, 0);
-  const PreviousPose begin = steady_begin(count_rad);
+PreviousPose VelocityWindow::begin(double resolution, double period_s) const noexcept {
+  if (!(resolution > 0)) return late_begin(period_s, 0);
+  const PreviousPose begin = steady_begin(resolution);
   return begin.ago_s > 0 ? begin : late_begin(period_s, kMinBefore);
 }
 
@@ -55,21 +55,21 @@ PreviousPose VelocityWindow::late_begin(double period_s, double least_before) co
 }
 
 /// Applies items 2 and 3.
-PreviousPose VelocityWindow::steady_begin(double count_rad) const noexcept {
+PreviousPose VelocityWindow::steady_begin(double resolution) const noexcept {
   PreviousPose begin;
-  const double within_rad = count_rad * (1 + 1e-9);  // allows for rounding
-  const DeviceState& now = ago(0).state;
-  std::array<Slopes, kEncoders> slopes;
+  const double within = resolution * (1 + 1e-9);  // allows for rounding
+  const Measurement& now = ago(0).state;
+  std::array<Slopes, kMaxMeasured> slopes;
   for (int n = 1; n < count_; ++n) {
     const Sample& then = ago(n);
     const double ago_s = now.t_s - then.state.t_s;
-    for (std::size_t i = 0; i < kEncoders; ++i) {
-      const double moved_rad = now.encoder_rad[i] - then.state.encoder_rad[i];
-      const double slope = moved_rad / ago_s;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(now.count); ++i) {
+      const double moved = now.value[i] - then.state.value[i];
+      const double slope = moved / ago_s;
       // Negated so that nan ends the window.
-      if (!(slope >= slopes[i].min_rad_per_s && slope <= slopes[i].max_rad_per_s)) return begin;
-      slopes[i].min_rad_per_s = std::max(slopes[i].min_rad_per_s, (moved_rad - within_rad) / ago_s);
-      slopes[i].max_rad_per_s = std::min(slopes[i].max_rad_per_s, (moved_rad + within_rad) / ago_s);
+      if (!(slope >= slopes[i].min_per_s && slope <= slopes[i].max_per_s)) return begin;
+      slopes[i].min_per_s = std::max(slopes[i].min_per_s, (moved - within) / ago_s);
+      slopes[i].max_per_s = std::min(slopes[i].max_per_s, (moved + within) / ago_s);
     }
     if (n > 1) begin = {then.T_device_plate, ago_s};
   }

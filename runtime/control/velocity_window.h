@@ -25,8 +25,8 @@
 
 #include <array>
 
-#include "runtime/device/device.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/hand_device.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 
@@ -36,19 +36,19 @@ inline constexpr int kVelocitySamples = 32;
 /// size. No allocation.
 class VelocityWindow {
  public:
-  void add(const DeviceState& state, const Pose& T_device_plate) noexcept;
+  void add(const Measurement& measured, const Pose& T_device_plate) noexcept;
   void clear() noexcept { count_ = 0; }
   /// Returns the pose and age of the first state of the window that ends at the newest state. In
   /// the case of item 4, returns a pose from which a steady motion to the newest pose has the
-  /// velocity of item 4. Absent: use the pose of the previous state. `count_rad`: angle of one
-  /// encoder count; 0: the encoders are exact. `period_s`: period of the loop.
-  PreviousPose begin(double count_rad, double period_s) const noexcept;
+  /// velocity of item 4. Absent: use the pose of the previous state. `resolution`: of the measured
+  /// values (DeviceSpecification::resolution()). `period_s`: period of the loop.
+  PreviousPose begin(double resolution, double period_s) const noexcept;
 
  private:
   PreviousPose late_begin(double period_s, double least_before) const noexcept;
-  PreviousPose steady_begin(double count_rad) const noexcept;
+  PreviousPose steady_begin(double resolution) const noexcept;
   struct Sample {
-    DeviceState state;
+    Measurement state;
     Pose T_device_plate;
   };
   const Sample& ago(int samples) const noexcept {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and a device. A device is the simulated device in the
-// process, a drive behind UDP, a recording that is replayed, or a device of a test.
-// runtime/session/open_device.h opens a device by its URI.
+// Encoders and motors of the four-legged device: angles come in, torques go out. They are those of the simulated
+// device in the process, of a drive behind UDP, of a recording that is replayed, or of a test.
+// runtime/mechanism/four_legs.h makes a HandDevice of them.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
@@ -10,8 +10,8 @@
 #include <optional>
 
 #include "formats/base/result.h"
-#include "formats/session/device_protocol.h"
 #include "formats/session/device_status.h"
+#include "runtime/device/link_report.h"
 
 namespace trocar::runtime {
 
@@ -26,16 +26,6 @@ struct DeviceState {
 
 struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
-};
-
-/// Counts of the link to a device.
-struct LinkReport {
-  std::uint64_t sessions = 0;
-  LinkCounts packets;
-  /// Number of states that the device sent in these sessions after the first torques, but that were
-  /// lost or overtaken.
-  std::uint64_t states_missed = 0;
-  std::optional<Error> restore_error;  ///< failure of the last attempt to restore the session
 };
 
 /// A session calls start() once, then read(), write() and advance() in each tick, and close() at

@@ -10,7 +10,7 @@
 
 #include "formats/session/device_description.h"
 #include "runtime/device/device.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

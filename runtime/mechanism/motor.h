@@ -13,6 +13,7 @@
 #pragma once
 
 #include "formats/session/device_description.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/mechanism/torque_allocation.h"
 
 namespace trocar::runtime {
@@ -60,13 +61,6 @@ MotorVector available_current(const MotorModel& model, const MotorLoad& load) no
 /// Returns the available current as joint torque, which is the limit for allocate_torques(). For a
 /// cold motor it is exactly peak_Nm.
 MotorVector available_torque(const MotorModel& model, const MotorLoad& load) noexcept;
-
-struct CompensationOptions {
-  bool friction = false;
-  bool gravity = false;  ///< compensate the plate's weight, with the description's gravity
-  double friction_fraction = 0.8;  ///< below 1: an overcompensated device would move by itself
-  double still_rad_per_s = 0.05;   ///< below: Coulomb compensation is proportional to the rate
-};
 
 /// Returns the torques that compensate friction and weight. They are added to the rendered
 /// torques. Weight is not compensated if G lacks full rank; friction is not compensated if a rate

@@ -31,9 +31,9 @@
 
 #include <cstdint>
 
+#include "runtime/device/pose.h"
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/pose.h"
 
 namespace trocar::runtime {
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "formats/base/result.h"
-#include "runtime/session/open_device.h"
+#include "runtime/devices/open_device.h"
 #include "runtime/session/session_options.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's

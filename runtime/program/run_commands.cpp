@@ -15,50 +15,51 @@
 #include "formats/session/procedures.h"
 #include "runtime/checking/new_scene.h"
 #include "runtime/checking/scene_check.h"
+#include "runtime/devices/live_hand.h"
+#include "runtime/devices/open_device.h"
+#include "runtime/devices/replay_device.h"
 #include "runtime/program/session_inputs.h"
 #include "runtime/program/session_messages.h"
 #include "runtime/program/session_outputs.h"
-#include "runtime/session/live_hand.h"
 #include "runtime/session/origin.h"
-#include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
 namespace {
 
-/// Runs the session. `link` receives the report of the device's link, if there is one.
+/// Runs the session. `hand`: the scene's live hand, or null. `link` receives the report of the device's link, if there is one.
 Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& inputs,
-                          Remesher& remesher, SessionOptions& options,
+                          Remesher& remesher, LiveHand* hand, SessionOptions& options,
                           std::optional<LinkReport>& link) {
   if (!inputs.replay.empty()) {
-    ReplayDevice device(inputs.replay);
+    const OpenedDevice replayed =
+        make_four_legs(inputs.description, std::make_unique<ReplayDevice>(inputs.replay));
     return run_session(
-        inputs.scene, inputs.description, remesher, device, [](double) {}, options);
+        inputs.scene, inputs.description, remesher, *replayed.device, [](double) {}, options);
   }
-  Result<std::unique_ptr<Device>> opened =
-      open_device(arguments.device, {.scene = inputs.scene,
-                                     .scene_name = arguments.scene,
-                                     .description = inputs.description,
-                                     .key_file = arguments.key_file,
-                                     .clock = options.clock,
-                                     .rate_Hz = options.rate_Hz,
-                                     .hand = options.live_hand});
+  Result<OpenedDevice> opened = open_device(arguments.device, {.scene = inputs.scene,
+                                                               .scene_name = arguments.scene,
+                                                               .description = inputs.description,
+                                                               .key_file = arguments.key_file,
+                                                               .clock = options.clock,
+                                                               .rate_Hz = options.rate_Hz,
+                                                               .hand = hand});
   if (!opened) return opened.error();
-  Device& device = **opened;
+  HandDevice& device = *opened->device;
   if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
   // Workers are made before start(), because a drive behind a link ends a session in which
   // no tick comes.
   Result<SessionWorkers> workers =
-      make_workers(inputs.scene, inputs.description, remesher, options);
+      make_workers(inputs.scene, inputs.description, device.specification(), remesher, options);
   if (!workers) return workers.error();
   if (Result<void> started = device.start(); !started) return started.error();
   std::optional<Progress> progress;
   if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0)
     options.observers.push_back(&progress.emplace(options.duration_s));
   Result<SessionReport> report = run_session(
-      inputs.scene, inputs.description, remesher, device,
-      [&device](double dt_s) { device.advance(dt_s); }, options, std::move(*workers));
+      inputs.scene, remesher, device, [&device](double dt_s) { device.advance(dt_s); }, options,
+      std::move(*workers));
   progress.reset();
   options.observers.clear();
   device.close();
@@ -206,21 +207,24 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
 
   const Result<std::unique_ptr<LiveHand>> hand = make_live_hand(arguments, *inputs, *options);
   if (!hand) return fail(hand.error());
-  options->live_hand = hand->get();
+  options->hand = hand->get();
+  if (*hand && options->telemetry)
+    options->telemetry->hand = published_hand(inputs->scene.hand, (*hand)->limits());
 
   SessionOutputs outputs(arguments, *inputs, options->rate_Hz);
   outputs.collect(*options);
   Remesher remesher(inputs->sheets);
   inputs->sheets.clear();  // the remesher keeps its own copies
   std::optional<LinkReport> link;
-  const Result<SessionReport> report = run(arguments, *inputs, remesher, *options, link);
+  const Result<SessionReport> report =
+      run(arguments, *inputs, remesher, hand->get(), *options, link);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {
     print_outcome(*report, *options);
     if (!report->realtime.note.empty())
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
   }
-  return conclude(*report, outputs.write(*options, *report, remesher, link), remesher);
+  return conclude(*report, outputs.write(*options, *report, remesher, hand->get(), link), remesher);
 }
 
 int explain_procedures(const RunArguments& arguments) {

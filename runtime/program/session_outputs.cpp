@@ -8,11 +8,10 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "runtime/devices/pose_margins.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/reporting/material_section.h"
 #include "runtime/reporting/summary.h"
-#include "runtime/session/live_hand.h"
-#include "runtime/session/pose_margins.h"
-#include "runtime/session/simulated_hand.h"
 
 namespace trocar::runtime {
 namespace {
@@ -133,7 +132,7 @@ ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOp
 }
 
 std::vector<Error> SessionOutputs::write(const SessionOptions& options, const SessionReport& report,
-                                         const Remesher& remesher,
+                                         const Remesher& remesher, const LiveHand* hand,
                                          const std::optional<LinkReport>& link) {
   std::vector<Error> errors;
   const auto keep_error = [&](const Result<void>& done) {
@@ -150,9 +149,8 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
     keep_error(write_file_atomically(arguments_.meshes, text));
   }
   if (!arguments_.frames.empty()) keep_error(frames_.finish());
-  if (!arguments_.hand_path.empty() && options.live_hand != nullptr) {
-    const std::string text =
-        describe_hand(inputs_.scene.hand, options.live_hand->path().keyframes());
+  if (!arguments_.hand_path.empty() && hand != nullptr) {
+    const std::string text = describe_hand(inputs_.scene.hand, hand->path().keyframes());
     keep_error(write_file_atomically(arguments_.hand_path, text + "\n"));
   }
   if (!arguments_.session_report.empty()) {

@@ -8,7 +8,8 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "runtime/device/device.h"
+#include "runtime/device/link_report.h"
+#include "runtime/devices/live_hand.h"
 #include "runtime/program/run_arguments.h"
 #include "runtime/program/session_inputs.h"
 #include "runtime/reporting/session_observer.h"
@@ -29,9 +30,11 @@ class SessionOutputs {
 
   /// Sets the functions that collect frames and figures during the session.
   void collect(SessionOptions& options);
-  /// Writes every output, even if another one could not be written. Returns the errors.
+  /// Writes every output, even if another one could not be written. `hand`: a live hand, or null. Returns the
+  /// errors.
   std::vector<Error> write(const SessionOptions& options, const SessionReport& report,
-                           const Remesher& remesher, const std::optional<LinkReport>& link);
+                           const Remesher& remesher, const LiveHand* hand,
+                           const std::optional<LinkReport>& link);
 
  private:
   ReportFacts facts(const SessionFigures& figures, const SessionOptions& options,

@@ -19,12 +19,12 @@
 #include "formats/base/json_text.h"
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_socket.h"
 #include "runtime/program/library_versions.h"
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "runtime/simulation/drive.h"
 #include "runtime/simulation/drive_record.h"
 

@@ -25,13 +25,12 @@ TelemetryEnd published_end(SessionEnd end) {
 
 }  // namespace
 
-SessionReport run_session(const Scene& scene, const DeviceDescription& description,
-                          Remesher& remesher, Device& device,
+SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers) {
   const auto clock = make_clock(options, remesher, workers.law->prefetch_worker());
-  const auto loop = std::make_unique<SessionLoop>(scene, description, remesher, device, advance,
-                                                  options, workers, *clock);
+  const auto loop =
+      std::make_unique<SessionLoop>(scene, remesher, device, advance, options, workers, *clock);
   const std::uint64_t allocations_before = allocations_in_scopes();
   RealtimeReport realtime = clock->run(*loop);
   SessionReport report = loop->finish();
@@ -53,12 +52,13 @@ SessionReport run_session(const Scene& scene, const DeviceDescription& descripti
 }
 
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
-                                  Remesher& remesher, Device& device,
+                                  Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options) {
-  Result<SessionWorkers> workers = make_workers(scene, description, remesher, options);
+  Result<SessionWorkers> workers =
+      make_workers(scene, description, device.specification(), remesher, options);
   if (!workers) return workers.error();
-  return run_session(scene, description, remesher, device, advance, options, std::move(*workers));
+  return run_session(scene, remesher, device, advance, options, std::move(*workers));
 }
 
 }  // namespace trocar::runtime

@@ -9,7 +9,7 @@
 #include "formats/base/result.h"
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
-#include "runtime/device/device.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/session/session_options.h"
 #include "runtime/session/session_statistics.h"
 #include "runtime/session/session_workers.h"
@@ -20,15 +20,14 @@ namespace trocar::runtime {
 /// Runs a session. `advance(dt_s)` is called after each tick on the same thread, to advance a
 /// simulated device. At the end zero torques are written first; then the other threads end.
 /// `workers`: result of make_workers() with the same arguments.
-SessionReport run_session(const Scene& scene, const DeviceDescription& description,
-                          Remesher& remesher, Device& device,
+SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers);
 
-/// Like the function above, but creates the workers itself. Errors: those of make_workers(). It is
+/// Like the function above, but creates the workers itself; `description` is for them. Errors: those of make_workers(). It is
 /// not suitable for a drive behind a link, which would end a session whose first tick comes late.
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
-                                  Remesher& remesher, Device& device,
+                                  Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options);
 

@@ -9,10 +9,8 @@
 namespace trocar::runtime {
 namespace {
 
-LoopModel make_loop_model(const Scene& scene, const DeviceDescription& description,
-                          const SessionOptions& options) {
+LoopModel make_loop_model(const Scene& scene, const SessionOptions& options) {
   LoopModel model;
-  model.device = description;
   model.tool = make_tool(scene.tool);
   model.limits = options.limits;
   model.passivity = options.passivity;
@@ -23,11 +21,10 @@ LoopModel make_loop_model(const Scene& scene, const DeviceDescription& descripti
 
 }  // namespace
 
-SessionLoop::SessionLoop(const Scene& scene, const DeviceDescription& description,
-                         Remesher& remesher, Device& device,
+SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
                          const std::function<void(double)>& advance, const SessionOptions& options,
                          const SessionWorkers& workers, SessionClock& clock)
-    : model_(make_loop_model(scene, description, options)),
+    : model_(make_loop_model(scene, options)),
       remesher_(remesher),
       device_(device),
       law_(*workers.law),
@@ -79,9 +76,9 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
 }
 
 void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
-  if (options_.live_hand == nullptr) return;
+  if (options_.hand == nullptr) return;
   publisher_->read_hand(hand_);
-  if (const auto change = options_.live_hand->receive(hand_, now_ns))
+  if (const auto change = options_.hand->receive(hand_, now_ns))
     publisher_->push_event(*change, result_.row.t_s);
 }
 
@@ -97,13 +94,14 @@ bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
     publisher_->push_event(is_paused_ ? TelemetryEventKind::kPaused : TelemetryEventKind::kResumed,
                            result_.row.t_s);
   if (!is_paused_) {
-    if (was_paused && options_.live_hand != nullptr) options_.live_hand->restart_at_tip();
+    if (was_paused && options_.hand != nullptr) options_.hand->restart_at_tip();
     return false;
   }
   if (!is_replay && !device_.is_paced_by_loop()) {
-    DeviceState ignored = state_.device;
-    device_.read(ignored);
-    device_.write(DeviceCommand{});
+    double ignored_t_s = 0;
+    device_.read(ignored_t_s);
+    device_.use_last_reading();
+    device_.write_zero();
   }
   publisher_->on_paused_period(now_ns);
   return true;

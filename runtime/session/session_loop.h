@@ -7,10 +7,9 @@
 #include <functional>
 #include <vector>
 
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/control/haptic_loop.h"
-#include "runtime/device/device.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/session/operator_commands.h"
 #include "runtime/session/session_clock.h"
 #include "runtime/session/session_options.h"
@@ -24,16 +23,16 @@ namespace trocar::runtime {
 class SessionLoop {
  public:
   /// All references must outlive the loop.
-  SessionLoop(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
-              Device& device, const std::function<void(double dt_s)>& advance,
-              const SessionOptions& options, const SessionWorkers& workers, SessionClock& clock);
+  SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
+              const std::function<void(double dt_s)>& advance, const SessionOptions& options,
+              const SessionWorkers& workers, SessionClock& clock);
 
   // The haptic thread calls these functions.
 
   /// Runs one tick, or one period without a tick while the session is paused. Returns false if the
   /// session is over.
   bool tick(const TickTiming& timing) noexcept;
-  void write_zero_torques() noexcept { device_.write(DeviceCommand{}); }
+  void write_zero_torques() noexcept { device_.write_zero(); }
 
   // In virtual time, the thread that calls tick() may call these functions after it.
 
@@ -64,7 +63,7 @@ class SessionLoop {
   LoopState state_;
   TickResult result_;
   Remesher& remesher_;
-  Device& device_;
+  HandDevice& device_;
   ForceLaw& law_;
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;

@@ -15,7 +15,7 @@
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/control/haptic_loop.h"
-#include "runtime/session/live_hand.h"
+#include "runtime/session/hand_receiver.h"
 #include "runtime/telemetry/frame_display.h"
 #include "runtime/telemetry/session_facts.h"
 #include "runtime/telemetry/tick_feed.h"
@@ -69,8 +69,8 @@ struct SessionOptions {
   /// If set, the session is published in memory that other processes read, and their commands
   /// are taken (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
-  /// The hand that commands from `telemetry` move; null: none. It must outlive the session.
-  LiveHand* live_hand = nullptr;
+  /// Takes what `telemetry` says of a live hand; null: there is none. It must outlive the session.
+  HandReceiver* hand = nullptr;
   /// Called at the frame rate, never on the realtime haptic thread.
   FrameFunction on_frame;
   double frame_rate_Hz = 30;

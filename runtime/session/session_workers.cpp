@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "runtime/force_law/force_law_table.h"
-#include "runtime/session/simulated_hand.h"
 
 namespace trocar::runtime {
 namespace {
@@ -14,32 +13,14 @@ std::string clock_name(const SessionOptions& options) {
   return options.clock == Clock::kReal ? "real" : "virtual";
 }
 
-Result<std::unique_ptr<ForceLaw>> make_law(const Scene& scene, const DeviceDescription& description,
+Result<std::unique_ptr<ForceLaw>> make_law(const Scene& scene, const DeviceSpecification& device,
                                            const Remesher& remesher,
                                            const SessionOptions& options) {
   std::vector<const Sheet*> sheets;
   for (std::size_t i = 0; i < remesher.size(); ++i)
     sheets.push_back(&remesher.first_version(i));
   return make_force_law(
-      {scene, description, sheets, options.rate_Hz, options.coupling, options.stiffness});
-}
-
-std::optional<PublishedHand> published_hand(const Scene& scene, const LiveHand* hand) {
-  if (hand == nullptr) return std::nullopt;
-  const LiveHandLimits& limits = hand->limits();
-  const HandImpedance impedance = hand_impedance(scene.hand);
-  const auto numbers = [](const Eigen::Vector3d& v) {
-    return std::array<double, 3>{v.x(), v.y(), v.z()};
-  };
-  return PublishedHand{.min_m = numbers(limits.min_m),
-                       .max_m = numbers(limits.max_m),
-                       .start_tip_m = numbers(limits.T_device_tool_start.p_m),
-                       .start_rotation_rad = numbers(rotation_vector(limits.T_device_tool_start.q)),
-                       .stiffness_N_per_m = impedance.stiffness_N_per_m,
-                       .rotation_stiffness_Nm_per_rad = impedance.rotational_stiffness_Nm_per_rad,
-                       .speed_max_m_per_s = limits.speed_max_m_per_s,
-                       .rotation_rate_max_rad_per_s = limits.rotation_rate_max_rad_per_s,
-                       .turn_max_rad = limits.turn_max_rad};
+      {scene, device, sheets, options.rate_Hz, options.coupling, options.stiffness});
 }
 
 }  // namespace
@@ -55,7 +36,8 @@ std::vector<TickObserver*> SessionWorkers::observers() const {
 }
 
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription& description,
-                                    const Remesher& remesher, const SessionOptions& options) {
+                                    const DeviceSpecification& device, const Remesher& remesher,
+                                    const SessionOptions& options) {
   SessionWorkers workers;
   if (options.record) {
     Result<RecordingWriter> writer = RecordingWriter::open(*options.record, options.origin);
@@ -67,7 +49,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription&
     if (!made) return made.error();
     workers.black_box = std::move(*made);
   }
-  auto law = make_law(scene, description, remesher, options);
+  auto law = make_law(scene, device, remesher, options);
   if (!law) return law.error();
   workers.law = std::move(*law);
   const PrefetchWorker* const prefetch = workers.law->prefetch_worker();
@@ -83,8 +65,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription&
                                         .duration_s = options.duration_s,
                                         .clock = clock_name(options),
                                         .record = options.record,
-                                        .limits = options.limits,
-                                        .hand = published_hand(scene, options.live_hand)});
+                                        .limits = options.limits});
     if (!made) return made.error();
     workers.publisher = std::move(*made);
   }

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

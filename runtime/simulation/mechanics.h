@@ -15,9 +15,9 @@
 #include <cstdint>
 
 #include "formats/session/device_description.h"
+#include "runtime/device/pose.h"
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/pose.h"
 
 namespace trocar::runtime {
 

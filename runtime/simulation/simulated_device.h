@@ -13,8 +13,8 @@
 #include "formats/base/result.h"
 #include "formats/session/device_description.h"
 #include "runtime/device/device.h"
+#include "runtime/device/pose.h"
 #include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/pose.h"
 #include "runtime/simulation/hand.h"
 #include "runtime/simulation/mechanics.h"
 

@@ -105,7 +105,7 @@ std::string session_facts(const Scene& scene, const DeviceDescription& descripti
       {"recovery", options.recovery},
       {"record", session.record ? json(session.record->string()) : json(nullptr)},
       {"tool", describe_tool(scene.tool)},
-      {"hand", describe_hand(session.hand)},
+      {"hand", describe_hand(options.hand)},
       {"sheets", describe_sheets(remesher, options)},
       {"layers", json::array()},
       {"columns", json::array()},

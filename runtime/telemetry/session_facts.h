@@ -17,18 +17,19 @@
 
 namespace trocar::runtime {
 
-/// Facts that only the program knows.
-struct TelemetryOptions {
-  std::filesystem::path file;  ///< name of the link to the shared memory
-  std::string scene_file, device, recovery;
-  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost first; empty: no name
-};
-
 /// A live hand: limits and start of its target in {B}, and the stiffness of its springs.
 struct PublishedHand {
   std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
   double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;
   double speed_max_m_per_s = 0, rotation_rate_max_rad_per_s = 0, turn_max_rad = 0;
+};
+
+/// Facts that only the program knows.
+struct TelemetryOptions {
+  std::filesystem::path file;  ///< name of the link to the shared memory
+  std::string scene_file, device, recovery;
+  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost first; empty: no name
+  std::optional<PublishedHand> hand = {};    ///< none: the session has no live hand
 };
 
 /// Facts that come from the options of the session.
@@ -37,7 +38,6 @@ struct PublishedSession {
   std::string clock;  ///< "real", "virtual" or "replay"
   std::optional<std::filesystem::path> record;
   SafetyLimits limits;
-  std::optional<PublishedHand> hand;
 };
 
 std::string session_facts(const Scene& scene, const DeviceDescription& description,

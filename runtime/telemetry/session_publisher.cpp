@@ -15,15 +15,13 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
     const PublishedSession& session) {
   std::unique_ptr<SessionPublisher> made(new SessionPublisher);
   made->prefetch_ = prefetch;
-  made->description_ = description;
-  made->motor_ = make_motor_model(description);
   made->tool_ = make_tool(scene.tool);
   made->values_.resize(snapshot_size());
   TelemetrySizes sizes;
   sizes.about = session_facts(scene, description, remesher, options, session);
   sizes.columns = snapshot_size();
   sizes.has_shape = prefetch != nullptr;
-  sizes.has_hand = session.hand.has_value();
+  sizes.has_hand = options.hand.has_value();
   for (std::size_t i = 0; i < remesher.size(); ++i) {
     const Sheet& sheet = remesher.first_version(i);
     const FirstSheet& first = made->first_.emplace_back(sheet);
@@ -99,8 +97,7 @@ void SessionPublisher::on_tick(const TickView& view) noexcept {
   const ContactOutput& contact = view.result.contact;
   tick_.row = view.result.row;
   tick_.taken_ns = view.start_ns;
-  const auto& load_A2s = view.state.limits.load.excess_A2s;
-  std::copy(load_A2s.data(), load_A2s.data() + kMotors, tick_.motor_load_A2s.begin());
+  tick_.readout = view.result.readout;
   tick_.active_sheet = contact.active_sheet;
   tick_.force_N = contact.force_N;
   tick_.ticks = view.state.tick;
@@ -151,9 +148,7 @@ void SessionPublisher::publish_shape() {
 }
 
 void SessionPublisher::write(const TelemetryTick& tick) {
-  snapshot_values(
-      {tick, description_, motor_, tool_, tick_times_, wake_times_, writer_->last_event()},
-      values_);
+  snapshot_values({tick, tool_, tick_times_, wake_times_, writer_->last_event()}, values_);
   writer_->snapshot(values_);
 }
 

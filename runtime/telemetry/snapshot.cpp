@@ -7,18 +7,6 @@
 namespace trocar::runtime {
 namespace {
 
-/// Returns the smallest distance of any encoder angle from a joint limit; negative
-/// beyond the limit.
-double joint_margin_rad(const DeviceDescription& device,
-                        const std::array<double, kEncoders>& encoder_rad) {
-  double margin = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < encoder_rad.size(); ++i) {
-    const JointLimit& limit = device.joint_limit.at(i % 4);
-    margin = std::min({margin, encoder_rad[i] - limit.min_rad, limit.max_rad - encoder_rad[i]});
-  }
-  return margin;
-}
-
 struct Column {
   const char* name;
   std::size_t count;
@@ -45,12 +33,6 @@ Eigen::Vector3d axis_of(const SnapshotSource& s) {
   return Eigen::Quaterniond(q[0], q[1], q[2], q[3]) * -s.tool.axis_plate;
 }
 
-MotorVector torque_limit_Nm(const SnapshotSource& s) {
-  MotorLoad load;
-  std::copy(s.tick.motor_load_A2s.begin(), s.tick.motor_load_A2s.end(), load.excess_A2s.data());
-  return available_torque(s.motor, load);
-}
-
 std::array<double, kMaxSceneSlices> bits_of(std::uint64_t bits) {
   std::array<double, kMaxSceneSlices> values;
   for (unsigned i = 0; i < kMaxSceneSlices; ++i)
@@ -75,11 +57,10 @@ constexpr Column kColumns[] = {
     many("axis", 3, [](const S& s) { return axis_of(s); }),
     many("wrench_wanted", 6, [](const S& s) { return s.tick.row.wrench_wanted; }),
     many("wrench_delivered", 6, [](const S& s) { return s.tick.row.wrench_delivered; }),
-    many("tau_Nm", kMotors, [](const S& s) { return s.tick.row.tau_Nm; }),
-    many("tau_limit_Nm", kMotors, [](const S& s) { return torque_limit_Nm(s); }),
-    many("motor_angle_rad", kEncoders, [](const S& s) { return s.tick.row.encoder_rad; }),
-    one("joint_margin",
-        [](const S& s) { return joint_margin_rad(s.device, s.tick.row.encoder_rad); }),
+    many("tau_Nm", kMaxCommanded, [](const S& s) { return s.tick.row.tau_Nm; }),
+    many("tau_limit_Nm", kMaxCommanded, [](const S& s) { return s.tick.readout.command_limit; }),
+    many("motor_angle_rad", kMaxMeasured, [](const S& s) { return s.tick.row.encoder_rad; }),
+    one("joint_margin", [](const S& s) { return s.tick.readout.margin; }),
     one("phase", [](const S& s) { return s.tick.row.phase; }),
     one("active_slice", [](const S& s) { return s.tick.row.active_slice; }),
     one("active_sheet", [](const S& s) { return s.tick.active_sheet; }),

@@ -10,12 +10,11 @@
 #include <utility>
 #include <vector>
 
-#include "formats/session/device_description.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "formats/session/telemetry.h"
 #include "runtime/contact/tool.h"
-#include "runtime/mechanism/motor.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/telemetry/telemetry_histogram.h"
 
 namespace trocar::runtime {
@@ -24,7 +23,7 @@ namespace trocar::runtime {
 struct TelemetryTick {
   RecordingRow row;
   std::int64_t taken_ns = 0;  ///< time on CLOCK_MONOTONIC
-  std::array<double, kMotors> motor_load_A2s{};
+  DeviceReadout readout;
   std::int32_t active_sheet = -1;
   double force_N = 0;
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
@@ -38,8 +37,6 @@ static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);
 /// Everything from which the columns are computed.
 struct SnapshotSource {
   const TelemetryTick& tick;
-  const DeviceDescription& device;
-  const MotorModel& motor;
   const Tool& tool;
   const TelemetryHistogram& tick_times;
   const TelemetryHistogram& wake_times;

@@ -19,7 +19,7 @@ FOLDERS_IN_ORDER = (
     "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/device", "runtime/mechanism", "runtime/contact",
     "runtime/bone_cutting/law", "runtime/bone_cutting/material", "runtime/bone_cutting/contact", "runtime/calibration", "runtime/deformation",
     "runtime/link", "runtime/simulation", "runtime/realtime", "runtime/force_law", "runtime/workers", "runtime/control", "runtime/telemetry",
-    "runtime/session", "runtime/checking", "runtime/reporting", "runtime/console", "runtime/program",
+    "runtime/session", "runtime/devices", "runtime/checking", "runtime/reporting", "runtime/console", "runtime/program",
 )
 PRODUCT = ("formats", "pipeline", "runtime")
 OURS = PRODUCT + ("sample_ct", "tests")

@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "runtime/device/pose.h"
 #include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/pose.h"
 #include "tests/cases/stress_case.h"
 
 namespace trocar::test {

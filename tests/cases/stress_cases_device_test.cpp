@@ -14,6 +14,7 @@
 #include "formats/session/device_protocol.h"
 #include "formats/session/scene.h"
 #include "runtime/control/haptic_loop.h"
+#include "runtime/mechanism/four_legs.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/mechanism/singularity.h"
 #include "runtime/simulation/hand.h"
@@ -114,7 +115,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
           expected)
           << i;
       EXPECT_EQ(check_workspace({}, corrupted), Fault::kWorkspace) << i;
-      LimitState state;
+      SpeedState state;
       check_speed({}, T, 1e-3, state);
       EXPECT_EQ(check_speed({}, corrupted, 1e-3, state), Fault::kSpeed) << i;
     }
@@ -353,12 +354,11 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
 
   LoopModel loop_model(DeviceFields& asked) {
     LoopModel model;
-    model.device = device_;
     model.tool = make_tool(test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015).tool);
     model.limits.gap_max_s = 0.1;
     uses_network_ = asked.text("law", "hooke") == "network";
     DeviceFields set(asked.object("limits"), "/limits", errors_);
-    for (const auto& [name, value] : test::limits_by_name(model.limits))
+    for (const auto& [name, value] : test::limits_by_name(model.limits, mechanism_))
       *value = set.number(name, *value);
     set.finish();
     return model;
@@ -389,6 +389,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
   };
 
   bool uses_network_ = false;
+  MechanismLimits mechanism_;
   static constexpr int kWrong = 150, kAsked = 170, kLoweredAgain = 900;
 
   // Down by 0.02 mm per tick from 1 mm above the sheet to 1 mm deep.
@@ -413,6 +414,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
     SheetLaw law = uses_network_ ? test::network_law(model) : test::hooke_law(model);
     LoopState state;
     SetDevice device;
+    FourLegs four_legs(device_, device, mechanism_);
     TickResult result;
     Fault found = Fault::kNone;
     int since = -1;
@@ -429,7 +431,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
       const bool silent = tick >= kWrong && tick < kWrong + corrupted.silent_ticks;
       device.answer = silent ? DeviceStatus::kNoData : DeviceStatus::kOk;
       if (tick == kWrong && corrupted.motor_heat >= 0) {
-        state.limits.load = load_of(make_motor_model(device_), corrupted.motor_heat);
+        four_legs.motors().load = load_of(make_motor_model(device_), corrupted.motor_heat);
       }
       if (wrong && corrupted.encoder >= 0) {
         double& angle = device.now.encoder_rad[static_cast<std::size_t>(corrupted.encoder)];
@@ -444,7 +446,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
           inputs.prefetched = {0, corrupted.stiffness, {corrupted.offset_m, corrupted.offset_y_m}};
       }
       inputs.recover = corrupted.recover && tick == kAsked;
-      haptic_tick(model, inputs, device, law, state, result);
+      haptic_tick(model, inputs, four_legs, law, state, result);
       for (const double tau : device.written.tau_motor_Nm) {
         ASSERT_TRUE(std::isfinite(tau)) << "tick " << tick;
         ASSERT_LE(std::abs(tau), device_.motor_peak_torque_Nm) << "tick " << tick;

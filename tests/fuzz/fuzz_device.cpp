@@ -14,6 +14,7 @@
 #include "formats/session/device_protocol.h"
 #include "formats/session/scene.h"
 #include "runtime/control/haptic_loop.h"
+#include "runtime/mechanism/four_legs.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/mechanism/singularity.h"
 #include "runtime/simulation/simulated_device.h"
@@ -206,27 +207,32 @@ struct CorruptedTick {
   bool silent = false;
 };
 
+struct LoopLimits {
+  SafetyLimits safety;
+  MechanismLimits mechanism;
+};
+
 /// Values of `encoder` beyond the last encoder: `angle` goes to another input.
 constexpr int kCorruptsTime = kEncoders, kCorruptsOffsetY = kEncoders + 1,
               kIsSilent = kEncoders + 2;
 
-void check_loop(const std::vector<CorruptedTick>& ticks, SafetyLimits limits) {
+void check_loop(const std::vector<CorruptedTick>& ticks, const LoopLimits& limits) {
   static const Scene scene = test::descent_scene({0.15}, 0.16, 0.14, 0.015);
   static const auto sheets = place_slices(scene, test::square_asset(1), "fuzz");
   LoopModel model;
-  model.device = paper_device();
   model.tool = make_tool(scene.tool);
-  model.limits = limits;
+  model.limits = limits.safety;
   const Sheet* const current[] = {(*sheets)[0].get()};
   SheetLaw law = test::network_law(model);
   LoopState state;
   SetDevice device;
+  FourLegs four_legs(paper_device(), device, limits.mechanism);
   TickResult result;
   int since = -1;
   for (int tick = 0; tick < kMaxLoopTicks; ++tick) {
     Pose T;  // 0.1 mm deeper per tick, then at rest
     T.p_m.z() = 0.15 + 1e-3 - 1e-4 * std::min(tick, 20) - model.tool.tip_plate_m.z();
-    const InverseResult inverse = inverse_kinematics(model.device, T);
+    const InverseResult inverse = inverse_kinematics(paper_device(), T);
     device.now = {tick * 1e-3, encoder_angles(inverse.joints)};
     TickInputs inputs;
     inputs.sheets = current;
@@ -244,10 +250,10 @@ void check_loop(const std::vector<CorruptedTick>& ticks, SafetyLimits limits) {
       device.now.t_s += s.device_t_s;
       if (s.silent) device.answer = DeviceStatus::kNoData;
     }
-    haptic_tick(model, inputs, device, law, state, result);
+    haptic_tick(model, inputs, four_legs, law, state, result);
     for (const double tau : device.written.tau_motor_Nm) {
       if (!std::isfinite(tau)) fail("loop: a torque that is not finite");
-      if (!(std::abs(tau) <= model.device.motor_peak_torque_Nm)) fail("loop: beyond the peak");
+      if (!(std::abs(tau) <= paper_device().motor_peak_torque_Nm)) fail("loop: beyond the peak");
     }
     if (result.row.safety == SafetyState::kFault) ++since;
     for (const double tau : device.written.tau_motor_Nm) {
@@ -331,9 +337,9 @@ Vector vector_of(fuzz::Bytes& bytes) {
   return out;
 }
 
-SafetyLimits limits_of(fuzz::Bytes& bytes) {
-  SafetyLimits l;
-  const auto all = test::limits_by_name(l);
+LoopLimits limits_of(fuzz::Bytes& bytes) {
+  LoopLimits l;
+  const auto all = test::limits_by_name(l.safety, l.mechanism);
   for (int n = bytes.below(4); n > 0; --n) {
     const auto which = static_cast<std::size_t>(bytes.below(static_cast<int>(all.size())));
     *all[which].second = bytes.real();
@@ -389,7 +395,7 @@ void check_bytes(fuzz::Bytes bytes) {
       return check_allocation(Jacobian::Constant(number), Wrench::Ones(), MotorVector::Ones());
     }
     default: {
-      const SafetyLimits limits = limits_of(bytes);
+      const LoopLimits limits = limits_of(bytes);
       std::vector<CorruptedTick> ticks;
       while (!bytes.empty() && ticks.size() < kMaxSteps) {
         CorruptedTick tick;
@@ -452,9 +458,9 @@ void check_case(const nlohmann::json& json) {
   tick.offset_y_m = asked.number("response_offset_y_m", 0);
   tick.device_t_s = asked.number("device_t_s", 0);
   tick.silent = asked.number("silent_ticks", 0) > 0;
-  SafetyLimits set;
+  LoopLimits set;
   test::DeviceFields named(asked.object("limits"), "/limits", errors);
-  for (const auto& [name, value] : test::limits_by_name(set))
+  for (const auto& [name, value] : test::limits_by_name(set.safety, set.mechanism))
     *value = named.number(name, *value);
   check_loop({tick, tick, tick}, set);
 }

@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "runtime/control/haptic_loop.h"
+#include "runtime/mechanism/four_legs.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 
@@ -82,6 +83,8 @@ struct Setting {
   std::vector<double> height_m;
   Hand hand;
   LoopModel model;
+  DeviceDescription device;
+  MechanismLimits mechanism;
   CouplingOptions coupling;
   double lost_share = 0;  ///< fraction of the reads that are lost
   bool recovers = false;
@@ -121,7 +124,7 @@ void draw_loop(Draw& draw, Setting& setting) {
   model.passivity.on = !draw.one_in(setting.demand == Demand::kHard ? 2 : 6);
   setting.coupling.on = draw.one_in(5);
   setting.coupling.stiffness_N_per_m = draw.decades(1000, 30'000);
-  model.limits.torque_rise_max_Nm_per_s = draw.decades(200, 5000);
+  setting.mechanism.torque_rise_max_Nm_per_s = draw.decades(200, 5000);
   model.limits.timing = {0.004, 0.005, 0.03};
   setting.lost_share = draw.one_in(6) ? draw.within(0, 0.3) : 0;
   setting.recovers = draw.one_in(8);
@@ -143,6 +146,7 @@ Setting draw_setting(std::uint64_t seed, const LoopModel& base) {
   }
   out.hand = draw_hand(draw, out.demand);
   out.model = base;
+  out.device = default_device_description();
   out.model.rate_Hz = out.rate_Hz;
   if (!tame) draw_loop(draw, out);
   return out;
@@ -159,7 +163,7 @@ class MassDevice final : public Device {
     if (draw_.unit() < setting_.lost_share) return DeviceStatus::kNoData;
     Pose pose;
     pose.p_m = p_m;
-    const InverseResult inverse = inverse_kinematics(setting_.model.device, pose);
+    const InverseResult inverse = inverse_kinematics(setting_.device, pose);
     if (!inverse.status) return DeviceStatus::kNoData;
     state.t_s = t_s;
     state.encoder_rad = encoder_angles(inverse.joints);
@@ -167,7 +171,7 @@ class MassDevice final : public Device {
   }
   DeviceStatus write(const DeviceCommand&) noexcept override { return DeviceStatus::kOk; }
   void step(const Eigen::Vector3d& motors_N, double dt_s) {
-    const double mass_kg = setting_.hand.mass_kg + setting_.model.device.plate_mass_kg;
+    const double mass_kg = setting_.hand.mass_kg + setting_.device.plate_mass_kg;
     const int n = std::max(1, static_cast<int>(std::ceil(dt_s / 1e-4)));
     const double h_s = dt_s / n;
     for (int i = 0; i < n; ++i) {
@@ -257,20 +261,21 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
     sheets.push_back(&pool[i]);
   }
   MassDevice device(setting, draw);
+  FourLegs four_legs(setting.device, device, setting.mechanism);
   SheetLaw law = test::hooke_law(setting.model, setting.coupling);
   LoopState state;
   TickResult result;
   Window window(setting.rate_Hz);
   Outcome out;
   const double dt_s = 1 / setting.rate_Hz;
-  const double rise_max_Nm = setting.model.limits.torque_rise_max_Nm_per_s * dt_s;
+  const double rise_max_Nm = setting.mechanism.torque_rise_max_Nm_per_s * dt_s;
   std::array<double, kMotors> last_Nm{};
   double work_J = 0, exceeded_at_s = -1;
   while (device.t_s < setting.duration_s) {
     TickInputs inputs;
     inputs.sheets = sheets;
     inputs.recover = setting.recovers;
-    haptic_tick(setting.model, inputs, device, law, state, result);
+    haptic_tick(setting.model, inputs, four_legs, law, state, result);
     ++out.ticks;
     for (std::size_t i = 0; i < last_Nm.size(); ++i)
       out.rise_max =
@@ -312,7 +317,6 @@ TEST(RandomSessions, ArePassiveWithinTheBudgetOrStoppedAndNeverStepTooFar) {
   for (const auto& sheet : *placed)
     pool.push_back(*sheet);
   LoopModel base;
-  base.device = default_device_description();
   base.tool = make_tool(scene.tool);
 
   std::map<std::string, int> ended;

@@ -7,7 +7,7 @@
 #include <numbers>
 #include <random>
 
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime::testing_support {
 

@@ -6,11 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "runtime/control/haptic_loop.h"
+#include "runtime/devices/simulated_hand.h"
+#include "runtime/mechanism/four_legs.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "runtime/simulation/simulated_device.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
@@ -60,23 +62,24 @@ class Rig {
     current_ = {sheets_[0].get()};
     device_ = std::make_unique<runtime::SimulatedDevice>(
         std::move(*runtime::make_simulated_device(scene, description_)));
-    model_.device = description_;
+    runtime::MechanismLimits limits;
+    limits.encoder_rate_max_rad_per_s = 1e6;
+    limits.torque_rise_time_max_s = 1e6;
+    limits.torque_rise_max_Nm_per_s = 1e9;
+    four_legs_.emplace(description_, *device_, limits);
     model_.tool = runtime::make_tool(scene.tool);
     model_.rate_Hz = options.rate_Hz;
     model_.passivity.on = options.passivity;
     law_ = hooke_law(model_, options.coupling);
     // Limits are off: these tests are about the loop's stability.
     model_.limits.speed_max_m_per_s = model_.limits.rotation_rate_max_rad_per_s = 1e6;
-    model_.limits.encoder_rate_max_rad_per_s = 1e6;
-    model_.limits.torque_rise_time_max_s = 1e6;
-    model_.limits.torque_rise_max_Nm_per_s = 1e9;
     model_.limits.energy_limit_J = 1e9;
   }
 
   const runtime::TickResult& tick() {
     runtime::TickInputs inputs;
     inputs.sheets = current_;
-    runtime::haptic_tick(model_, inputs, *device_, law_, state_, result_);
+    runtime::haptic_tick(model_, inputs, *four_legs_, law_, state_, result_);
     device_->step(1 / options_.rate_Hz);
     return result_;
   }
@@ -95,7 +98,8 @@ class Rig {
   }
   /// Damping of the device along z at its present pose, by joint friction only, in N s/m.
   double damping() const {
-    return description_.joint_viscous_friction_Nms_per_rad * state_.G.col(2).squaredNorm();
+    return description_.joint_viscous_friction_Nms_per_rad *
+           four_legs_->motor_jacobian().col(2).squaredNorm();
   }
 
   runtime::LoopModel model_;
@@ -103,6 +107,7 @@ class Rig {
   runtime::LoopState state_;
   runtime::TickResult result_;
   std::unique_ptr<runtime::SimulatedDevice> device_;
+  std::optional<runtime::FourLegs> four_legs_;
   double largest_N_ = 0, damping_max_ = 0;
 
  private:

@@ -3,13 +3,10 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <limits>
-
-#include "runtime/mechanism/jacobian.h"
-#include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/torque_allocation.h"
 
 namespace trocar::runtime {
 namespace {
@@ -22,8 +19,7 @@ struct Stiffness {
   double translation_N_per_m = 0, rotation_Nm_per_rad = 0;
 };
 
-double damping_share(const Jacobian& G, double joint_Nms_per_rad, const Stiffness& K, double T_s) {
-  const Eigen::Matrix<double, 6, 6> B = joint_Nms_per_rad * G.transpose() * G;
+double damping_share(const Eigen::Matrix<double, 6, 6>& B, const Stiffness& K, double T_s) {
   Eigen::Matrix<double, 6, 1> per;
   per << Eigen::Vector3d::Constant(1 / std::sqrt(K.translation_N_per_m * T_s / 2)),
       Eigen::Vector3d::Constant(1 / std::sqrt(K.rotation_Nm_per_rad * T_s / 2));
@@ -36,7 +32,7 @@ double damping_share(const Jacobian& G, double joint_Nms_per_rad, const Stiffnes
 }  // namespace
 
 DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
-                               const DeviceDescription& device, const Pose& T_device_plate,
+                               const DeviceSpecification& device, const Pose& T_device_plate,
                                double rate_Hz, const StiffnessLimits& limits) {
   DeviceCoupling out;
   CuttingCoupling& coupling = out.coupling;
@@ -46,11 +42,11 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
       std::max({bone.along_N_per_m, bone.across_N_per_m, bone.viscous_N_s_per_m / T_s});
   const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
   const double per_inertia = kMaxInertiaShare / (T_s * T_s * scale * limits.margin);
-  const Stiffness most{per_inertia * device.plate_mass_kg,
-                       per_inertia * *std::min_element(device.plate_inertia_kg_m2.begin(),
-                                                       device.plate_inertia_kg_m2.end())};
+  const std::array<double, 3> inertia_kg_m2 = device.inertia_kg_m2();
+  const Stiffness most{per_inertia * device.mass_kg(),
+                       per_inertia * *std::min_element(inertia_kg_m2.begin(), inertia_kg_m2.end())};
   const double stated_N_per_m =
-      device.plate_stiffness_max_N_per_m > 0 ? device.plate_stiffness_max_N_per_m : kUnlimited;
+      device.stiffness_max_N_per_m() > 0 ? device.stiffness_max_N_per_m() : kUnlimited;
   out.ceiling_N_per_m = std::min(stated_N_per_m, limits.most_N_per_m) / scale;
   if (!(law.coupling_N_per_m > 0)) coupling.translation_N_per_m = most.translation_N_per_m;
   if (!(law.coupling_Nm_per_rad > 0)) coupling.rotation_Nm_per_rad = most.rotation_Nm_per_rad;
@@ -72,14 +68,10 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
           ? Stiffness{scale * tissue_N_per_m, scale * tissue_N_per_m * lever_m * lever_m}
           : Stiffness{scale * coupling.translation_N_per_m, scale * coupling.rotation_Nm_per_rad};
 
-  const InverseResult joints = inverse_kinematics(device, T_device_plate);
-  const JacobianResult motion =
-      joints.status ? jacobian(device, T_device_plate, joints.joints) : JacobianResult{};
-  const bool is_known = joints.status && motion.status;
-  if (is_known) {
-    out.damping_share = damping_share(motion.G, device.joint_viscous_friction_Nms_per_rad, K, T_s);
+  if (const auto damping = device.damping(T_device_plate)) {
+    out.damping_share = damping_share(*damping, K, T_s);
     const auto given = [&](const Wrench& wrench) {
-      return allocate_torques(motion.G, wrench, device.motor_peak_torque_Nm).scale;
+      return device.renderable_share(T_device_plate, wrench);
     };
     const Eigen::Vector3d up = T_device_plate.q * bone.tool.axis_plate;
     Wrench wrench = Wrench::Zero();

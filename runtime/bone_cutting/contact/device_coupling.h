@@ -5,8 +5,8 @@
 //
 // Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a
 // tick and dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2
-// (cutting_law.h). Let B = G^T b G be the damping that the joints give the plate, with the motor
-// Jacobian G and the viscous friction b of a joint. It absorbs that energy if B - K T / 2 has no
+// (cutting_law.h). Let B be the damping that the device's own friction gives the plate
+// (DeviceSpecification::damping()). It absorbs that energy if B - K T / 2 has no
 // negative eigenvalue (J. Colgate, G. Schenkel, Passivity of a class of sampled-data systems, J.
 // Robotic Systems 14(1), 1997). If B is too small, the law is evaluated at the pose predicted one
 // tick ahead. With prediction and a plate of mass M, no simulation with K T^2 / M up to 0.5
@@ -30,9 +30,9 @@
 
 #include <string>
 
-#include "formats/session/device_description.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
 #include "runtime/contact/force_law.h"
+#include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
 
@@ -56,7 +56,7 @@ struct DeviceCoupling {
 
 /// Chooses the coupling for one pose of the plate, for example with the tip on top of the bone.
 DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
-                               const DeviceDescription& device, const Pose& T_device_plate,
+                               const DeviceSpecification& device, const Pose& T_device_plate,
                                double rate_Hz, const StiffnessLimits& limits = {});
 
 /// Returns the choice as one line of text, for `--check`.

@@ -48,7 +48,7 @@
 
 #include "runtime/bone_cutting/law/slot.h"
 #include "runtime/bone_cutting/law/soft_layer.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 

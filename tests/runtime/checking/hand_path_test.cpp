@@ -2,7 +2,7 @@
 // The hand's path against the limits: poses are judged as the loop judges them, places and speeds
 // are those of the path, and every point of the stated workspace can be reached.
 #include "runtime/checking/hand_path.h"
-#include "runtime/session/tip_workspace.h"
+#include "runtime/devices/tip_workspace.h"
 
 #include <gtest/gtest.h>
 
@@ -36,20 +36,22 @@ HandKeyframe keyframe(double t_s, const Eigen::Vector3d& tip_m, const Eigen::Vec
 }
 
 /// The fault of the loop's first tick at a pose.
-Fault loop_fault(const LoopModel& model, const JointAngles& joints) {
+Fault loop_fault(const LoopModel& model, const DeviceDescription& description,
+                 const JointAngles& joints) {
   ScriptedDevice device;
   device.next.encoder_rad = encoder_angles(joints);
+  FourLegs four_legs(description, device);
   LoopState state;
   SheetLaw law = test::hooke_law(model);
   TickResult result;
-  haptic_tick(model, {}, device, law, state, result);
+  haptic_tick(model, {}, four_legs, law, state, result);
   return result.new_fault;
 }
 
 TEST(PoseFault, IsTheLoops) {
   constexpr Workspace kWide{.z_min_m = 0.05, .z_max_m = 0.25, .lateral_m = 0.07, .tilt_rad = 0.8};
   LoopModel model;
-  model.device = default_device_description();
+  const DeviceDescription device = default_device_description();
   SceneTool tilted;
   tilted.tilt_deg = 35;
   model.tool = make_tool(tilted);
@@ -57,17 +59,17 @@ TEST(PoseFault, IsTheLoops) {
   Random random(1);
   for (int i = 0; i < 20000; ++i) {
     const Pose T = random_workspace_pose(random, kWide);
-    const PoseMargins margins = pose_margins(model.device, model.limits, model.tool, T);
+    const PoseMargins margins = pose_margins(device, model.limits, model.tool, T);
     const Fault fault = pose_fault(model.limits, margins);
     ++seen[static_cast<std::size_t>(fault)];
-    const std::string what = describe_pose_fault(fault, model.device, model.limits, model.tool, T);
+    const std::string what = describe_pose_fault(fault, device, model.limits, model.tool, T);
     ASSERT_EQ(what.empty(), fault == Fault::kNone) << to_string(fault) << ' ' << what;
-    const InverseResult inverse = inverse_kinematics(model.device, T);
+    const InverseResult inverse = inverse_kinematics(device, T);
     if (!inverse.status) {
       ASSERT_EQ(fault, Fault::kPoseResidual);
       continue;
     }
-    ASSERT_EQ(fault, loop_fault(model, inverse.joints)) << i << ": " << what;
+    ASSERT_EQ(fault, loop_fault(model, device, inverse.joints)) << i << ": " << what;
   }
   for (const Fault fault : {Fault::kNone, Fault::kJointLimit, Fault::kSingularity,
                             Fault::kWorkspace, Fault::kToolTilt, Fault::kPoseResidual}) {

@@ -11,7 +11,7 @@
 #include <numbers>
 #include <vector>
 
-#include "runtime/session/replay_device.h"
+#include "runtime/devices/replay_device.h"
 #include "tests/runtime/control/loop_fixture.h"
 
 namespace trocar::runtime {
@@ -50,7 +50,7 @@ class DeviceTime : public testing_support::LoopFixture {
   };
   /// The range of `value` in a descent at 50 mm/s with coarse encoders, from its 30th tick on.
   Range descend_by_counts(const std::function<double()>& value) {
-    model_.device.encoder_counts_per_revolution = 20'000;
+    description_.encoder_counts_per_revolution = 20'000;
     const double count_rad = 2 * std::numbers::pi / 20'000;
     double z_m = (state_.T_device_plate * model_.tool.tip_plate_m).z();
     Range range;
@@ -214,30 +214,32 @@ TEST_F(DeviceTime, TheClockMayStartAgainWhileNoForcesAreRendered) {
   for (int i = 0; state_.safety.state != SafetyState::kRunning && i < 400; ++i) {
     tick();
     ASSERT_EQ(result_.row.device_read, DeviceStatus::kOk);
-    EXPECT_NEAR(state_.limits.twist_device.norm(), 0, 1e-9);
+    EXPECT_NEAR(state_.speed.twist_device.norm(), 0, 1e-9);
   }
   EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
 }
 
 // A late tick has held its torques for longer: every other one is three periods late here.
 TEST_F(DeviceTime, HeatCountsTheTimeThatPassed) {
-  model_.device.motor_continuous_torque_Nm = 0.5 * largest(good_);
-  model_.device.motor_peak_torque_Nm = 1.5 * largest(good_);
-  model_.device.motor_peak_time_s = 10;
-  const MotorModel motor = make_motor_model(model_.device);
+  description_.motor_continuous_torque_Nm = 0.5 * largest(good_);
+  description_.motor_peak_torque_Nm = 1.5 * largest(good_);
+  description_.motor_peak_time_s = 10;
+  const MotorModel motor = make_motor_model(description_);
   const LoopState before = state_;
   const SheetLaw law_before = law_;
+  const FourLegs device_before = *four_legs_;
   for (int i = 0; i < 60; ++i)
     tick();
-  const double on_time = i2t_fraction_used(motor, state_.limits.load);
+  const double on_time = i2t_fraction_used(motor, four_legs_->motors().load);
   state_ = before;
   law_ = law_before;
-  device_.next.t_s = before.device.t_s;
+  four_legs_.emplace(device_before);
+  device_.next.t_s = before.reading_t_s;
   for (int i = 0; i < 30; ++i) {
     tick_after(1e-3);
     tick_after(4e-3);
   }
-  EXPECT_NEAR(i2t_fraction_used(motor, state_.limits.load) / on_time, 2.5, 0.1);
+  EXPECT_NEAR(i2t_fraction_used(motor, four_legs_->motors().load) / on_time, 2.5, 0.1);
 }
 
 TEST_F(DeviceTime, ARecordingHoldsTheTimesAndReplays) {
@@ -252,7 +254,8 @@ TEST_F(DeviceTime, ARecordingHoldsTheTimesAndReplays) {
     rows.push_back(result_.row);
   }
   ASSERT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
-  ReplayDevice replay(rows);
+  ReplayDevice recorded(rows);
+  FourLegs replay(description_, recorded, mechanism_);
   LoopState again;
   SheetLaw law = test::hooke_law(model_);
   TickResult result;

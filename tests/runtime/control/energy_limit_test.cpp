@@ -194,7 +194,7 @@ TEST(EnergyInTheLoop, AWallThatDrivesTheHandIsAFaultAlsoWithoutTheController) {
     if (result.new_fault != Fault::kNone) {
       EXPECT_EQ(result.new_fault, Fault::kEnergyLimit);
       EXPECT_TRUE(result.at_rest);
-      EXPECT_EQ(rig.state_.tau_motor_Nm.norm(), 0);
+      EXPECT_EQ(rig.four_legs_->torques_Nm().norm(), 0);
       EXPECT_GT(given_J, before_J);
       return;
     }

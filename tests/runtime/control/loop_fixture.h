@@ -7,9 +7,12 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "runtime/control/haptic_loop.h"
+#include "runtime/mechanism/four_legs.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 
@@ -49,11 +52,10 @@ class LoopFixture : public testing::Test {
     const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
     sheets_ = std::move(*place_slices(scene, test::square_asset(1), "a"));
     current_ = {sheets_[0].get()};
-    model_.device = default_device_description();
     model_.tool = make_tool(scene.tool);
     law_ = test::hooke_law(model_);
     model_.rate_Hz = 1000;
-    model_.limits.torque_rise_max_Nm_per_s = 1e6;
+    mechanism_.torque_rise_max_Nm_per_s = 1e6;
     allow_jumps(true);
     go_to(0.125);
     tick();
@@ -70,21 +72,29 @@ class LoopFixture : public testing::Test {
   }
   /// Whether the device may jump to another pose from one tick to the next.
   void allow_jumps(bool may) {
-    model_.limits.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
+    mechanism_.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
     model_.limits.speed_max_m_per_s = may ? 1e3 : 2;
     model_.limits.energy_limit_J = may ? 1e3 : 0.05;
-    state_.limits.has_pose = false;
+    state_.speed.has_pose = false;
   }
   /// Starts again before the first tick, with the law's options as they are.
   void restart() {
     state_ = LoopState{};
+    renew_device();
     law_ = SheetLaw{law_.model(), law_.coupling_options()};
+  }
+  /// The device has not been commanded any torques yet.
+  void renew_device() {
+    double ignored_t_s = 0;
+    four_legs_.emplace(description_, device_, mechanism_);
+    four_legs_->read(ignored_t_s);
+    four_legs_->keep_reading();
   }
   void use_tool(const Tool& tool) { model_.tool = law_.model().tool = tool; }
   void go_to(double z_m, double x_m = 0) {
     Pose pose;
     pose.p_m = {x_m, 0, z_m};
-    const InverseResult inverse = inverse_kinematics(model_.device, pose);
+    const InverseResult inverse = inverse_kinematics(description_, pose);
     ASSERT_TRUE(inverse.status);
     device_.next.encoder_rad = encoder_angles(inverse.joints);
   }
@@ -96,7 +106,8 @@ class LoopFixture : public testing::Test {
     inputs.missed_in_row = missed_in_row_;
     inputs.outside = outside_;
     inputs.recover = recover_;
-    haptic_tick(model_, inputs, device_, law_, state_, result_);
+    four_legs_->change(description_, mechanism_);
+    haptic_tick(model_, inputs, *four_legs_, law_, state_, result_);
   }
   /// The next tick must have this fault; it latches, and torques ramp down to zero.
   void expect_fault(Fault fault, double gap_s = 1e-3) {
@@ -117,7 +128,8 @@ class LoopFixture : public testing::Test {
       EXPECT_EQ(state_.safety.fault, fault);
       const double left = std::max(0.0, 1 - static_cast<double>(state_.safety.ramp_ticks_done) / 4);
       for (int i = 0; i < kMotors; ++i) {
-        ASSERT_NEAR(device_.written.tau_motor_Nm[i], left * state_.tau_at_stop_Nm[i], 1e-12);
+        ASSERT_NEAR(device_.written.tau_motor_Nm[i], left * four_legs_->torques_at_stop_Nm()[i],
+                    1e-12);
       }
       EXPECT_LT(largest(device_.written), last);
       last = largest(device_.written);
@@ -132,11 +144,14 @@ class LoopFixture : public testing::Test {
 
   std::vector<std::unique_ptr<const Sheet>> sheets_;
   std::vector<const Sheet*> current_;
+  DeviceDescription description_ = default_device_description();
+  MechanismLimits mechanism_;
   LoopModel model_;
   SheetLaw law_{ContactModel{}};
   LoopState state_;
   TickResult result_;
   ScriptedDevice device_;
+  std::optional<FourLegs> four_legs_{std::in_place, description_, device_};
   double device_late_s_ = 0;  ///< beyond a period, from one tick to the next on the device's clock
   DeviceCommand good_;
   int missed_in_row_ = 0;

@@ -52,8 +52,8 @@ TEST_F(LoopFound, TheEncoderThatGivesNoNumber) {
 }
 
 TEST_F(LoopFound, TheJointAndTheBoundThatItIsBeyond) {
-  model_.limits.encoder_rate_max_rad_per_s = 1e6;
-  const JointLimit limit = model_.device.joint_limit[0];
+  mechanism_.encoder_rate_max_rad_per_s = 1e6;
+  const JointLimit limit = description_.joint_limit[0];
   device_.next.encoder_rad[8] = limit.min_rad - 0.01;
   expect_found("th_3_1_rad", limit.min_rad - 0.01, limit.min_rad);
 }
@@ -63,7 +63,7 @@ TEST_F(LoopFound, TheMisfitOfTheUpperChains) {
   tick();
   EXPECT_EQ(quantity_name(result_.found), "pose_residual_m");
   EXPECT_GT(result_.found.value, result_.found.limit);
-  EXPECT_EQ(result_.found.limit, model_.limits.pose_residual_max_m);
+  EXPECT_EQ(result_.found.limit, mechanism_.pose_residual_max_m);
 }
 
 TEST_F(LoopFound, TheLowerEncoderThatContradictsThePose) {
@@ -71,18 +71,18 @@ TEST_F(LoopFound, TheLowerEncoderThatContradictsThePose) {
   tick();
   EXPECT_EQ(quantity_name(result_.found), "th_3_4_residual_rad");
   EXPECT_NEAR(result_.found.value, 0.05, 1e-6);
-  EXPECT_EQ(result_.found.limit, model_.limits.theta4_residual_max_rad);
+  EXPECT_EQ(result_.found.limit, mechanism_.theta4_residual_max_rad);
 }
 
 TEST_F(LoopFound, TheInverseConditionOrTheLegNearItsEnd) {
-  model_.limits.inverse_condition_min = 0.999;
+  mechanism_.inverse_condition_min = 0.999;
   tick();
   EXPECT_EQ(quantity_name(result_.found), "inverse_condition");
   EXPECT_LT(result_.found.value, 0.999);
 }
 
 TEST_F(LoopFound, TheLegNearTheEndOfItsReach) {
-  model_.limits.branch_distance_min_m = 0.2;
+  mechanism_.branch_distance_min_m = 0.2;
   tick();
   EXPECT_EQ(quantity_name(result_.found).rfind("branch_distance_", 0), 0U);
   EXPECT_GE(result_.found.index, 0);
@@ -119,10 +119,10 @@ TEST_F(LoopFound, TheSpeed) {
 }
 
 TEST_F(LoopFound, TheMotorBeyondItsTorque) {
-  model_.limits.torque_max_Nm = 0.5 * testing_support::largest(good_);
+  mechanism_.torque_max_Nm = 0.5 * testing_support::largest(good_);
   tick();
   EXPECT_EQ(quantity_name(result_.found).rfind("tau_", 0), 0U);
-  EXPECT_EQ(result_.found.limit, model_.limits.torque_max_Nm);
+  EXPECT_EQ(result_.found.limit, mechanism_.torque_max_Nm);
   EXPECT_GT(result_.found.value, result_.found.limit);
 }
 
@@ -133,7 +133,7 @@ TEST_F(LoopFound, TheTiltOfTheTool) {
   Pose pose;
   pose.p_m = {0, 0, 0.116};
   pose.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
-  device_.next.encoder_rad = encoder_angles(inverse_kinematics(model_.device, pose).joints);
+  device_.next.encoder_rad = encoder_angles(inverse_kinematics(description_, pose).joints);
   tick();
   ASSERT_EQ(state_.safety.fault, Fault::kToolTilt);
   EXPECT_EQ(quantity_name(result_.found), "tool_tilt_rad");

@@ -16,7 +16,7 @@ using LoopMotors = testing_support::LoopFixture;
 // The force falls along its own direction to what the continuous torque gives, without a fault, and
 // returns once the motors have cooled.
 TEST_F(LoopMotors, WarmMotorsAreDeratedSmoothlyAndRecover) {
-  DeviceDescription& device = model_.device;
+  DeviceDescription& device = description_;
   device.motor_continuous_torque_Nm = 0.7 * largest(good_);
   device.motor_peak_time_s = 0.2;
   device.motor_peak_torque_Nm = 1.5 * largest(good_);
@@ -48,10 +48,10 @@ TEST_F(LoopMotors, WarmMotorsAreDeratedSmoothlyAndRecover) {
 }
 
 TEST_F(LoopMotors, MotorOverloadWhenDeratedMotorsRenderTooLittleForTooLong) {
-  model_.device.motor_continuous_torque_Nm = 0.3 * largest(good_);
-  model_.device.motor_peak_torque_Nm = 1.5 * largest(good_);
-  model_.device.motor_peak_time_s = 0.02;
-  model_.limits.overload_time_max_s = 0.05;
+  description_.motor_continuous_torque_Nm = 0.3 * largest(good_);
+  description_.motor_peak_torque_Nm = 1.5 * largest(good_);
+  description_.motor_peak_time_s = 0.02;
+  mechanism_.overload_time_max_s = 0.05;
   int ticks = 0;
   for (; state_.safety.fault == Fault::kNone; ++ticks) {
     ASSERT_LT(ticks, 1000);
@@ -81,8 +81,8 @@ TEST_F(LoopMotors, MotorOverloadWhenDeratedMotorsRenderTooLittleForTooLong) {
 }
 
 TEST_F(LoopMotors, MotorOverloadWhenAThermalLimitIsExceeded) {
-  model_.device.motor_continuous_torque_Nm = 0.01;
-  model_.device.motor_peak_time_s = 1e-9;  // shorter than a tick: derating comes too late
+  description_.motor_continuous_torque_Nm = 0.01;
+  description_.motor_peak_time_s = 1e-9;  // shorter than a tick: derating comes too late
   expect_fault(Fault::kMotorOverload);
 }
 
@@ -90,19 +90,19 @@ TEST_F(LoopMotors, MotorOverloadWhenAThermalLimitIsExceeded) {
 // slowly from zero, and never exceeds a limit.
 TEST_F(LoopMotors, CompensationRisesSlowlyAndKeepsTheLimits) {
   model_.compensation.gravity = true;
-  model_.device.gravity_m_per_s2 = 9.81;
+  description_.gravity_m_per_s2 = 9.81;
   double last_N = 0;
   for (int i = 1; i <= 400; ++i) {
     tick();
     ASSERT_EQ(state_.safety.fault, Fault::kNone);
     ASSERT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
-    const Wrench all = state_.G.transpose() * state_.tau_motor_Nm;
+    const Wrench all = four_legs_->motor_jacobian().transpose() * four_legs_->torques_Nm();
     ASSERT_NEAR(all[2] - 20, std::min(1.0, i / 250.0) * 0.35 * 9.81, 1e-6);
     ASSERT_GE(all[2], last_N);
     last_N = all[2];
   }
   const double limit_Nm = 0.9 * largest(device_.written);
-  model_.device.motor_peak_torque_Nm = model_.device.motor_continuous_torque_Nm = limit_Nm;
+  description_.motor_peak_torque_Nm = description_.motor_continuous_torque_Nm = limit_Nm;
   tick();
   EXPECT_LE(largest(device_.written), limit_Nm);
   EXPECT_LT(result_.row.wrench_scale, 1);
@@ -114,14 +114,15 @@ TEST_F(LoopMotors, CompensationRisesSlowlyAndKeepsTheLimits) {
 
 TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneExceedsTheAvailableTorque) {
   model_.compensation.gravity = true;
-  model_.device.gravity_m_per_s2 = 9.81;
-  model_.device.plate_mass_kg = 10;
+  description_.gravity_m_per_s2 = 9.81;
+  description_.plate_mass_kg = 10;
   model_.limits.timing.ramp_up_s = 0;
-  model_.limits.overload_time_max_s = 1e9;
+  mechanism_.overload_time_max_s = 1e9;
   tick();
   ASSERT_EQ(state_.safety.fault, Fault::kNone);
-  model_.device.motor_continuous_torque_Nm = 0.5 * state_.compensation_Nm.cwiseAbs().maxCoeff();
-  model_.device.motor_peak_time_s = 0.02;
+  description_.motor_continuous_torque_Nm =
+      0.5 * four_legs_->compensation_Nm().cwiseAbs().maxCoeff();
+  description_.motor_peak_time_s = 0.02;
   int ticks = 0;
   for (; state_.safety.fault == Fault::kNone; ++ticks) {
     ASSERT_LT(ticks, 2000);
@@ -133,7 +134,7 @@ TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneExceedsTheAvailableTorque) {
 
 TEST_F(LoopMotors, FrictionCompensationFollowsTheMotorRates) {
   model_.compensation.friction = true;
-  model_.device.joint_coulomb_friction_Nm = 0.1;
+  description_.joint_coulomb_friction_Nm = 0.1;
   model_.limits.timing.ramp_up_s = 0;
   double z_m = 0.116;
   for (int i = 0; i < 60; ++i) {
@@ -141,12 +142,12 @@ TEST_F(LoopMotors, FrictionCompensationFollowsTheMotorRates) {
     tick();
     ASSERT_EQ(state_.safety.fault, Fault::kNone);
   }
-  const MotorVector rate = state_.G * state_.limits.twist_device;
+  const MotorVector rate = four_legs_->motor_jacobian() * state_.speed.twist_device;
   for (int i = 0; i < kMotors; ++i) {
     ASSERT_GT(std::abs(rate[i]), 0.1) << "above the rate at which compensation is complete";
-    EXPECT_NEAR(state_.compensation_Nm[i],
+    EXPECT_NEAR(four_legs_->compensation_Nm()[i],
                 0.8 * (std::copysign(0.1, rate[i]) +
-                       model_.device.joint_viscous_friction_Nms_per_rad * rate[i]),
+                       description_.joint_viscous_friction_Nms_per_rad * rate[i]),
                 1e-12);
   }
 }

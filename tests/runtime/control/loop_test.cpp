@@ -112,8 +112,8 @@ TEST_F(Loop, EncoderRateIsTakenOverTheTimeSinceTheLastData) {
 }
 
 TEST_F(Loop, JointLimit) {
-  const double limit_rad = model_.device.joint_limit[0].max_rad;
-  model_.limits.encoder_rate_max_rad_per_s = 1e6;
+  const double limit_rad = description_.joint_limit[0].max_rad;
+  mechanism_.encoder_rate_max_rad_per_s = 1e6;
   device_.next.encoder_rad[0] = limit_rad + 1e-6;
   expect_fault(Fault::kJointLimit);
 }
@@ -129,7 +129,7 @@ TEST_F(Loop, PoseResidualOfTheLowerMotors) {
 }
 
 TEST_F(Loop, Singularity) {
-  model_.limits.inverse_condition_min = 0.999;  // no pose of this device is that good
+  mechanism_.inverse_condition_min = 0.999;  // no pose of this device is that good
   expect_fault(Fault::kSingularity);
 }
 
@@ -192,7 +192,7 @@ TEST_F(Loop, Speed) {
 }
 
 TEST_F(Loop, TorqueLimit) {
-  model_.limits.torque_max_Nm = 1.04 * largest(good_);
+  mechanism_.torque_max_Nm = 1.04 * largest(good_);
   go_to(0.1159);  // 20.5 N
   tick();
   ASSERT_EQ(state_.safety.fault, Fault::kNone);
@@ -202,8 +202,8 @@ TEST_F(Loop, TorqueLimit) {
 }
 
 TEST_F(Loop, TorqueRate) {
-  model_.limits.torque_rise_max_Nm_per_s = 1;
-  state_.tau_motor_Nm.setZero();
+  mechanism_.torque_rise_max_Nm_per_s = 1;
+  renew_device();
   for (int i = 0; i < 20; ++i) {
     tick();
     ASSERT_EQ(state_.safety.fault, Fault::kNone) << i;
@@ -213,7 +213,7 @@ TEST_F(Loop, TorqueRate) {
 }
 
 TEST_F(Loop, SingularityNearABranch) {
-  model_.limits.branch_distance_min_m = 0.2;  // no pose of this device is that far from one
+  mechanism_.branch_distance_min_m = 0.2;  // no pose of this device is that far from one
   expect_fault(Fault::kSingularity);
 }
 
@@ -352,7 +352,7 @@ TEST_F(Loop, ToolTilt) {
   Pose pose;
   pose.p_m = {0, 0, 0.116};
   pose.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
-  const InverseResult inverse = inverse_kinematics(model_.device, pose);
+  const InverseResult inverse = inverse_kinematics(description_, pose);
   ASSERT_TRUE(inverse.status);
   device_.next.encoder_rad = encoder_angles(inverse.joints);
   expect_fault(Fault::kToolTilt);
@@ -377,8 +377,8 @@ TEST_F(Loop, TheEndOfTheDataDoesNotCountAsATick) {
 }
 
 TEST_F(Loop, TorquesStayBelowThePeakAndTheWrenchKeepsItsDirection) {
-  model_.device.motor_peak_torque_Nm = model_.device.motor_continuous_torque_Nm = 0.3;
-  state_.tau_motor_Nm.setZero();
+  description_.motor_peak_torque_Nm = description_.motor_continuous_torque_Nm = 0.3;
+  renew_device();
   tick();
   EXPECT_EQ(state_.safety.fault, Fault::kNone);
   EXPECT_LE(largest(device_.written), 0.3);
@@ -391,8 +391,8 @@ TEST_F(Loop, TorquesStayBelowThePeakAndTheWrenchKeepsItsDirection) {
 }
 
 TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {
-  model_.limits.torque_rise_max_Nm_per_s = 100;  // 0.1 Nm a tick
-  state_.tau_motor_Nm.setZero();
+  mechanism_.torque_rise_max_Nm_per_s = 100;  // 0.1 Nm a tick
+  renew_device();
   double last = 0;
   for (int i = 0; i < 3; ++i) {
     tick();

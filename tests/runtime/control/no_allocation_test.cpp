@@ -19,10 +19,11 @@
 #include <thread>
 #include <vector>
 
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/loop_rig.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"

@@ -92,11 +92,11 @@ TEST_F(TicksWithoutData, ACouplingHasNoForceSpikeAfterThem) {
 TEST_F(TicksWithoutData, SpeedIsHeldOverThem) {
   const auto twist_after = [&](int silent) {
     descend([&](int i) { return i >= 299 - silent && i < 299; });
-    return state_.limits.twist_device;
+    return state_.speed.twist_device;
   };
   for (const int silent : {1, 4, 8}) {
     descend([&](int i) { return i >= 300 - silent; });
-    EXPECT_NEAR(state_.limits.twist_device[2], -0.05, 1e-4) << silent;
+    EXPECT_NEAR(state_.speed.twist_device[2], -0.05, 1e-4) << silent;
     EXPECT_NEAR(twist_after(silent)[2], -0.05, 1e-4) << silent;
   }
 }

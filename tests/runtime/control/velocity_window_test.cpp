@@ -27,16 +27,15 @@ struct Motion {
   double last_t_s = 0, newest_t_s = 0;
 
   void at(double t_s) {
-    DeviceState state;
-    state.t_s = t_s;
-    for (std::size_t i = 0; i < kEncoders; ++i) {
+    Measurement state{t_s, kMaxMeasured, {}};
+    for (std::size_t i = 0; i < kMaxMeasured; ++i) {
       // Each encoder has another zero, so that counts come at different times.
       const double exact = angle_rad(t_s) + 0.1 * static_cast<double>(i) * kCount_rad;
-      state.encoder_rad[i] = count_rad > 0 ? std::round(exact / count_rad) * count_rad : exact;
+      state.value[i] = count_rad > 0 ? std::round(exact / count_rad) * count_rad : exact;
     }
     last = newest;
     last_t_s = newest_t_s;
-    newest.p_m.z() = 0.1 * state.encoder_rad[0];
+    newest.p_m.z() = 0.1 * state.value[0];
     newest_t_s = t_s;
     window.add(state, newest);
   }

@@ -13,15 +13,16 @@
 #include "formats/base/file_io.h"
 #include "formats/session/telemetry.h"
 #include "runtime/checking/scene_requirements.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/reporting/session_observer.h"
 #include "runtime/reporting/session_report.h"
 #include "runtime/reporting/summary.h"
-#include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "tests/runtime/force_law/constant_layer.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -79,7 +80,7 @@ Finished run(const Scene& scene, const std::vector<RecordingRow>& replay = {}) {
 }
 
 TEST(ForceLawTable, MakesTheShippedLaws) {
-  const DeviceDescription device = default_device_description();
+  const FourLegsSpecification device(default_device_description());
   for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
     Scene scene = scene_of(static_cast<ForceLawKind>(i));
     const test::Placed placed(scene, test::square_asset(2));

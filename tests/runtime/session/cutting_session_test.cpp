@@ -11,14 +11,15 @@
 #include <map>
 
 #include "formats/session/recording.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/force_law/cutting_force_law.h"
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/realtime/allocation_counter.h"
-#include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
@@ -53,19 +54,24 @@ SessionOptions options_at(double rate_Hz, const Scene& scene) {
   options.origin.entries = {{"force-law", to_string(scene.force_law.kind)}};
   options.limits.gap_max_s = 0;
   options.limits.speed_max_m_per_s = options.limits.rotation_rate_max_rad_per_s = 1e6;
-  options.limits.encoder_rate_max_rad_per_s = 1e6;
-  options.limits.torque_rise_time_max_s = 1e6;
-  options.limits.torque_rise_max_Nm_per_s = 1e9;
   options.limits.energy_limit_J = 1e9;
   return options;
 }
 
+MechanismLimits mechanism_without_limits() {
+  MechanismLimits limits;
+  limits.encoder_rate_max_rad_per_s = 1e6;
+  limits.torque_rise_time_max_s = 1e6;
+  limits.torque_rise_max_Nm_per_s = 1e9;
+  return limits;
+}
+
 /// Between the device and the loop: what a device that fails does.
-using Faults = std::function<DeviceStatus(std::uint64_t tick)>;
+using StatusOfTick = std::function<DeviceStatus(std::uint64_t tick)>;
 
 class FailingDevice final : public Device {
  public:
-  FailingDevice(SimulatedDevice& inner, Faults faults)
+  FailingDevice(SimulatedDevice& inner, StatusOfTick faults)
       : inner_(inner), faults_(std::move(faults)) {}
   DeviceStatus read(DeviceState& state) noexcept override {
     const DeviceStatus status = faults_ ? faults_(tick_++) : DeviceStatus::kOk;
@@ -77,12 +83,12 @@ class FailingDevice final : public Device {
 
  private:
   SimulatedDevice& inner_;
-  Faults faults_;
+  StatusOfTick faults_;
   std::uint64_t tick_ = 0;
 };
 
 CuttingRun run(Scene scene, const Asset& asset, SessionOptions options,
-               const DeviceDescription& description, const Faults& faults = {}) {
+               const DeviceDescription& description, const StatusOfTick& faults = {}) {
   const test::TemporaryFolder folder;
   CuttingRun out;
   const Result<void> body = place_body(scene, asset, "asset");
@@ -95,7 +101,8 @@ CuttingRun run(Scene scene, const Asset& asset, SessionOptions options,
   FailingDevice device(*simulated, faults);
   options.record = folder / "r.csv";
   auto report = run_session(
-      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options);
+      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options,
+      mechanism_without_limits());
   EXPECT_TRUE(report) << report.error().message;
   out.report = *report;
   if (!faults) {
@@ -115,7 +122,7 @@ SessionReport replay(Scene scene, const Asset& asset, SessionOptions options,
   ReplayDevice device(rows);
   options.replay = rows;
   const auto report = run_session(
-      scene, description, remesher, device, [](double) {}, options);
+      scene, description, remesher, device, [](double) {}, options, mechanism_without_limits());
   EXPECT_TRUE(report) << report.error().message;
   return *report;
 }
@@ -373,7 +380,8 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
         ASSERT_TRUE(place_body(probe, assets[i], "a"));
         auto sheets = place_slices(probe, assets[i], "a");
         Remesher remesher(*sheets);
-        const auto workers = make_workers(probe, description, remesher, options_at(rate_Hz, probe));
+        const auto workers =
+            test::make_workers(probe, remesher, options_at(rate_Hz, probe), description);
         ASSERT_TRUE(workers);
         if (dynamic_cast<const CuttingForceLaw&>(*workers->law).coupling().damping_share > 1.1)
           break;
@@ -441,7 +449,7 @@ TEST(CuttingSession, ABodyThatCannotBeIsRefusedWithTheAssetsName) {
   ASSERT_TRUE(place_body(scene, asset, "bone.glb"));
   auto sheets = place_slices(scene, asset, "bone.glb");
   Remesher remesher(*sheets);
-  const auto workers = make_workers(scene, default_device_description(), remesher, {});
+  const auto workers = test::make_workers(scene, remesher, {});
   ASSERT_FALSE(workers);
   EXPECT_EQ(workers.error().code, ExitCode::kRefused);
   EXPECT_EQ(workers.error().message.rfind("bone.glb: slice ", 0), 0U) << workers.error().message;

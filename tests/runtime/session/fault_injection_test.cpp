@@ -15,10 +15,11 @@
 #include <sstream>
 #include <thread>
 
-#include "runtime/session/replay_device.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "runtime/session/tick_rate.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 #include "tests/support/uniform.h"
@@ -71,11 +72,13 @@ class FaultyDevice final : public Device {
   DeviceState at_begin_;
 };
 
-struct Case {
+struct FaultCase {
   const char* name;
   Fault fault;
   /// Makes the fault of the device, or sets limits that the motion of the hand will exceed.
-  std::function<Injection(std::mt19937_64& random, SessionOptions& options)> make;
+  std::function<Injection(std::mt19937_64& random, SessionOptions& options,
+                          MechanismLimits& mechanism)>
+      make;
   double lasts_s = 0.03;
   bool at_once = true;  ///< found in the tick in which it begins
   bool loaded = true;   ///< found while the tool is in the sheet
@@ -83,14 +86,14 @@ struct Case {
 
 using trocar::test::uniform;
 
-std::vector<Case> cases() {
+std::vector<FaultCase> cases() {
   using Random = std::mt19937_64;
   using Options = SessionOptions;
   const auto status = [](DeviceStatus on_read, DeviceStatus on_write) {
-    return [=](Random&, Options&) { return Injection{on_read, on_write, {}, 0}; };
+    return [=](Random&, Options&, MechanismLimits&) { return Injection{on_read, on_write, {}, 0}; };
   };
   const auto any_encoder = [](auto change) {
-    return [change](Random& random, Options&) {
+    return [change](Random& random, Options&, MechanismLimits&) {
       const auto i = static_cast<std::size_t>(random() % kEncoders);
       Injection made;
       made.corrupt = [change, i](DeviceState& state, const DeviceState& begin) {
@@ -100,8 +103,14 @@ std::vector<Case> cases() {
     };
   };
   const auto limits = [](auto change) {
-    return [change](Random& random, Options& options) {
+    return [change](Random& random, Options& options, MechanismLimits&) {
       change(options.limits, uniform(random));
+      return Injection{};
+    };
+  };
+  const auto mechanism = [](auto change) {
+    return [change](Random& random, Options&, MechanismLimits& changed) {
+      change(changed, uniform(random));
       return Injection{};
     };
   };
@@ -122,7 +131,7 @@ std::vector<Case> cases() {
        any_encoder([](double& angle, double) { angle -= 0.3; }), 0.0005},
       // The encoder is stuck: found once the others have moved.
       {"encoder_stuck", Fault::kPoseResidual,
-       [](Random& random, Options&) {
+       [](Random& random, Options&, MechanismLimits&) {
          Injection made;
          const std::size_t i = 4 * (random() % kLegs);  // theta1
          made.corrupt = [i](DeviceState& state, const DeviceState& begin) {
@@ -138,22 +147,22 @@ std::vector<Case> cases() {
        limits([](SafetyLimits& l, double u) { l.speed_max_m_per_s = 0.062 + 0.01 * u; }), 0, false,
        false},
       {"torque_limit", Fault::kTorqueLimit,
-       limits([](SafetyLimits& l, double u) { l.torque_max_Nm = 0.2 + 0.2 * u; }), 0, false},
-      {"torque_rate", Fault::kTorqueRate, limits([](SafetyLimits& l, double u) {
+       mechanism([](MechanismLimits& l, double u) { l.torque_max_Nm = 0.2 + 0.2 * u; }), 0, false},
+      {"torque_rate", Fault::kTorqueRate, mechanism([](MechanismLimits& l, double u) {
          l.torque_rise_max_Nm_per_s = 3 + 2 * u;
          l.torque_rise_time_max_s = 0.015;
        }),
        0, false},
       // The sampled sheet gives back more than it took, by up to 2 mJ a press.
       {"energy_limit", Fault::kEnergyLimit,
-       [](Random& random, Options& options) {
+       [](Random& random, Options& options, MechanismLimits&) {
          options.limits.energy_limit_J = 2e-5 * (1 + uniform(random));
          options.passivity.on = false;
          return Injection{};
        },
        0, false, false},
       {"motor_overload", Fault::kMotorOverload,
-       limits([](SafetyLimits& l, double u) { l.overload_time_max_s = 0.01 + 0.03 * u; }), 0,
+       mechanism([](MechanismLimits& l, double u) { l.overload_time_max_s = 0.01 + 0.03 * u; }), 0,
        false},
   };
 }
@@ -182,11 +191,11 @@ int runs_of_each() {
 }
 
 /// A limit that was lowered for the test may be exceeded again in the second press.
-bool may_fault_again(const Case& test) {
+bool may_fault_again(const FaultCase& test) {
   return !test.at_once && test.lasts_s == 0;
 }
 
-void expect_safe_stop_and_recovery(const Case& test, const std::vector<RecordingRow>& rows,
+void expect_safe_stop_and_recovery(const FaultCase& test, const std::vector<RecordingRow>& rows,
                                    const SessionReport& report, double rate_Hz,
                                    std::uint64_t begin) {
   ASSERT_GE(report.faults.size(), 1U);
@@ -257,7 +266,7 @@ void expect_black_boxes(const SessionReport& report, const std::string& recordin
   }
 }
 
-void run(const Case& test, int index) {
+void run(const FaultCase& test, int index) {
   std::mt19937_64 random(static_cast<std::uint64_t>(index) * 7919 + test.name[0]);
   const test::TemporaryFolder folder;
   const Scene scene = pressing();
@@ -277,7 +286,8 @@ void run(const Case& test, int index) {
   const double begin_s = 0.18 + 0.25 * uniform(random);
   const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
   const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
-  Injection injection = test.make(random, options);
+  MechanismLimits mechanism;
+  Injection injection = test.make(random, options, mechanism);
   if (test.fault == Fault::kMotorOverload) {
     description.motor_continuous_torque_Nm = 0.1;
     description.motor_peak_torque_Nm = 0.6;
@@ -290,7 +300,8 @@ void run(const Case& test, int index) {
   FaultyDevice device(*simulated, injection, begin, begin + lasts);
   if (by_hand) device.recover = &button;
   const auto report = run_session(
-      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options);
+      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options,
+      mechanism);
   ASSERT_TRUE(report) << report.error().message;
   const auto rows = read_recording(*options.record);
   ASSERT_TRUE(rows) << rows.error().message;
@@ -308,17 +319,17 @@ void run(const Case& test, int index) {
   again.record = folder.path() / "again.csv";
   again.black_box.reset();
   const auto repeated = run_session(
-      scene, description, fresh, replay, [](double) {}, again);
+      scene, description, fresh, replay, [](double) {}, again, mechanism);
   ASSERT_TRUE(repeated);
   ASSERT_EQ(repeated->replay_first_difference, -1);
   ASSERT_EQ(text_of(*again.record), text_of(*options.record));
 }
 
-std::ostream& operator<<(std::ostream& stream, const Case& test) {
+std::ostream& operator<<(std::ostream& stream, const FaultCase& test) {
   return stream << test.name;
 }
 
-class Faults : public testing::TestWithParam<Case> {};
+class Faults : public testing::TestWithParam<FaultCase> {};
 INSTANTIATE_TEST_SUITE_P(Injected, Faults, testing::ValuesIn(cases()),
                          [](const auto& test) { return std::string(test.param.name); });
 

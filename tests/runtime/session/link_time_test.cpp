@@ -12,9 +12,10 @@
 #include <vector>
 
 #include "runtime/control/haptic_loop.h"
-#include "runtime/session/replay_device.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
+#include "runtime/mechanism/four_legs.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "tests/support/delayed_link.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
@@ -92,11 +93,15 @@ struct Sheets {
   std::vector<const Sheet*> current;
 };
 
-LoopModel loop_model(const Scene& scene, int counts) {
+DeviceDescription description_with(int counts) {
+  DeviceDescription device = default_device_description();
+  device.encoder_counts_per_revolution = counts;
+  device.minimum_substeps = 3;
+  return device;
+}
+
+LoopModel loop_model(const Scene& scene) {
   LoopModel model;
-  model.device = default_device_description();
-  model.device.encoder_counts_per_revolution = counts;
-  model.device.minimum_substeps = 3;
   model.tool = make_tool(scene.tool);
   model.rate_Hz = kRate_Hz;
   model.passivity.on = false;  // its damping would come on top
@@ -105,9 +110,11 @@ LoopModel loop_model(const Scene& scene, int counts) {
 
 /// Runs the hand's path and compares what is rendered with the truth at the state used.
 Felt feel(const Scene& scene, const test::DelayedLinkOptions& link, int counts = 0) {
-  const LoopModel model = loop_model(scene, counts);
+  const LoopModel model = loop_model(scene);
+  const DeviceDescription description = description_with(counts);
   const Sheets sheets(scene);
-  test::DelayedLink device(link, std::move(*make_simulated_device(scene, model.device)));
+  test::DelayedLink device(link, std::move(*make_simulated_device(scene, description)));
+  FourLegs four_legs(description, device);
   const Tissue& tissue = scene.tissue;
   LoopState state;
   SheetLaw law = test::hooke_law(model);
@@ -116,7 +123,7 @@ Felt feel(const Scene& scene, const test::DelayedLinkOptions& link, int counts =
   while (device.now_s() < scene.hand.trajectory.back().t_s && felt.fault == Fault::kNone) {
     TickInputs inputs;
     inputs.sheets = sheets.current;
-    haptic_tick(model, inputs, device, law, state, result);
+    haptic_tick(model, inputs, four_legs, law, state, result);
     device.advance(1 / kRate_Hz);
     felt.fault = state.safety.fault;
     felt.rows.push_back(result.row);
@@ -187,8 +194,9 @@ TEST(LinkTime, AHostThatStopsBreaksNoSheet) {
 TEST(LinkTime, ASessionOverABadLinkReplaysToTheLastBit) {
   const Scene scene = piercing(3);
   const Felt felt = feel(scene, bad_link(3), 20'000);
-  ReplayDevice replay(felt.rows);
-  const LoopModel model = loop_model(scene, 20'000);
+  ReplayDevice recorded(felt.rows);
+  FourLegs replay(description_with(20'000), recorded);
+  const LoopModel model = loop_model(scene);
   const Sheets sheets(scene);
   LoopState state;
   SheetLaw law = test::hooke_law(model);

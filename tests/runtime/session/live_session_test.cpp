@@ -19,12 +19,13 @@
 
 #include "formats/session/recording.h"
 #include "formats/session/telemetry.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/realtime/allocation_counter.h"
-#include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "tests/reference/hooks/lock_counter.h"
 #include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -142,7 +143,7 @@ LiveRun run(const Scene& scene, const Manner& how) {
   options.black_box = folder.path();
   if (how.is_live)
     options.telemetry = TelemetryOptions{folder / "live", "scene.json", "x", "y", {}};
-  auto workers = make_workers(scene, default_device_description(), remesher, options);
+  auto workers = test::make_workers(scene, remesher, options);
   EXPECT_TRUE(workers) << workers.error().message;
   std::unique_ptr<Console> console, other;
   if (how.is_live) {
@@ -308,7 +309,7 @@ TEST(TelemetrySession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePau
   options.duration_s = 0.5;
   options.limits.gap_max_s = 0;
   options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
-  auto workers = make_workers(scene, default_device_description(), remesher, options);
+  auto workers = test::make_workers(scene, remesher, options);
   ASSERT_TRUE(workers);
   Console console(options.telemetry->file);
   Console other(options.telemetry->file);
@@ -567,7 +568,7 @@ TEST(TelemetrySession, HuOfVerticesThatACutMadeAreInterpolated) {
   options.duration_s = scene.duration_s;
   options.limits.gap_max_s = 0;
   options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
-  auto workers = make_workers(scene, default_device_description(), remesher, options);
+  auto workers = test::make_workers(scene, remesher, options);
   ASSERT_TRUE(workers);
   Console console(options.telemetry->file);
   TelemetrySheet first;

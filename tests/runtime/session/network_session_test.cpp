@@ -10,14 +10,15 @@
 #include <mutex>
 
 #include "formats/session/recording.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/force_law/sheet_law.h"
 #include "runtime/realtime/allocation_counter.h"
-#include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "runtime/telemetry/frame_display.h"
 #include "tests/reference/hooks/lock_counter.h"
 #include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 

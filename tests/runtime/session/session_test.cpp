@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How sessions begin and end, their number of ticks, and the rate of a recording.
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/session/tick_rate.h"
 
 #include <gtest/gtest.h>
@@ -16,6 +16,7 @@
 
 #include "tests/runtime/control/loop_fixture.h"
 #include "tests/support/file_size_limit.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 

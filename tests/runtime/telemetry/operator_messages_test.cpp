@@ -10,8 +10,9 @@
 #include <thread>
 #include <vector>
 
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {

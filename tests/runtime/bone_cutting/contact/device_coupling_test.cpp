@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "runtime/mechanism/four_legs_specification.h"
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/torque_allocation.h"
 #include "tests/support/body_fixture.h"
@@ -90,7 +91,7 @@ DeviceCoupling choose(BoneVolume body, const SceneForceLaw& law, const DeviceDes
   // Sets the options as make_bone_volume() does from the scene's law.
   body.options.coupling.translation_N_per_m = law.coupling_N_per_m;
   body.options.coupling.rotation_Nm_per_rad = law.coupling_Nm_per_rad;
-  return choose_coupling(body, law, device, T, rate_Hz, limits);
+  return choose_coupling(body, law, FourLegsSpecification(device), T, rate_Hz, limits);
 }
 
 TEST(DeviceCoupling, TheAxisIsRigidIfTheSceneSaysSoOrTheTissueIsSofter) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/session/tip_workspace.h"
+#include "runtime/devices/tip_workspace.h"
 
 #include <array>
 #include <cmath>
 
-#include "runtime/session/pose_margins.h"
+#include "runtime/devices/pose_margins.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The contract of runtime/session/live_hand.h, and the path that it writes.
-#include "runtime/session/live_hand.h"
+// The contract of runtime/devices/live_hand.h, and the path that it writes.
+#include "runtime/devices/live_hand.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <limits>
 #include <random>
 
-#include "runtime/session/pose_margins.h"
-#include "runtime/session/simulated_hand.h"
+#include "runtime/devices/pose_margins.h"
+#include "runtime/devices/simulated_hand.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {

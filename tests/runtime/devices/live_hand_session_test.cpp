@@ -12,12 +12,13 @@
 #include <numbers>
 
 #include "formats/session/telemetry.h"
+#include "runtime/devices/live_hand.h"
+#include "runtime/devices/replay_device.h"
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/realtime/allocation_counter.h"
-#include "runtime/session/live_hand.h"
-#include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/simulated_hand.h"
 #include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -74,12 +75,13 @@ HandRun run_hand(const Scene& scene, const Person& person,
     EXPECT_TRUE(limits);
     hand = std::make_unique<LiveHand>(*limits, make_tool(scene.tool), description, options.limits,
                                       TargetPath(scene.duration_s));
-    options.live_hand = hand.get();
+    options.hand = hand.get();
+    options.telemetry->hand = published_hand(scene.hand, *limits);
   }
   auto device = hand ? make_simulated_device(scene, description, *hand)
                      : make_simulated_device(scene, description);
   EXPECT_TRUE(device);
-  auto workers = make_workers(scene, description, remesher, options);
+  auto workers = test::make_workers(scene, remesher, options);
   EXPECT_TRUE(workers);
   auto reader = TelemetryReader::open(options.telemetry->file);
   EXPECT_TRUE(reader);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/session/simulated_hand.h"
+#include "runtime/devices/simulated_hand.h"
 
 #include <numbers>
 

@@ -9,10 +9,13 @@
 #include "formats/session/device_description.h"
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
+#include "runtime/mechanism/mechanism_limits.h"
 
 namespace trocar::runtime {
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
+/// The limits of the mechanism in every session; no program changes them.
+inline constexpr MechanismLimits kMechanism;
 
 /// Distances of a pose from the limits; a negative distance is beyond the limit.
 struct PoseMargins {

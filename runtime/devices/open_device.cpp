@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/session/open_device.h"
+#include "runtime/devices/open_device.h"
 
 #include <utility>
 
+#include "runtime/devices/simulated_hand.h"
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_device.h"
-#include "runtime/session/simulated_hand.h"
+#include "runtime/mechanism/four_legs.h"
 
 namespace trocar::runtime {
 namespace {
 
-using OpenedDevice = Result<std::unique_ptr<Device>>;
-
-OpenedDevice open_simulated(std::string_view, const OpenDeviceOptions& options) {
+Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& options) {
   if (options.scene.hand.live != (options.hand != nullptr))
     return bug("the simulated device needs exactly one hand");
   Result<SimulatedDevice> made =
@@ -20,10 +19,10 @@ OpenedDevice open_simulated(std::string_view, const OpenDeviceOptions& options) 
           ? make_simulated_device(options.scene, options.description)
           : make_simulated_device(options.scene, options.description, *options.hand);
   if (!made) return Error{made.error().code, options.scene_name + ": " + made.error().message};
-  return std::unique_ptr<Device>(std::make_unique<SimulatedDevice>(std::move(*made)));
+  return make_four_legs(options.description, std::make_unique<SimulatedDevice>(std::move(*made)));
 }
 
-OpenedDevice open_udp(std::string_view address, const OpenDeviceOptions& options) {
+Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions& options) {
   const Result<Endpoint> peer = parse_endpoint(address, 1);
   if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
   const Result<LinkKey> key = read_link_key(options.key_file);
@@ -35,14 +34,14 @@ OpenedDevice open_udp(std::string_view address, const OpenDeviceOptions& options
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
   Result<std::unique_ptr<UdpDevice>> made = UdpDevice::make(link);
   if (!made) return made.error();
-  return std::unique_ptr<Device>(std::move(*made));
+  return make_four_legs(options.description, std::move(*made));
 }
 
 struct DeviceKind {
   std::string_view uri;  ///< SCHEME or SCHEME:ADDRESS, as shown in the help text
   std::string_view help;
   bool needs_key_file, may_have_motors;
-  OpenedDevice (*open)(std::string_view address, const OpenDeviceOptions& options);
+  Result<OpenedDevice> (*open)(std::string_view address, const OpenDeviceOptions& options);
 };
 
 constexpr DeviceKind kDevices[] = {
@@ -105,8 +104,15 @@ Result<void> check_device_uri(std::string_view uri, bool has_key_file) {
   return {};
 }
 
-Result<std::unique_ptr<Device>> open_device(std::string_view uri,
-                                            const OpenDeviceOptions& options) {
+OpenedDevice make_four_legs(const DeviceDescription& description,
+                            std::unique_ptr<Device> encoders_and_motors) {
+  OpenedDevice opened;
+  opened.encoders_and_motors = std::move(encoders_and_motors);
+  opened.device = std::make_unique<FourLegs>(description, *opened.encoders_and_motors);
+  return opened;
+}
+
+Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options) {
   if (auto checked = check_device_uri(uri, !options.key_file.empty()); !checked) {
     return checked.error();
   }

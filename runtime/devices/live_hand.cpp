@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/session/live_hand.h"
+#include "runtime/devices/live_hand.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
-#include "runtime/session/pose_margins.h"
-#include "runtime/session/simulated_hand.h"
-#include "runtime/session/tip_workspace.h"
+#include "runtime/devices/pose_margins.h"
+#include "runtime/devices/simulated_hand.h"
+#include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
 namespace {
@@ -110,6 +110,22 @@ Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceDescript
                              out.min_m.z(), out.max_m.z()));
   out.turn_max_rad = limits.plate_tilt_max_rad - kHandMargin.angle_rad;
   return out;
+}
+
+PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits) {
+  const HandImpedance impedance = hand_impedance(hand);
+  const auto numbers = [](const Eigen::Vector3d& v) {
+    return std::array<double, 3>{v.x(), v.y(), v.z()};
+  };
+  return PublishedHand{.min_m = numbers(limits.min_m),
+                       .max_m = numbers(limits.max_m),
+                       .start_tip_m = numbers(limits.T_device_tool_start.p_m),
+                       .start_rotation_rad = numbers(rotation_vector(limits.T_device_tool_start.q)),
+                       .stiffness_N_per_m = impedance.stiffness_N_per_m,
+                       .rotation_stiffness_Nm_per_rad = impedance.rotational_stiffness_Nm_per_rad,
+                       .speed_max_m_per_s = limits.speed_max_m_per_s,
+                       .rotation_rate_max_rad_per_s = limits.rotation_rate_max_rad_per_s,
+                       .turn_max_rad = limits.turn_max_rad};
 }
 
 TargetPath::TargetPath(double duration_s, double interval_s)

@@ -2,7 +2,7 @@
 // A hand that a person moves while the session runs. Another process states where the tool's tip is to
 // be (formats/session/telemetry.h, TelemetryHand); the target of the simulated hand's springs follows.
 //
-// Contract (tests/runtime/session/live_hand_test.cpp), whatever the messages say:
+// Contract (tests/runtime/devices/live_hand_test.cpp), whatever the messages say:
 //  1. While the hand is held, the target goes to the stated pose with a time constant of 12 ms, at no
 //     more than 0.15 m/s and 1 rad/s. Its velocity is that of the springs' far end.
 //  2. The target never leaves the box or the largest rotation of LiveHandLimits, nor goes to a pose of
@@ -27,8 +27,10 @@
 #include "formats/session/telemetry.h"
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
-#include "runtime/mechanism/pose.h"
+#include "runtime/device/pose.h"
+#include "runtime/session/hand_receiver.h"
 #include "runtime/simulation/hand.h"
+#include "runtime/telemetry/session_facts.h"
 
 namespace trocar::runtime {
 
@@ -45,6 +47,9 @@ struct LiveHandLimits {
 /// is no box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceDescription& device,
                                         const SafetyLimits& limits);
+
+/// Returns what a session publishes of a live hand with these limits.
+PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits);
 
 /// The path of the targets, in memory that is allocated once.
 class TargetPath {
@@ -64,19 +69,16 @@ class TargetPath {
   std::vector<HandKeyframe> targets_;
 };
 
-class LiveHand final : public UnscriptedHand {
+class LiveHand final : public UnscriptedHand, public HandReceiver {
  public:
   LiveHand(const LiveHandLimits& hand_limits, const Tool& tool, const DeviceDescription& device,
            const SafetyLimits& limits, TargetPath path);
 
   // The haptic thread calls these functions.
 
-  /// Takes the latest message, which may be an old one; call this once in each tick or paused period.
-  /// `now_ns`: CLOCK_MONOTONIC. If this changes who holds the tool, returns kHand, kHandLetGo or kHandLost.
   std::optional<TelemetryEventKind> receive(const TelemetryHand& latest,
-                                            std::int64_t now_ns) noexcept;
-  /// Makes the target begin at the tip in the next step. Call this after a pause.
-  void restart_at_tip() noexcept { restarts_ = true; }
+                                            std::int64_t now_ns) noexcept override;
+  void restart_at_tip() noexcept override { restarts_ = true; }
 
   Pose start() const noexcept override { return hand_limits_.T_device_tool_start; }
   void begin_step(double t_s, double dt_s, const Pose& T_device_tool) noexcept override;

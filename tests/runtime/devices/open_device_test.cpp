@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Devices by URI: which URIs exist, which need a key file, and what they open.
-#include "runtime/session/open_device.h"
+#include "runtime/devices/open_device.h"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@ struct Opened {
     scene.tool.tip_in_plate_m = {0, 0, 0};
     scene.hand.trajectory = {{0, {0, 0, 0.15}, {}}};
   }
-  Result<std::unique_ptr<Device>> open(std::string_view uri, const char* key_file = "") const {
+  Result<OpenedDevice> open(std::string_view uri, const char* key_file = "") const {
     return open_device(uri, {.scene = scene,
                              .scene_name = "scene.json",
                              .description = description,
@@ -54,16 +54,16 @@ TEST(OpenDevice, KeyFileIsRequiredForTheLinkOnly) {
 TEST(OpenDevice, SimulatedDeviceIsPacedByTheLoop) {
   auto opened = Opened().open("inproc");
   ASSERT_TRUE(opened) << opened.error().message;
-  Device& device = **opened;
+  HandDevice& device = *opened->device;
   EXPECT_TRUE(device.is_paced_by_loop());
   ASSERT_TRUE(device.start());
-  DeviceState state;
-  ASSERT_EQ(device.read(state), DeviceStatus::kOk);
-  EXPECT_EQ(state.t_s, 0);
-  ASSERT_EQ(device.write({}), DeviceStatus::kOk);
+  double t_s = -1;
+  ASSERT_EQ(device.read(t_s), DeviceStatus::kOk);
+  EXPECT_EQ(t_s, 0);
+  ASSERT_EQ(device.write(), DeviceStatus::kOk);
   device.advance(1e-3);
-  ASSERT_EQ(device.read(state), DeviceStatus::kOk);
-  EXPECT_EQ(state.t_s, 1e-3);
+  ASSERT_EQ(device.read(t_s), DeviceStatus::kOk);
+  EXPECT_EQ(t_s, 1e-3);
   device.close();
   EXPECT_FALSE(device.link_report());
 }

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/session/pose_margins.h"
+#include "runtime/devices/pose_margins.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/singularity.h"
 
 namespace trocar::runtime {
 namespace {
@@ -57,8 +58,8 @@ PoseMargins pose_margins(const DeviceDescription& device, const SafetyLimits& li
 Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcept {
   if (!margins.pose) return Fault::kPoseResidual;
   if (!margins.joint_limit) return Fault::kJointLimit;
-  if (!(margins.inverse_condition >= limits.inverse_condition_min &&
-        margins.branch_m >= limits.branch_distance_min_m)) {
+  if (!(margins.inverse_condition >= kMechanism.inverse_condition_min &&
+        margins.branch_m >= kMechanism.branch_distance_min_m)) {
     return Fault::kSingularity;
   }
   if (!(margins.box_m >= 0 && margins.tilt_rad <= limits.plate_tilt_max_rad)) {

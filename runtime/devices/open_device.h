@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The devices that a session can use, and their URIs. A new device is one class derived from
-// Device, in a file of its own, and one entry in the table of open_device.cpp.
+// HandDevice, in a file of its own, and one entry in the table of open_device.cpp.
 #pragma once
 
 #include <filesystem>
@@ -12,6 +12,7 @@
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/device/device.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/session/session_options.h"
 #include "runtime/simulation/hand.h"
 
@@ -38,9 +39,19 @@ bool may_have_motors(std::string_view uri);
 /// but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
-/// Returns the device of a URI, ready for start(). Errors: those of check_device_uri() and
+/// A device ready for start(), or for the first tick of a replay.
+struct OpenedDevice {
+  std::unique_ptr<Device> encoders_and_motors;
+  std::unique_ptr<HandDevice> device;  ///< uses the encoders and motors
+};
+
+/// Makes the four-legged device of these encoders and motors.
+OpenedDevice make_four_legs(const DeviceDescription& description,
+                            std::unique_ptr<Device> encoders_and_motors);
+
+/// Opens the device of a URI. Errors: those of check_device_uri() and
 /// of the device; (bug) the scene's hand is live, and there is no OpenDeviceOptions::hand, or the reverse.
-Result<std::unique_ptr<Device>> open_device(std::string_view uri, const OpenDeviceOptions& options);
+Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// Returns the help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT:
 /// ...".

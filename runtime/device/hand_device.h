@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+// The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench goes out. The
+// loop, its safety, the force laws and the checks of a scene use only this interface. The device of the paper
+// implements it in runtime/mechanism/four_legs.h, over encoders and motors (device.h).
+//
+// A session calls start() once, then the functions of the haptic thread in every tick in the order in which they
+// stand here, and close() at its end. Functions of the haptic thread do not allocate, lock, throw or block.
+//
+// Contract:
+//  1. The result of a tick depends only on the construction arguments, on what was read, and on the sequence of
+//     calls, so that a replay of the readings gives the same bits.
+//  2. Whatever wrench is wanted, the command that write() sends is finite and within what the device may do.
+//  3. delivered() is the wrench that the last command renders to the hand. Energy is accounted with it, not with
+//     the wrench that was wanted.
+// Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_test.cpp
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "formats/base/result.h"
+#include "formats/session/device_status.h"
+#include "formats/session/fault_words.h"
+#include "formats/session/recording.h"
+#include "runtime/device/link_report.h"
+#include "runtime/device/pose.h"
+
+namespace trocar::runtime {
+
+/// The largest number of values that a device measures in a tick, and of values that it is commanded.
+inline constexpr int kMaxMeasured = 16, kMaxCommanded = 8;
+
+/// Values measured at one time, in the device's own coordinates, such as encoder angles.
+struct Measurement {
+  double t_s = 0;  ///< time of the measurement, on the device's clock
+  int count = 0;   ///< number of values
+  std::array<double, kMaxMeasured> value{};
+};
+
+/// Facts about a device that do not change during a session. The force laws and the checks of a scene use them
+/// without a device.
+class DeviceSpecification {
+ public:
+  virtual ~DeviceSpecification() = default;
+
+  /// Mass that the hand feels at the plate, in kg, and moments of inertia about the plate's axes, in kg m^2.
+  virtual double mass_kg() const noexcept = 0;
+  virtual std::array<double, 3> inertia_kg_m2() const noexcept = 0;
+  /// Largest stiffness at the tip that the maker states, in N/m; 0: none is stated.
+  virtual double stiffness_max_N_per_m() const noexcept = 0;
+  /// Resolution of every measured value, in its own unit; 0: the values are exact.
+  virtual double resolution() const noexcept = 0;
+  /// Damping of the plate's twist [v; omega] by the device's own friction at a pose; none: the device cannot be there.
+  virtual std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const = 0;
+  /// The largest factor, at most 1, with which the device can render a wrench at a pose; 0: it cannot be there.
+  virtual double renderable_share(const Pose& T_device_plate,
+                                  const Wrench& wrench_device) const = 0;
+  /// Text for `--check`: what rendering a wrench at a pose demands of the device. `what` names the wrench.
+  virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
+                                      const Wrench& wrench_device) const = 0;
+};
+
+/// The time in which a device may have moved, so that it can check its own reading.
+struct ReadingInterval {
+  bool has_last = false;  ///< a reading was kept before this one
+  double step_s = 0;      ///< time in which the device may have moved since then
+};
+
+struct PlatePose {
+  Pose T_device_plate;
+  double residual_m = 0;  ///< how well redundant sensors agree on the pose; 0 if there are none
+};
+
+/// The device's own forces that it cancels, so that the hand does not feel them.
+struct CompensationOptions {
+  bool friction = false;
+  bool gravity = false;  ///< compensate the plate's weight, with the description's gravity
+  double friction_fraction = 0.8;  ///< below 1: an overcompensated device would move by itself
+  double still_rad_per_s = 0.05;   ///< below: Coulomb compensation is proportional to the rate
+};
+
+struct RenderInput {
+  Wrench wanted = Wrench::Zero();      ///< on the plate about its origin, in {B}
+  Twist twist_device = Twist::Zero();  ///< the plate's smoothed twist
+  double dt_s = 0;                     ///< period of the loop
+  CompensationOptions compensation;
+  double authority_rise = 0;  ///< compensation rises from 0 to 1 by this much in each tick
+};
+
+/// Values of a tick for the display, which do not belong to a recording.
+struct DeviceReadout {
+  std::array<double, kMaxCommanded> command_limit{};  ///< largest command possible now
+  double margin = 0;  ///< smallest distance of a measured value from its limit; negative beyond it
+};
+
+class HandDevice {
+ public:
+  virtual ~HandDevice() = default;
+
+  virtual const DeviceSpecification& specification() const noexcept = 0;
+
+  /// Begins a session with the device. From then on the device may expect ticks. May block. Called once.
+  virtual Result<void> start() { return {}; }
+
+  // The haptic thread calls these functions.
+
+  /// Reads the newest state. `t_s`: its time on the device's clock, ascending; changed only on kOk.
+  virtual DeviceStatus read(double& t_s) noexcept = 0;
+  /// Uses the reading that was kept last instead of this tick's reading, which is absent or not new.
+  virtual void use_last_reading() noexcept = 0;
+  /// Checks the reading and the device itself, and computes the pose; `pose` changes only without a fault.
+  virtual FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept = 0;
+  /// This tick's reading, from which velocities are computed.
+  virtual const Measurement& measured() const noexcept = 0;
+  /// Keeps this tick's reading as the last one. Returns false, and keeps the older one, if it is not finite.
+  virtual bool keep_reading() noexcept = 0;
+  /// The last command was held for this time. Returns a fault if the device has become too hot, for example.
+  virtual FaultDetail age(double /*held_s*/) noexcept { return {}; }
+  /// After a fault of age(), returns it again until the device has recovered enough to go on.
+  virtual FaultDetail check_rested() const noexcept { return {}; }
+  /// Prepares the command that renders the wanted wrench. `scale`: the share of the wrench that the device can
+  /// render. After a fault no command is prepared, and stop() and fade() must follow.
+  virtual FaultDetail render(const RenderInput& input, double& scale) noexcept = 0;
+  /// The force ends: fade() starts from the last command that was sent or attempted.
+  virtual void stop() noexcept = 0;
+  /// Prepares `share` times the command at which stop() was called. Compensation starts again from zero.
+  virtual void fade(double share) noexcept = 0;
+  /// Sends the prepared command, which is held until the next write. Never returns kEndOfData.
+  virtual DeviceStatus write() noexcept = 0;
+  /// Sends a command without force; for times outside a tick.
+  virtual void write_zero() noexcept = 0;
+  /// The wrench that the last command renders to the hand, without compensation of the device's own forces.
+  virtual Wrench delivered() const noexcept = 0;
+  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque. 0: not known.
+  virtual std::uint8_t motor_faults() const noexcept { return 0; }
+  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
+  /// immediately; read() returns kLinkLost until the connection is established.
+  virtual void restore() noexcept {}
+  /// Fills the device's columns of the recording, and the values for the display.
+  virtual void describe(RecordingRow& row, DeviceReadout& readout) const noexcept = 0;
+  /// Ends a tick of `dt_s`, and advances the time of a device that is paced by the loop. May block only if
+  /// is_paced_by_loop() is true.
+  virtual void advance(double /*dt_s*/) {}
+
+  /// Ends the session.
+  virtual void close() {}
+
+  /// True if the device's time advances only in advance(), so that a late tick does no harm.
+  virtual bool is_paced_by_loop() const { return false; }
+  /// Returns the counts of the link, after close(); none for a device without a link.
+  virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
+};
+
+}  // namespace trocar::runtime

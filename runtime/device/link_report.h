@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a session counts about the link to its device.
+// Tests: tests/runtime/link/udp_device_test.cpp
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "formats/base/result.h"
+#include "formats/session/device_protocol.h"
+
+namespace trocar::runtime {
+
+/// Counts of the link to a device.
+struct LinkReport {
+  std::uint64_t sessions = 0;
+  LinkCounts packets;
+  /// Number of states that the device sent in these sessions after the first torques, but that were
+  /// lost or overtaken.
+  std::uint64_t states_missed = 0;
+  std::optional<Error> restore_error;  ///< failure of the last attempt to restore the session
+};
+
+}  // namespace trocar::runtime

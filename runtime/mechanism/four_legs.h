@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// The four-legged device as a HandDevice: the pose is computed from sixteen encoders, and eight motor torques
+// render a wrench. The encoders and motors may be simulated, behind a link, or read from a recording (Device).
+//
+// Contract, in addition to those of hand_device.h and mechanism_limits.h:
+//  1. Every torque written is finite and within what its motor's thermal state allows.
+//  2. The pose is fitted to the upper chains. The joints of the lower chains, with theta4, follow from it, so
+//     comparing theta4 with the measured theta4 is a further check.
+//  3. Compensation torques cancel the device's own friction and weight. They rise from zero after stop(), count
+//     as torques of the motors, and do not count as a wrench on the hand.
+// Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_motors_test.cpp
+#pragma once
+
+#include "runtime/device/device.h"
+#include "runtime/device/hand_device.h"
+#include "runtime/mechanism/four_legs_specification.h"
+#include "runtime/mechanism/mechanism_limits.h"
+
+namespace trocar::runtime {
+
+class FourLegs final : public HandDevice {
+ public:
+  /// `device` must outlive this object.
+  FourLegs(const DeviceDescription& description, Device& device, const MechanismLimits& limits = {})
+      : device_(device), specification_(description), limits_(limits) {
+    change(description, limits);
+  }
+
+  const DeviceSpecification& specification() const noexcept override { return specification_; }
+  Result<void> start() override { return device_.start(); }
+
+  DeviceStatus read(double& t_s) noexcept override;
+  void use_last_reading() noexcept override;
+  /// Checks the encoders' values, steps and limits, the pose's residuals and its distance from singularities.
+  FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept override;
+  const Measurement& measured() const noexcept override { return reading_; }
+  bool keep_reading() noexcept override;
+  FaultDetail age(double held_s) noexcept override;
+  /// After kMotorOverload, recovery waits until every motor has used at most half of its i2t capacity.
+  FaultDetail check_rested() const noexcept override;
+  FaultDetail render(const RenderInput& input, double& scale) noexcept override;
+  void stop() noexcept override;
+  void fade(double share) noexcept override;
+  DeviceStatus write() noexcept override;
+  void write_zero() noexcept override { device_.write(DeviceCommand{}); }
+  Wrench delivered() const noexcept override;
+  std::uint8_t motor_faults() const noexcept override { return device_.motor_faults(); }
+  void restore() noexcept override { device_.restore(); }
+  void describe(RecordingRow& row, DeviceReadout& readout) const noexcept override;
+  void advance(double dt_s) override { device_.advance(dt_s); }
+  void close() override { device_.close(); }
+  bool is_paced_by_loop() const override { return device_.is_paced_by_loop(); }
+  std::optional<LinkReport> link_report() const override { return device_.link_report(); }
+
+  // Tests call these functions between two ticks.
+
+  /// Continues with other parameters.
+  void change(const DeviceDescription& description, const MechanismLimits& limits) {
+    specification_ = FourLegsSpecification(description);
+    limits_ = limits;
+    motor_ = make_motor_model(description);
+  }
+  /// Jacobian at the pose of the last find_pose() without a fault.
+  const Jacobian& motor_jacobian() const noexcept { return G_; }
+  const MotorVector& torques_Nm() const noexcept { return written_Nm_; }
+  const MotorVector& torques_at_stop_Nm() const noexcept { return at_stop_Nm_; }
+  const MotorVector& compensation_Nm() const noexcept { return compensation_Nm_; }
+  MotorState& motors() noexcept { return motors_; }
+
+ private:
+  FaultDetail check_encoders(const ReadingInterval& interval) const noexcept;
+  MotorVector compensation(const RenderInput& input) noexcept;
+
+  const DeviceDescription& description() const noexcept { return specification_.description(); }
+
+  Device& device_;
+  FourLegsSpecification specification_;
+  MechanismLimits limits_;
+  MotorModel motor_;
+  MotorState motors_;
+  Measurement reading_{0, kEncoders, {}}, last_{0, kEncoders, {}};
+  Jacobian G_ = Jacobian::Zero();
+  MotorVector next_Nm_ = MotorVector::Zero();          ///< prepared by render() or fade()
+  MotorVector written_Nm_ = MotorVector::Zero();       ///< torques last written
+  MotorVector at_stop_Nm_ = MotorVector::Zero();       ///< torques when stop() was called
+  MotorVector compensation_Nm_ = MotorVector::Zero();  ///< compensation contained in next_Nm_
+  double compensation_authority_ = 0;                  ///< factor on the compensation
+};
+
+}  // namespace trocar::runtime
