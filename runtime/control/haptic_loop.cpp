@@ -8,6 +8,8 @@
 #include <numbers>
 #include <utility>
 
+#include "runtime/realtime/monotonic_clock.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -308,6 +310,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   RecordingRow& row = result.row;
   Safety& safety = state.safety;
   const SafetyTiming& timing = model.limits.timing;
+  const std::int64_t begin_ns = monotonic_ns();
   row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
   row.response_sheet = inputs.prefetched.sheet;
   row.response_stiffness_N_per_m = inputs.prefetched.stiffness_N_per_m;
@@ -315,6 +318,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
 
   TickReading reading = read_and_check(model, inputs, device, state, result);
   if (result.end_of_data) return;
+  const std::int64_t read_ns = monotonic_ns();
   const SafetyState before = safety.state;
   advance_safety(model, inputs, law, device, state, reading, result);
 
@@ -329,7 +333,10 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
     reset_contact(law, state);
   }
 
+  const std::int64_t prepared_ns = monotonic_ns();
   write_command(device, state, reading.fault, row);
+  result.law_ns = prepared_ns - read_ns;
+  result.device_ns = read_ns - begin_ns + (monotonic_ns() - prepared_ns);
   const bool is_stopped =
       safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
   const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;

@@ -81,6 +81,8 @@ struct TickResult {
   FaultDetail found;
   /// ForceLaw::retract_distance_m(). While it is positive, `running` cannot begin.
   double retract_distance_m = 0;
+  /// Times that the tick took: to read, check and write the device, and to compute the force.
+  std::int64_t device_ns = 0, law_ns = 0;
   bool at_rest = false;  ///< the ramp after a fault has ended, so the force is zero
 };
 

@@ -28,6 +28,13 @@ json buckets(const Histogram& histogram) {
   return list;
 }
 
+json describe(const LateTicks::Counts& late_ticks) {
+  json counts;
+  for (std::size_t part = 0; part < kTickParts; ++part)
+    counts[kTickPartNames.at(part)] = late_ticks.at(part);
+  return counts;
+}
+
 json describe(const RealtimeReport& realtime) {
   return {{"scheduling", realtime.scheduling},
           {"realtime_priority", realtime.fifo},
@@ -149,6 +156,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
       {"wake_us", quantiles(report.realtime.wake)},
       {"allocations_in_loop", nullptr},
       {"page_faults_in_loop", report.realtime.page_faults},
+      {"missed_deadlines_by", describe(report.late_ticks)},
       {"missed_deadlines_in_row_max", report.realtime.missed_in_row_max},
       {"realtime", describe(report.realtime)},
       {"tick_histogram_us", buckets(report.tick)},

@@ -56,6 +56,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     sheets_[i] = remesher_.current(i);
     cuts_published += sheets_[i]->cuts;
   }
+  late_ticks_.begin(timing, 1e9 / model_.rate_Hz);
   haptic_tick(model_, inputs(timing), device_, law_, state_, result_);
   if (result_.end_of_data) return false;
   result_.row.cuts_published = cuts_published;
@@ -67,11 +68,16 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     for (TickObserver* observer : observers_)
       observer->on_message(message);
   }
-  const TickView view{result_, state_, sheets_, timing, clock_.is_real_time(), start_ns};
+  const TickView view{result_,  state_,   sheets_, timing, late_ticks_.counts(),
+                      clock_.is_real_time(), start_ns};
   for (TickObserver* observer : observers_)
     observer->on_tick(view);
-  statistics_.add_tick_time(monotonic_ns() - start_ns);
+  const std::int64_t done_ns = monotonic_ns();
+  statistics_.add_tick_time(done_ns - start_ns);
+  late_ticks_.spend(TickPart::kLaw, result_.law_ns);
+  late_ticks_.spend(TickPart::kPublishing, done_ns - start_ns - result_.law_ns - result_.device_ns);
   advance_(1 / model_.rate_Hz);
+  late_ticks_.spend(TickPart::kDevice, result_.device_ns + (monotonic_ns() - done_ns));
   return goes_on();
 }
 
@@ -163,7 +169,9 @@ void SessionLoop::serve_observers() {
 SessionReport SessionLoop::finish() {
   for (TickObserver* observer : observers_)
     observer->stop();
-  return statistics_.take(state_, state_.tick == clock_.ticks());
+  SessionReport report = statistics_.take(state_, state_.tick == clock_.ticks());
+  report.late_ticks = late_ticks_.counts();
+  return report;
 }
 
 }  // namespace trocar::runtime

@@ -10,6 +10,7 @@
 #include "formats/session/scene.h"
 #include "runtime/control/haptic_loop.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/realtime/late_ticks.h"
 #include "runtime/session/operator_commands.h"
 #include "runtime/session/session_clock.h"
 #include "runtime/session/session_options.h"
@@ -73,6 +74,7 @@ class SessionLoop {
   TelemetryHand hand_;  ///< latest complete message of a live hand
   MessageSource messages_;
   SessionStatistics statistics_;
+  LateTicks late_ticks_;
   std::vector<TickObserver*> observers_;
   std::vector<const Sheet*> sheets_;  ///< meshes used in this tick
   bool is_paused_ = false;            ///< time is paused

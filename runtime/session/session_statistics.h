@@ -14,6 +14,7 @@
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/realtime/histogram.h"
+#include "runtime/realtime/late_ticks.h"
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/telemetry/black_box.h"
 #include "runtime/telemetry/tick_observer.h"
@@ -47,6 +48,7 @@ struct SessionReport {
   double damping_max_N_s_per_m = 0;  ///< largest damping of the passivity controller
   std::uint64_t damped_ticks = 0;
   RealtimeReport realtime;  ///< empty with a virtual clock
+  LateTicks::Counts late_ticks{};  ///< missed deadlines by the part of the tick that caused them
   Histogram tick;           ///< wall time of a tick, without the simulated device's step
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
   /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim,

@@ -102,6 +102,7 @@ void SessionPublisher::on_tick(const TickView& view) noexcept {
   tick_.force_N = contact.force_N;
   tick_.ticks = view.state.tick;
   tick_.missed_deadlines = view.timing.missed_deadlines;
+  tick_.late_ticks = view.late_ticks;
   tick_.late_max_ns = std::max(tick_.late_max_ns, view.timing.late_ns);
   if (view.result.new_fault != Fault::kNone) ++tick_.faults;
   if (contact.phase == ContactPhase::kContact && contact.active_sheet >= 0)

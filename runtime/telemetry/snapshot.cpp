@@ -76,6 +76,7 @@ constexpr Column kColumns[] = {
     one("motor_heat_max", [](const S& s) { return s.tick.row.motor_heat_max; }),
     one("ticks", [](const S& s) { return s.tick.ticks; }),
     one("missed_deadlines", [](const S& s) { return s.tick.missed_deadlines; }),
+    many("missed_by", kTickParts, [](const S& s) { return s.tick.late_ticks; }),
     one("late_max_us", [](const S& s) { return static_cast<double>(s.tick.late_max_ns) * 1e-3; }),
     one("front_z_m", [](const S& s) { return s.tick.row.cutting.front_z_m; }),
     one("front_HU", [](const S& s) { return s.tick.row.cutting.front_HU; }),

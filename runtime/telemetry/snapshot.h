@@ -15,6 +15,7 @@
 #include "formats/session/telemetry.h"
 #include "runtime/contact/tool.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/realtime/late_ticks.h"
 #include "runtime/telemetry/telemetry_histogram.h"
 
 namespace trocar::runtime {
@@ -27,6 +28,7 @@ struct TelemetryTick {
   std::int32_t active_sheet = -1;
   double force_N = 0;
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
+  LateTicks::Counts late_ticks{};  ///< missed deadlines, by the part of the tick that caused them
   std::int64_t late_max_ns = 0;
   std::uint64_t sheets_touched = 0, sheets_punctured = 0;  ///< one bit for each sheet
   std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};

@@ -11,6 +11,7 @@
 #include <span>
 
 #include "runtime/control/haptic_loop.h"
+#include "runtime/realtime/late_ticks.h"
 #include "runtime/realtime/polling_thread.h"
 #include "runtime/realtime/realtime_thread.h"
 
@@ -52,6 +53,7 @@ struct TickView {
   const LoopState& state;                ///< state after the tick
   std::span<const Sheet* const> sheets;  ///< meshes that the tick used, the topmost first
   const TickTiming& timing;              ///< all zero if is_real_time is false
+  const LateTicks::Counts& late_ticks;   ///< missed deadlines before this tick, by their causes
   bool is_real_time = false;             ///< ticks follow the wall clock
   std::int64_t start_ns = 0;             ///< start of the tick on CLOCK_MONOTONIC
 };

@@ -3,6 +3,7 @@
 // Tests: tests/e2e/console_page_test.py
 
 const kAxes = ["x", "y", "z"], kDegrees = 180 / Math.PI;
+const kTickParts = ["waking", "device", "law", "publishing"];  // parts of a tick that make it late, in the order of the column missed_by
 const kShownEvents = 100;
 
 function element(tag, name = "", text = "") {
@@ -65,6 +66,7 @@ export class Gauges {
     this.heat = new Row(limits, "Motor heat", "");
     limits.append(element("span", "name", "Tip x, y, z"), (this.tip = element("span", "value wide", "–")));
     limits.append(element("span", "name", "Missed ticks"), (this.missed = element("span", "value wide", "–")));
+    limits.append(element("span", "name", "Missed by"), (this.cause = element("span", "value wide", "–")));
     this.events_box = document.getElementById("events");
     this.counts = document.getElementById("slice-counts");
     this.cells = document.getElementById("slice-cells");
@@ -112,6 +114,10 @@ export class Gauges {
     this.tip.textContent = tip ? `${Array.from(tip, (v) => fixed(1000 * v, 1)).join(", ")} mm` : "–";
     const missed = shown.value("missed_deadlines"), late = shown.value("late_max_us");
     this.missed.textContent = Number.isNaN(missed) ? "–" : `${missed}${late > 0 ? `, latest ${late < 1000 ? `${late.toFixed(0)} µs` : `${(late / 1000).toFixed(1)} ms`}` : ""}`;
+    // There is room for the commonest cause; the others are in the tooltip.
+    const by = Array.from(shown.values("missed_by") ?? []), most = by.indexOf(Math.max(...by));
+    this.cause.textContent = by[most] > 0 ? `${kTickParts[most]}, ${by[most]} times` : "–";
+    this.cause.title = by.map((count, part) => `${kTickParts[part]} ${count}`).join(", ");
   }
 
   update_slices(shown) {
