@@ -46,7 +46,8 @@ constexpr FaultWords make_words(Fault fault) {
               "report this to the developers with the black box and the scene"};
     case Fault::kDeadlineMissed:
       return {"deadline_missed", "the loop was too late", "the loop is still too late",
-              "end other programs, give realtime rights, or allow more late ticks (--late-ticks)"};
+              "end other programs, give realtime rights, or allow more late ticks "
+              "(--late-ticks-in-row)"};
     case Fault::kRemeshBacklog:
       return {"remesh_backlog", "holes are made faster than their meshes",
               "holes still wait for their meshes", "lift the tool, and puncture more slowly"};

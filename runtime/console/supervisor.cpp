@@ -99,7 +99,9 @@ Result<void> Supervisor::start_device(const std::string& endpoint) {
                                     "--listen",
                                     endpoint,
                                     "--key-file",
-                                    session_folder_ / "key"};
+                                    session_folder_ / "key",
+                                    "--watchdog",
+                                    "0.25"};
   if (request_.clock == "virtual") {
     words.emplace_back("--clock");
     words.emplace_back("lock-step");

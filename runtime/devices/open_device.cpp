@@ -11,6 +11,9 @@
 namespace trocar::runtime {
 namespace {
 
+/// Longest stall of a simulated drive that does not end a session, as on a machine with other work.
+constexpr double kSimulatedNoState_s = 0.25;
+
 Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& options) {
   if (options.scene.hand.live != (options.hand != nullptr))
     return bug("the simulated device needs exactly one hand");
@@ -31,6 +34,7 @@ Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions&
   link.peer = *peer;
   link.key = *key;
   link.period_s = 1 / options.rate_Hz;
+  if (options.is_simulated) link.no_state_s = kSimulatedNoState_s;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
   Result<std::unique_ptr<UdpDevice>> made = UdpDevice::make(link);
   if (!made) return made.error();

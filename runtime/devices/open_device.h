@@ -25,6 +25,7 @@ struct OpenDeviceOptions {
   std::string scene_name;  ///< name of the scene in error messages
   const DeviceDescription& description;
   std::filesystem::path key_file;  ///< key of the link to a device process
+  bool is_simulated = false;       ///< a device process is known to have no motors
   Clock clock = Clock::kReal;      ///< the session's clock
   double rate_Hz = 1000;           ///< the session's rate
   UnscriptedHand* hand =

@@ -76,9 +76,11 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   safety.option("--stiffness-limit", a.stiffness_limit_N_per_m,
                 "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
                 "with the force law cutting (default: what the device states)");
-  safety.option("--late-ticks", a.late_ticks,
+  safety.option("--late-ticks-in-row", a.late_ticks_in_row,
                 "raise a fault after this many consecutive missed deadlines; 0: never\n"
-                "(default: 3). The device inproc waits for the loop: deadlines are not checked");
+                "(default: 3 for a device with motors; a simulated device is not harmed by late\n"
+                "ticks, so they are only counted)");
+  app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
   safety.option("--black-box", a.black_box,
                 "folder for the recordings of the last 4 s before each fault (default: the\n"
                 "folder of --record, or else the current folder, or else that for temporary\n"
@@ -160,7 +162,8 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                 device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
   device.flag("--simulated", a.simulated,
               "the device process simulates its device. Without this it is taken to have\n"
-              "motors, and contact is half as stiff, because its mass was only measured");
+              "motors: contact is half as stiff, because its mass was only measured, and late\n"
+              "ticks are a fault");
   device.option("--key-file", a.key_file,
                 "key of the device link; the device process must have the same key");
   device.option("--device-description", a.description,
@@ -228,7 +231,8 @@ Result<void> check_run_arguments(const RunArguments& a) {
       (std::filesystem::path(a.session_report).extension() != ".html" ||
        std::filesystem::path(a.session_report).stem().empty()))
     return usage("--session-report " + a.session_report + ": must be a name that ends in .html");
-  if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
+  if (a.late_ticks_in_row && *a.late_ticks_in_row < 0)
+    return usage("--late-ticks-in-row: must not be negative");
   if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
     return usage(
         "--replay: rate and duration are the recording's; leave --rate and --duration out");
@@ -259,13 +263,13 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
 }  // namespace
 
 void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
+  const bool is_simulated = !may_have_motors(arguments.device) || arguments.simulated;
   options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
                      : arguments.recover == "signal" ? RecoveryPolicy::kOnRequest
                                                      : RecoveryPolicy::kNever;
   options.passivity.on = arguments.passivity == "on";
   options.limits.energy_limit_J = arguments.energy_limit_J.value_or(options.limits.energy_limit_J);
-  options.stiffness.margin =
-      may_have_motors(arguments.device) && !arguments.simulated ? kHardwareMargin : 1;
+  options.stiffness.margin = is_simulated ? 1 : kHardwareMargin;
   options.stiffness.most_N_per_m =
       arguments.stiffness_limit_N_per_m.value_or(options.stiffness.most_N_per_m);
   options.coupling.on = arguments.coupling_N_per_m.has_value();
@@ -275,8 +279,11 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
       arguments.compensate == "friction" || arguments.compensate == "both";
   options.compensation.gravity = arguments.compensate == "weight" || arguments.compensate == "both";
   options.cpu = arguments.cpu;
+  const int late_ticks = arguments.late_ticks_in_row.value_or(is_simulated ? 0 : kDefaultLateTicks);
   options.limits.missed_deadlines_max =
-      arguments.late_ticks > 0 ? arguments.late_ticks - 1 : std::numeric_limits<int>::max();
+      late_ticks > 0 ? late_ticks - 1 : std::numeric_limits<int>::max();
+  // A simulated device process is not harmed by a gap either. (The device in the process has none.)
+  if (arguments.simulated && late_ticks == 0) options.limits.gap_max_s = 0;
   if (!arguments.black_box.empty()) {
     options.black_box = arguments.black_box;
   } else if (arguments.replay.empty() && !arguments.check) {

@@ -18,6 +18,8 @@ namespace trocar::runtime {
 
 inline constexpr const char* kProgram = "trocar-run";
 inline constexpr double kDefaultRate_Hz = 1000;
+/// Missed deadlines in a row that are a fault if the device has motors.
+inline constexpr int kDefaultLateTicks = 3;
 
 /// The options of the command line. An empty string means that the option was not given.
 struct RunArguments {
@@ -33,7 +35,9 @@ struct RunArguments {
   std::string record, summary, session_report, meshes, frames, hand_path;
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
-  int late_ticks = 3, cpu = -1;
+  /// None: the default for the device, kDefaultLateTicks or any number.
+  std::optional<int> late_ticks_in_row;
+  int cpu = -1;
   std::string energy_budget;  ///< the option's old name, which is refused with a hint
 };
 

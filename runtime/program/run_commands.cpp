@@ -42,12 +42,14 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
                                                                .scene_name = arguments.scene,
                                                                .description = inputs.description,
                                                                .key_file = arguments.key_file,
+                                                               .is_simulated = arguments.simulated,
                                                                .clock = options.clock,
                                                                .rate_Hz = options.rate_Hz,
                                                                .hand = hand});
   if (!opened) return opened.error();
   HandDevice& device = *opened->device;
-  if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
+  // A lock-step drive waits for the loop.
+  if (device.is_paced_by_loop() && !arguments.late_ticks_in_row) options.limits.gap_max_s = 0;
   // Workers are made before start(), because a drive behind a link ends a session in which
   // no tick comes.
   Result<SessionWorkers> workers =
@@ -139,8 +141,10 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   options.stop = &stop_requested;
   options.recover = &recover;
   set_loop_options(arguments, options);
-  if (!inputs.replay.empty())
+  if (!inputs.replay.empty()) {
     options.stiffness.margin = stated_stiffness_margin(inputs.replay_origin);
+    if (allows_any_state_gap(inputs.replay_origin)) options.limits.gap_max_s = 0;
+  }
   return options;
 }
 

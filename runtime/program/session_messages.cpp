@@ -48,6 +48,17 @@ bool print_black_boxes(const SessionReport& report) {
   return written;
 }
 
+/// Returns the causes of missed deadlines, such as " (waking 12, law 1)"; empty: none was missed.
+std::string causes_of(const LateTicks::Counts& late_ticks) {
+  std::string causes;
+  for (std::size_t part = 0; part < kTickParts; ++part) {
+    if (late_ticks.at(part) == 0) continue;
+    causes += causes.empty() ? " (" : ", ";
+    causes += std::string(kTickPartNames.at(part)) + " " + std::to_string(late_ticks.at(part));
+  }
+  return causes.empty() ? causes : causes + ")";
+}
+
 }  // namespace
 
 int fail(const Error& error) {
@@ -82,11 +93,11 @@ void print_message(const RunArguments& arguments, const OperatorMessage& message
 
 void print_outcome(const SessionReport& report, const SessionOptions& options) {
   std::printf(
-      "%llu ticks at %.6g Hz, %llu missed deadlines, largest force %.3f N, largest torque "
+      "%llu ticks at %.6g Hz, %llu missed deadlines%s, largest force %.3f N, largest torque "
       "%.3f Nm\n",
       static_cast<unsigned long long>(report.ticks), options.rate_Hz,
-      static_cast<unsigned long long>(report.realtime.missed_deadlines), report.max_force_N,
-      report.torque_max_Nm);
+      static_cast<unsigned long long>(report.realtime.missed_deadlines),
+      causes_of(report.late_ticks).c_str(), report.max_force_N, report.torque_max_Nm);
   constexpr double kMinShown_N = 5e-4;
   if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
     std::printf("the tool touched nothing; trocar-run --check says why\n");

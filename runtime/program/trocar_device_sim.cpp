@@ -36,7 +36,7 @@ constexpr const char* kName = "trocar-device-sim";
 struct Arguments {
   std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
   std::string faults, description, summary, record;
-  double rate_Hz = 4000, noise_rad = 0;
+  double rate_Hz = 4000, noise_rad = 0, watchdog_s = 0.01;
   std::uint64_t seed = 1, sessions = 0;
   bool quiet = false;
 };
@@ -68,6 +68,11 @@ void declare(CLI::App& app, Arguments& a) {
                  "real: wall clock; lock-step: time advances by one period of the host for each\n"
                  "command, for trocar-run --clock virtual (default: real)");
   app.add_option("--rate", a.rate_Hz, "rate of the drive, 100 to 10000 Hz (default: 4000)");
+  app.add_option(
+      "--watchdog", a.watchdog_s,
+      "time without a command after which torques are zero, 0.01 to 0.5 s, or 2.5\n"
+      "periods of the host if that is longer (default: 0.01). 0.25 rides out the stalls\n"
+      "of a machine with other work; then use trocar-run --simulated");
   app.add_option(
       "--model", a.model,
       "light: a plate with viscous friction; full: also links, rotors, dry friction and\n"
@@ -106,6 +111,9 @@ Result<void> check_arguments(const Arguments& a) {
   // Written so that nan is refused, too.
   if (!(a.rate_Hz >= 100 && a.rate_Hz <= 10000)) {
     return usage("--rate: must be within 100 and 10000 Hz");
+  }
+  if (!(a.watchdog_s >= 0.01 && a.watchdog_s <= 0.5)) {
+    return usage("--watchdog: must be within 0.01 and 0.5 s");
   }
   if (!(a.noise_rad >= 0 && a.noise_rad <= 0.1)) {
     return usage("--encoder-noise: must be within 0 and 0.1 rad");
@@ -322,6 +330,7 @@ int serve(const Arguments& arguments) {
   DriveOptions options;
   options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
   options.period_s = 1 / arguments.rate_Hz;
+  options.watchdog_s = arguments.watchdog_s;
   options.record_steps = arguments.record.empty() ? 0 : kMaxRecordedSteps;
   Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
   if (!faults) return fail(faults.error());

@@ -28,8 +28,8 @@ class LateTicks {
   void begin(const TickTiming& timing, double period_ns) noexcept {
     const std::uint64_t missed = timing.missed_deadlines - missed_;
     missed_ = timing.missed_deadlines;
-    const auto asleep = static_cast<std::uint64_t>(
-        std::max(0.0, static_cast<double>(timing.late_ns) / period_ns));
+    const auto asleep =
+        static_cast<std::uint64_t>(std::max(0.0, static_cast<double>(timing.late_ns) / period_ns));
     const std::uint64_t by_waking = std::min(missed, asleep);
     counts_[static_cast<std::size_t>(TickPart::kWaking)] += by_waking;
     const auto longest = std::max_element(spent_ns_.begin() + 1, spent_ns_.end());

@@ -17,6 +17,7 @@ namespace {
 
 constexpr const char* kRate = "rate_Hz";
 constexpr const char* kMargin = "stiffness-margin";
+constexpr const char* kStateGap = "state-gap";
 
 std::string shortest(double x) {
   std::array<char, 32> text;
@@ -75,6 +76,7 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},
       {"energy-limit", shortest(options.limits.energy_limit_J)}};
+  if (options.limits.gap_max_s == 0) origin.entries.emplace_back(kStateGap, "any");
   // Only the force law that renders such a stiffness has these entries, and only if they are not the default.
   if (!traits_of(scene.force_law.kind).uses_bone_volume) return origin;
   if (options.stiffness.margin != 1)
@@ -87,6 +89,10 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
 double stated_stiffness_margin(const RecordingOrigin& recorded) {
   const std::string* const text = recorded.find(kMargin);
   return text != nullptr && *text == shortest(kHardwareMargin) ? kHardwareMargin : 1;
+}
+
+bool allows_any_state_gap(const RecordingOrigin& recorded) {
+  return recorded.find(kStateGap) != nullptr;
 }
 
 double stated_rate_Hz(const RecordingOrigin& recorded) {

@@ -28,6 +28,10 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
 /// Returns the StiffnessLimits::margin of a recording; 1 if it states none.
 double stated_stiffness_margin(const RecordingOrigin& recorded);
 
+/// Returns true if a recording states that any time between two states of the device was allowed
+/// (SafetyLimits::gap_max_s 0), as with a simulated device process.
+bool allows_any_state_gap(const RecordingOrigin& recorded);
+
 /// Returns the rate of the haptic loop that a recording states; 0: none.
 double stated_rate_Hz(const RecordingOrigin& recorded);
 

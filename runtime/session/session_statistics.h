@@ -47,9 +47,9 @@ struct SessionReport {
   double energy_released_max_J = 0;  ///< PassivityState::released_max_J
   double damping_max_N_s_per_m = 0;  ///< largest damping of the passivity controller
   std::uint64_t damped_ticks = 0;
-  RealtimeReport realtime;  ///< empty with a virtual clock
+  RealtimeReport realtime;         ///< empty with a virtual clock
   LateTicks::Counts late_ticks{};  ///< missed deadlines by the part of the tick that caused them
-  Histogram tick;           ///< wall time of a tick, without the simulated device's step
+  Histogram tick;                  ///< wall time of a tick, without the simulated device's step
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
   /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim,
   /// coupling and damping. Compensation of the device's own forces does not count, because it

@@ -116,7 +116,7 @@ def session(programs, work, name, use_proxy):
         proxy.start()
     host = subprocess.Popen([programs / "trocar-run", folder / "scene.json", "--asset", work / "sample.glb", "--device",
                              "udp:" + (proxy.address if use_proxy else address), "--key-file", folder / "key", "--record", record,
-                             "--summary", summary, "--late-ticks", "0", "--recover", "auto", "--passivity", "off", "--quiet",
+                             "--summary", summary, "--late-ticks-in-row", "0", "--recover", "auto", "--passivity", "off", "--quiet",
                              "--black-box", folder], stderr=subprocess.PIPE, text=True)
     if not use_proxy:
         threading.Thread(target=stop_now_and_then, args=(host,), daemon=True).start()

@@ -68,7 +68,7 @@ def faults_at_once(programs, work, scene):
     """In real time, with the recovery left to the operator: the session would last a minute."""
     log, summary = work / "log", work / "told.json"
     with log.open("w") as stream:
-        process = subprocess.Popen([programs / "trocar-run", scene, "--rate", "500", "--late-ticks", "0", "--recover", "signal", "--summary", summary, "--quiet"],
+        process = subprocess.Popen([programs / "trocar-run", scene, "--rate", "500", "--recover", "signal", "--summary", summary, "--quiet"],
                                    stdout=stream, stderr=stream, cwd=work)
         line = wait_for(log, "fault joint_limit")
         assert line is not None, f"the fault is not in the log: {log.read_text()!r}"

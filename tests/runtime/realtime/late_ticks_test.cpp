@@ -38,7 +38,7 @@ TEST(LateTicks, AreThoseOfTheLongestPartOfTheTickBefore) {
 TEST(LateTicks, AreThoseOfWakingIfTheyPassedWhileTheThreadSlept) {
   LateTicks late;
   late.begin(timing(0, 0.02), kPeriod_ns);
-  late.spend(TickPart::kLaw, 2'100'000);   // two deadlines are missed,
+  late.spend(TickPart::kLaw, 2'100'000);     // two deadlines are missed,
   late.begin(timing(32, 30.4), kPeriod_ns);  // and then the machine stalls for 30 periods
   EXPECT_EQ(late.counts(), (LateTicks::Counts{30, 0, 2, 0}));
   EXPECT_EQ(std::accumulate(late.counts().begin(), late.counts().end(), std::uint64_t{0}), 32U);

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sessions over the device link on a machine that stalls both programs for 30 ms once a second.
+
+ 1. With a simulated drive (trocar-run --simulated, trocar-device-sim --watchdog 0.25) every session ends well, and
+    its late ticks are counted, by their causes.
+ 2. With a drive that is taken to have motors a stall ends the session, as a rule with deadline_missed.
+
+TROCAR_STALLED_SESSIONS: number of sessions of item 1 (default: 3).
+"""
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+
+import pytest
+from device_link_e2e_test import STALLS, Simulator
+from programs import run
+
+SESSIONS = int(os.environ.get("TROCAR_STALLED_SESSIONS", "3"))
+STALL_S, EVERY_S = 0.030, 1.0
+
+
+@pytest.fixture(name="asset", scope="module")
+def sample_asset(programs, scan, work):
+    asset = work / "sample.glb"
+    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+    return asset
+
+
+def stalled_session(programs, work, scene, asset, simulator_options, *options):
+    """(exit code, stderr, summary) of a session during which both programs stand still for STALL_S once in EVERY_S."""
+    summary = work / "stalled.json"
+    with Simulator(programs, work, scene, *simulator_options) as simulator:
+        command = [programs / "trocar-run", scene, "--asset", asset, "--device", f"udp:{simulator.address}",
+                   "--key-file", simulator.key_file, "--quiet", "--summary", summary, "--record", work / "stalled.csv",
+                   "--black-box", work, *options]
+        with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True) as process:
+            over = threading.Event()
+
+            def stall():
+                while not over.wait(EVERY_S):
+                    for how, pause_s in ((signal.SIGSTOP, STALL_S), (signal.SIGCONT, 0)):
+                        for one in (process, simulator.process):
+                            one.send_signal(how)
+                        time.sleep(pause_s)
+
+            thread = threading.Thread(target=stall)
+            thread.start()
+            _, stderr = process.communicate()
+            over.set()
+            thread.join()
+    return process.returncode, stderr, json.loads(summary.read_text())
+
+
+def test_a_simulated_drive_rides_it_out(source, programs, asset, work):
+    scene = source / "runtime" / "scenes" / "three_slices.json"
+    for session in range(SESSIONS):
+        code, stderr, summary = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), "--simulated")
+        assert code == 0, f"session {session + 1} of {SESSIONS} ended with {code}: {stderr}"
+        by = summary["missed_deadlines_by"]
+        print(f"session {session + 1}: {summary['missed_deadlines']} missed deadlines: {by}")
+        assert summary["missed_deadlines_in_row_max"] >= 25, "the stalls came too late"
+        assert len(summary["punctures"]) == 3
+        run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "stalled.csv", "--quiet")
+        # The count in the summary also has what was missed after the last tick began.
+        assert 0 <= summary["missed_deadlines"] - sum(by.values()) <= summary["missed_deadlines_in_row_max"]
+
+
+def test_a_drive_with_motors_ends_the_session(source, programs, asset, work):
+    scene = source / "runtime" / "scenes" / "three_slices.json"
+    for options in ((), ("--late-ticks-in-row", "3")):
+        code, stderr, summary = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), *options)
+        assert code == 5, f"ended with {code}: {stderr}"
+        named = [fault["fault"] for fault in summary["faults"]]
+        print(f"ended with {named}")
+        # A machine with other work may stall the drive before the test does.
+        assert len(named) == 1 and named[0] in STALLS, stderr
