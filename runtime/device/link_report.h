@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a session counts about the link to its device.
-// Tests: tests/runtime/link/udp_device_test.cpp
+// Tests: tests/runtime/link/udp_device_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
 #include <cstdint>
@@ -8,6 +8,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/device_protocol.h"
+#include "runtime/realtime/histogram.h"
 
 namespace trocar::runtime {
 
@@ -18,6 +19,8 @@ struct LinkReport {
   /// Number of states that the device sent in these sessions after the first torques, but that were
   /// lost or overtaken.
   std::uint64_t states_missed = 0;
+  /// Time from a command to the first state that acknowledges it; of the real clock only.
+  Histogram round_trip;
   std::optional<Error> restore_error;  ///< failure of the last attempt to restore the session
 };
 

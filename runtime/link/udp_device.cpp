@@ -195,7 +195,7 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   }
   session_key_ = session_key(options_.key, welcome.host_nonce, welcome.drive_nonce);
   session_ = session_number(welcome.drive_nonce);
-  last_command_ = last_state_ = 0;
+  last_command_ = last_state_ = last_acknowledged_ = 0;
   newest_ = {};
   fresh_state_ = has_written_ = counts_missed_ = false;
   // The first command begins the session. It is repeated, because it may be lost.
@@ -223,7 +223,18 @@ UdpSocket::Outcome UdpDevice::send(CommandMode mode, const DeviceCommand& comman
   std::array<std::uint8_t, kCommandBytes> bytes;
   if (encode(packet, session_key_, bytes) == 0) return UdpSocket::Outcome::kNothing;
   ++last_command_;
+  sent_ns_[last_command_ % kRoundTrips] = packet.time_ns;
   return socket_.send(bytes);
+}
+
+/// Measures the round trip of the command that the newest state acknowledges, if no earlier state did.
+void UdpDevice::note_round_trip() noexcept {
+  const std::uint64_t taken = newest_.command_taken;
+  if (taken <= last_acknowledged_ || taken > last_command_ || last_command_ - taken >= kRoundTrips)
+    return;
+  last_acknowledged_ = taken;
+  if (options_.clock == LinkClock::kReal)
+    round_trip_.add(newest_ns_ - sent_ns_[taken % kRoundTrips]);
 }
 
 bool UdpDevice::drain() noexcept {
@@ -256,6 +267,7 @@ bool UdpDevice::drain() noexcept {
       fresh_state_ = true;
       ++queued_;
       newest_ns_ = now_ns();
+      note_round_trip();
     }
   }
   return true;

@@ -8,6 +8,7 @@
 // time does not advance, so advance() establishes the session.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -89,7 +90,7 @@ class UdpDevice final : public Device {
   std::uint64_t states_missed() const noexcept { return states_missed_; }
   std::uint64_t sessions() const noexcept { return sessions_; }
   std::optional<LinkReport> link_report() const override {
-    return LinkReport{sessions_, counts_, states_missed_, restore_error_};
+    return LinkReport{sessions_, counts_, states_missed_, round_trip_, restore_error_};
   }
 
  private:
@@ -104,12 +105,15 @@ class UdpDevice final : public Device {
   /// Takes the waiting datagrams, at most kMaxDatagrams. Returns false if the other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const DeviceCommand& command) noexcept;
+  void note_round_trip() noexcept;
 
   /// Largest number of datagrams taken in one tick, so that a flood cannot delay it.
   static constexpr int kMaxDatagrams = 512;
   /// If more states than this were queued, the socket may have dropped the newest. A socket's
   /// buffer holds about 270.
   static constexpr int kLongQueue = 128;
+  /// Number of commands whose round trip can be measured at the same time.
+  static constexpr std::size_t kRoundTrips = 256;
 
   UdpDeviceOptions options_;
   UdpSocket socket_;
@@ -122,10 +126,13 @@ class UdpDevice final : public Device {
   bool has_written_ = false;    ///< torques were sent in this session
   LinkCounts counts_;
   std::uint64_t states_missed_ = 0, sessions_ = 0;
-  bool counts_missed_ = false;  ///< states missed from now on are counted
-  bool answers_come_ = true;    ///< lock-step: the last answer arrived in time
-  bool is_lost_ = false;        ///< the last read() returned kLinkLost or kMotorFault
-  bool given_up_ = false;       ///< lock-step: restore() failed
+  Histogram round_trip_;                             ///< LinkReport::round_trip
+  std::array<std::int64_t, kRoundTrips> sent_ns_{};  ///< time of each of the latest commands
+  std::uint64_t last_acknowledged_ = 0;  ///< the latest command that a state acknowledged
+  bool counts_missed_ = false;           ///< states missed from now on are counted
+  bool answers_come_ = true;             ///< lock-step: the last answer arrived in time
+  bool is_lost_ = false;                 ///< the last read() returned kLinkLost or kMotorFault
+  bool given_up_ = false;                ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
   /// While this is set, the restoring thread owns all other members; otherwise the
   /// haptic thread does.

@@ -117,6 +117,13 @@ Result<void> check_procedure(const RunArguments& a) {
 Result<void> check_scene_arguments(const RunArguments& a) {
   if (auto good = check_procedure(a); !good) return good;
   if (a.explain) return {};
+  if (a.test_device) {
+    if (!a.scene.empty() || !a.new_scene.empty())
+      return usage("--test: runs no session; leave the scene out");
+    if (!may_have_motors(a.device))
+      return usage("--test: is for a device process; " + a.device + " has nothing to test");
+    return {};
+  }
   if (a.scene.empty() && a.new_scene.empty())
     return usage("SCENE is required (see trocar-run --help)");
   if (!a.scene.empty() && !a.new_scene.empty())
@@ -164,6 +171,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
               "the device process simulates its device. Without this it is taken to have\n"
               "motors: contact is half as stiff, because its mass was only measured, and late\n"
               "ticks are a fault");
+  device.flag("--test", a.test_device,
+              "run no session; read the device for --duration (default: 5 s), command no force,\n"
+              "and say whether a session at --rate would hold");
   device.option("--key-file", a.key_file,
                 "key of the device link; the device process must have the same key");
   device.option("--device-description", a.description,

@@ -28,7 +28,7 @@ struct RunArguments {
   bool explain = false;
   bool check = false, strict = false, live_hand = false;
   std::string device{kDefaultDevice}, key_file, description, compensate = "none";
-  bool simulated = false;
+  bool simulated = false, test_device = false;
   std::string clock = "real", replay, live;
   std::optional<double> rate_Hz, duration_s;
   bool quiet = false;

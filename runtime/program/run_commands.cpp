@@ -13,6 +13,7 @@
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/session/procedures.h"
+#include "runtime/checking/device_trial.h"
 #include "runtime/checking/new_scene.h"
 #include "runtime/checking/scene_check.h"
 #include "runtime/devices/live_hand.h"
@@ -238,6 +239,36 @@ int explain_procedures(const RunArguments& arguments) {
                   &procedure != procedures().data() && arguments.procedure.empty() ? "\n" : "",
                   explain(procedure).c_str());
   return 0;
+}
+
+int test_device(const RunArguments& arguments) {
+  const Result<DeviceDescription> description = read_description(arguments.description);
+  if (!description) return fail(description.error());
+  DeviceTrialOptions options;
+  options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
+  options.duration_s = arguments.duration_s.value_or(options.duration_s);
+  options.cpu = arguments.cpu;
+  options.stop = &stop_requested;
+  const Scene no_scene;
+  const Result<OpenedDevice> opened = open_device(arguments.device, {.scene = no_scene,
+                                                                     .scene_name = "--test",
+                                                                     .description = *description,
+                                                                     .key_file = arguments.key_file,
+                                                                     .rate_Hz = options.rate_Hz});
+  if (!opened) return fail(opened.error());
+  std::printf(
+      "The device gets no force for %.3g s. Hold the tool if the device does not carry itself.\n",
+      options.duration_s);
+  std::fflush(stdout);
+  const Result<DeviceTrial> trial = try_device(*opened->device, options);
+  if (!trial) return fail(trial.error());
+  const DeviceVerdict verdict = describe(*trial, options, opened->device->specification());
+  std::fputs(verdict.text.c_str(), stdout);
+  for (const std::string& trouble : verdict.troubles)
+    std::printf("trouble: %s\n", trouble.c_str());
+  std::printf("%s\n", verdict.troubles.empty() ? "A session at this rate should hold."
+                                               : "A session at this rate will not hold well.");
+  return verdict.troubles.empty() ? 0 : static_cast<int>(ExitCode::kDeviceFault);
 }
 
 int make_new_scene(const RunArguments& arguments) {

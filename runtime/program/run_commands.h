@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What trocar-run does: a session or a replay, the check of a scene, or a new scene.
+// What trocar-run does: a session or a replay, the check of a scene, a new scene, or the test of a device.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -17,6 +17,9 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
 /// Prints the values of one procedure, or of all, with their ranges and sources (--explain).
 int explain_procedures(const RunArguments& arguments);
+
+/// Tries the device without force (--test), and says whether a session would hold. Exit code 5: it would not.
+int test_device(const RunArguments& arguments);
 
 /// Proposes a scene (--new-scene).
 int make_new_scene(const RunArguments& arguments);

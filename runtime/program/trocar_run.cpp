@@ -41,6 +41,7 @@ int run_command_line(int argc, char** argv) {
   struct sigaction action {};
   action.sa_handler = [](int) { recovery_requested.store(true); };
   ::sigaction(SIGUSR1, &action, nullptr);
+  if (arguments.test_device) return test_device(arguments);
   return arguments.new_scene.empty() ? run_scene(arguments, recovery_requested)
                                      : make_new_scene(arguments);
 }

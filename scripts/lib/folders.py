@@ -16,9 +16,9 @@ FOLDERS_IN_ORDER = (
     "pipeline/base", "pipeline/read", "pipeline/read/image", "pipeline/read/nifti", "pipeline/read/dicom", "pipeline/open",
     "pipeline/segment", "pipeline/contour", "pipeline/triangulation", "pipeline/verify", "pipeline/surface", "pipeline/scan",
     "pipeline/preview", "pipeline/farm", "pipeline/review", "pipeline/program",
-    "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/device", "runtime/mechanism", "runtime/contact",
+    "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/realtime", "runtime/device", "runtime/mechanism", "runtime/contact",
     "runtime/bone_cutting/law", "runtime/bone_cutting/material", "runtime/bone_cutting/contact", "runtime/calibration", "runtime/deformation",
-    "runtime/link", "runtime/simulation", "runtime/realtime", "runtime/force_law", "runtime/workers", "runtime/control", "runtime/telemetry",
+    "runtime/link", "runtime/simulation", "runtime/force_law", "runtime/workers", "runtime/control", "runtime/telemetry",
     "runtime/session", "runtime/devices", "runtime/checking", "runtime/reporting", "runtime/console", "runtime/program",
 )
 PRODUCT = ("formats", "pipeline", "runtime")

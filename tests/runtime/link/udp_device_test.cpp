@@ -179,6 +179,11 @@ TEST(UdpDevice, ReceivesStatesAndSendsTorques) {
   }
   EXPECT_NE(state.encoder_rad, expected.encoder_rad) << "the torques did not move the device";
   EXPECT_EQ(device->packets().refused(), 0U);
+  // A round trip belongs to a command, and two commands that one state acknowledges count once.
+  const Histogram round_trip = device->link_report()->round_trip;
+  EXPECT_GT(round_trip.samples(), 10U);
+  EXPECT_LE(round_trip.samples(), 51U) << "one command of connect(), and 50 others";
+  EXPECT_GT(round_trip.quantile_us(0.5), 0);
 }
 
 TEST(UdpDevice, ReadGivesTheNewestOfSeveralStates) {
@@ -223,6 +228,7 @@ TEST(UdpDevice, InLockStepEachWriteIsAnswered) {
     ASSERT_EQ(device->read(state), DeviceStatus::kOk);
     ASSERT_EQ(state.encoder_rad, expected.encoder_rad);
   }
+  EXPECT_EQ(device->link_report()->round_trip.samples(), 0U) << "time that is not the wall clock's";
 }
 
 TEST(UdpDevice, LinkIsLostAfterTheTimeoutWithoutStates) {

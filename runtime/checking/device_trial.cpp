@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/device_trial.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include "formats/base/text_line.h"
+#include "runtime/realtime/monotonic_clock.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// Stiffness of contact with cancellous bone, at which noise of the pose is stated as a force.
+constexpr double kContact_N_per_m = 10'000;
+/// Noise of the force at this stiffness that a hand feels as roughness.
+constexpr double kRough_N = 0.2;
+constexpr double kLostShare = 0.005;
+
+/// Measures tick by tick, on the haptic thread.
+class TrialLoop {
+ public:
+  TrialLoop(HandDevice& device, const DeviceTrialOptions& options)
+      : device_(device),
+        period_s_(1 / options.rate_Hz),
+        ticks_(static_cast<std::uint64_t>(std::llround(options.duration_s * options.rate_Hz))) {}
+
+  bool tick(const TickTiming& timing) noexcept {
+    if (out.ticks == ticks_) return false;
+    late_.begin(timing, period_s_ * 1e9);
+    const std::int64_t begin_ns = monotonic_ns();
+    is_late_ = is_late_ || timing.missed_in_row > 0;
+    double t_s = last_t_s_;
+    const DeviceStatus status = device_.read(t_s);
+    if (status == DeviceStatus::kOk && (!has_reading_ || t_s > last_t_s_)) {
+      take(t_s, begin_ns);
+    } else {
+      device_.use_last_reading();
+      if (status != DeviceStatus::kOk && status != DeviceStatus::kNoData) ++out.lost_ticks;
+    }
+    device_.write_zero();
+    ++out.ticks;
+    late_.spend(TickPart::kDevice, monotonic_ns() - begin_ns);
+    device_.advance(period_s_);
+    return true;
+  }
+
+  DeviceTrial finish(RealtimeReport realtime) {
+    out.realtime = std::move(realtime);
+    out.late_ticks = late_.counts();
+    for (const NoiseMeter& meter : values_)
+      out.value_noise = std::max(out.value_noise, meter.deviation());
+    for (const NoiseMeter& meter : position_)
+      out.position_noise_m = std::max(out.position_noise_m, meter.deviation());
+    return std::move(out);
+  }
+
+  DeviceTrial out;
+
+ private:
+  void take(double t_s, std::int64_t now_ns) noexcept {
+    ++out.readings;
+    PlatePose pose;
+    const double since_s = has_reading_ ? t_s - last_t_s_ : period_s_;
+    const FaultDetail found = device_.find_pose({has_reading_, since_s}, pose);
+    if (found != Fault::kNone && out.fault == Fault::kNone) {
+      out.fault = found;
+      out.fault_t_s = static_cast<double>(out.ticks) * period_s_;
+    }
+    if (has_reading_) {
+      out.state_interval.add(std::llround(since_s * 1e9));
+      // A time in which the loop itself came late says nothing about the device.
+      if (!is_late_) out.without_state.add(now_ns - last_ns_);
+    }
+    note_values(device_.measured());
+    if (found == Fault::kNone) {
+      for (std::size_t i = 0; i < position_.size(); ++i)
+        position_[i].add(pose.T_device_plate.p_m[static_cast<Eigen::Index>(i)]);
+    }
+    if (!device_.keep_reading()) return;
+    has_reading_ = true;
+    is_late_ = false;
+    last_t_s_ = t_s;
+    last_ns_ = now_ns;
+  }
+
+  void note_values(const Measurement& now) noexcept {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(now.count); ++i) {
+      const double value = now.value.at(i);
+      if (!std::isfinite(value)) continue;
+      values_.at(i).add(value);
+      const double step = has_reading_ ? std::abs(value - last_.value.at(i)) : 0;
+      if (step > 0 && (out.smallest_step == 0 || step < out.smallest_step))
+        out.smallest_step = step;
+    }
+    last_ = now;
+  }
+
+  HandDevice& device_;
+  double period_s_;
+  std::uint64_t ticks_;
+  LateTicks late_;
+  std::array<NoiseMeter, kMaxMeasured> values_;
+  std::array<NoiseMeter, 3> position_;
+  Measurement last_;
+  bool has_reading_ = false, is_late_ = false;
+  double last_t_s_ = 0;
+  std::int64_t last_ns_ = 0;
+};
+
+std::string times(const char* name, const Histogram& histogram) {
+  if (histogram.samples() == 0) return text_line("%-16s none\n", name);
+  return text_line("%-16s median %.3f ms, 99 %% within %.3f ms, most %.3f ms\n", name,
+                   histogram.quantile_us(0.5) * 1e-3, histogram.quantile_us(0.99) * 1e-3,
+                   histogram.max_us() * 1e-3);
+}
+
+/// Share of the states that the link lost; 0 without a link.
+double lost_share(const DeviceTrial& trial) noexcept {
+  if (!trial.link) return 0;
+  const double all =
+      static_cast<double>(trial.link->states_missed + trial.link->packets.accepted());
+  return all > 0 ? static_cast<double>(trial.link->states_missed) / all : 0;
+}
+
+std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions& options,
+                             const DeviceSpecification& specification) {
+  std::string out =
+      text_line("%-16s %.6g Hz for %.3g s: %llu ticks, a new state in %llu of them\n", "rate",
+                options.rate_Hz, static_cast<double>(trial.ticks) / options.rate_Hz,
+                static_cast<unsigned long long>(trial.ticks),
+                static_cast<unsigned long long>(trial.readings));
+  out += times("between states", trial.state_interval);
+  if (trial.link) {
+    out += times("round trip", trial.link->round_trip);
+    trial.link->round_trip.each_quarter_octave([&](double upper_us, std::uint64_t count) {
+      out += text_line("%16s up to %9.3f ms: %llu\n", "", upper_us * 1e-3,
+                       static_cast<unsigned long long>(count));
+    });
+    out += text_line("%-16s %llu states lost (%.2f %%), %llu packets refused\n", "link",
+                     static_cast<unsigned long long>(trial.link->states_missed),
+                     100 * lost_share(trial),
+                     static_cast<unsigned long long>(trial.link->packets.refused()));
+  }
+  out += times("waking late", trial.realtime.wake);
+  out += text_line("%-16s %llu, at most %d in a row\n", "missed deadlines",
+                   static_cast<unsigned long long>(trial.realtime.missed_deadlines),
+                   trial.realtime.missed_in_row_max);
+  out += text_line("%-16s %.3g in the measured values' unit, %.3g mm in the plate's position\n",
+                   "noise at rest", trial.value_noise, trial.position_noise_m * 1e3);
+  out += specification.resolution() > 0
+             ? text_line("%-16s %.3g as stated, smallest step seen %.3g\n", "resolution",
+                         specification.resolution(), trial.smallest_step)
+             : text_line("%-16s exact as stated, smallest step seen %.3g\n", "resolution",
+                         trial.smallest_step);
+  return out;
+}
+
+void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& options,
+                       std::vector<std::string>& troubles) {
+  const SafetyLimits limits;
+  const double period_ms = 1e3 / options.rate_Hz, no_data_ms = limits.no_data_max_s * 1e3;
+  if (trial.realtime.missed_in_row_max > limits.missed_deadlines_max) {
+    troubles.push_back(
+        text_line("this machine came up to %d ticks late in a row (longest waking %.1f ms), and "
+                  "with motors %d end a session: give "
+                  "the program realtime priority, end other programs, or lower --rate",
+                  trial.realtime.missed_in_row_max, trial.realtime.wake.max_us() * 1e-3,
+                  limits.missed_deadlines_max + 1));
+  }
+  const double interval_ms = trial.state_interval.quantile_us(0.5) * 1e-3;
+  if (interval_ms > 1.5 * period_ms) {
+    troubles.push_back(
+        text_line("the device states its pose only %.4g times a second: at %.6g Hz the force stays "
+                  "the same for %.0f ticks; let "
+                  "the device send more often, or choose --rate %.4g",
+                  1e3 / interval_ms, options.rate_Hz, interval_ms / period_ms,
+                  std::max(100.0, 1e3 / interval_ms)));
+  }
+  const double silent_ms = trial.without_state.max_us() * 1e-3;
+  const double usual_ms = std::max(interval_ms, period_ms);
+  if (silent_ms >= no_data_ms + period_ms / 2) {
+    troubles.push_back(
+        text_line("the device was silent for up to %.1f ms, and %.0f ms without a state end a "
+                  "session (no_data): look for what "
+                  "holds up the device's process or the link",
+                  silent_ms, no_data_ms));
+  } else if (silent_ms > 2.5 * usual_ms) {
+    troubles.push_back(
+        text_line("the device was silent for up to %.1f ms, %.0f times as long as usual: forces "
+                  "jump after that; look for what "
+                  "holds up the device's process or the link",
+                  silent_ms, silent_ms / usual_ms));
+  }
+  if (trial.link && trial.link->round_trip.samples() > 0) {
+    const double trip_ms = trial.link->round_trip.quantile_us(0.99) * 1e-3;
+    if (trip_ms > no_data_ms / 2)
+      troubles.push_back(
+          text_line("a command is answered after %.1f ms (99 %% of all): walls feel soft or "
+                    "tremble; use a direct cable, or lower "
+                    "--stiffness-limit",
+                    trip_ms));
+  }
+}
+
+}  // namespace
+
+double NoiseMeter::deviation() const noexcept {
+  return count_ > 2 ? std::sqrt(sum_ / static_cast<double>(count_ - 2) / 6) : 0;
+}
+
+Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& options) {
+  if (Result<void> started = device.start(); !started) return started.error();
+  const auto loop = std::make_unique<TrialLoop>(device, options);
+  RealtimeOptions realtime;
+  realtime.rate_Hz = options.rate_Hz;
+  realtime.cpu = options.cpu;
+  realtime.stop = options.stop;
+  RealtimeReport report = run_realtime(
+      realtime, [&loop](const TickTiming& timing) { return loop->tick(timing); },
+      [&device] { device.write_zero(); });
+  DeviceTrial trial = loop->finish(std::move(report));
+  device.close();
+  trial.link = device.link_report();
+  return trial;
+}
+
+DeviceVerdict describe(const DeviceTrial& trial, const DeviceTrialOptions& options,
+                       const DeviceSpecification& specification) {
+  DeviceVerdict verdict;
+  verdict.text = describe_numbers(trial, options, specification);
+  std::vector<std::string>& troubles = verdict.troubles;
+  if (trial.readings == 0) {
+    troubles.emplace_back("the device sent no state");
+    return verdict;
+  }
+  if (trial.fault != Fault::kNone)
+    troubles.push_back("the device's own checks found a fault: " +
+                       trocar::describe(trial.fault, trial.fault_t_s));
+  if (trial.lost_ticks > 0)
+    troubles.push_back(text_line("the link was lost, or the device reported a fault, in %llu ticks",
+                                 static_cast<unsigned long long>(trial.lost_ticks)));
+  add_time_troubles(trial, options, troubles);
+  if (lost_share(trial) > kLostShare)
+    troubles.push_back(
+        text_line("%.1f %% of the device's states were lost on the way: use a direct cable, or end "
+                  "what else uses the network",
+                  100 * lost_share(trial)));
+  const double rough_N = trial.position_noise_m * kContact_N_per_m;
+  if (rough_N > kRough_N)
+    troubles.push_back(
+        text_line("the pose trembles by %.3g mm at rest, which is %.2g N at a contact of %.0f "
+                  "kN/m: shield the encoders' cables, "
+                  "or lower --stiffness-limit",
+                  trial.position_noise_m * 1e3, rough_N, kContact_N_per_m * 1e-3));
+  return verdict;
+}
+
+}  // namespace trocar::runtime

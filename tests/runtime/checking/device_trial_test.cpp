@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// The verdict on a device: each planted trouble is named, and alone; noise is measured apart from motion.
+#include "runtime/checking/device_trial.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <random>
+
+#include "runtime/mechanism/four_legs.h"
+#include "tests/support/uniform.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+/// A trial of 5 s at 1 kHz without any trouble.
+DeviceTrial good_trial() {
+  DeviceTrial trial;
+  trial.ticks = trial.readings = 5000;
+  trial.link.emplace();
+  for (int i = 0; i < 5000; ++i) {
+    trial.state_interval.add(kMs);
+    trial.without_state.add(kMs + (i % 3) * kMs / 10);
+    trial.realtime.wake.add(20'000);
+    trial.link->round_trip.add(kMs / 2);
+    trial.link->packets.add(LinkRefusal::kNone);
+  }
+  trial.position_noise_m = 2e-6;
+  return trial;
+}
+
+struct Planted {
+  const char* words;
+  std::function<void(DeviceTrial& trial)> plant;
+};
+
+TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
+  const FourLegsSpecification specification(default_device_description());
+  EXPECT_TRUE(describe(good_trial(), {}, specification).troubles.empty());
+  const Planted all[] = {
+      {"sent no state", [](DeviceTrial& t) { t.readings = 0; }},
+      {"3 ticks late in a row", [](DeviceTrial& t) { t.realtime.missed_in_row_max = 3; }},
+      {"only 100 times a second",
+       [](DeviceTrial& t) {
+         t.state_interval = {};
+         for (int i = 0; i < 500; ++i)
+           t.state_interval.add(10 * kMs);
+       }},
+      {"silent for up to 3.5 ms, 4 times",
+       [](DeviceTrial& t) { t.without_state.add(3 * kMs + kMs / 2); }},
+      {"silent for up to 12.0 ms, and 10 ms",
+       [](DeviceTrial& t) { t.without_state.add(12 * kMs); }},
+      {"answered after 6",
+       [](DeviceTrial& t) {
+         for (int i = 0; i < 100; ++i)
+           t.link->round_trip.add(6 * kMs);
+       }},
+      {"2.0 % of the device's states were lost",
+       [](DeviceTrial& t) { t.link->states_missed = 102; }},
+      {"trembles by 0.05 mm at rest, which is 0.5 N",
+       [](DeviceTrial& t) { t.position_noise_m = 5e-5; }},
+      {"joint_limit", [](DeviceTrial& t) { t.fault = Fault::kJointLimit; }},
+      {"in 7 ticks", [](DeviceTrial& t) { t.lost_ticks = 7; }},
+  };
+  for (const Planted& planted : all) {
+    DeviceTrial trial = good_trial();
+    planted.plant(trial);
+    const DeviceVerdict verdict = describe(trial, {}, specification);
+    ASSERT_EQ(verdict.troubles.size(), 1U) << planted.words;
+    EXPECT_NE(verdict.troubles[0].find(planted.words), std::string::npos) << verdict.troubles[0];
+  }
+}
+
+TEST(NoiseMeter, MeasuresNoiseAndNotMotion) {
+  std::mt19937_64 random(5);
+  NoiseMeter still, moving, quiet;
+  for (int i = 0; i < 20'000; ++i) {
+    const double noise = (test::uniform(random) - 0.5) * std::sqrt(12);  // deviation 1
+    still.add(noise);
+    moving.add(noise + 3e-3 * i + 40 * std::sin(1e-3 * i));
+    quiet.add(7 + 0.25 * i);
+  }
+  EXPECT_NEAR(still.deviation(), 1, 0.03);
+  EXPECT_NEAR(moving.deviation(), 1, 0.03);
+  EXPECT_NEAR(quiet.deviation(), 0, 1e-9);
+  EXPECT_EQ(NoiseMeter().deviation(), 0);
+}
+
+/// Encoders of a device at rest, with a new state in every tick but some.
+class StillDevice final : public Device {
+ public:
+  DeviceStatus read(DeviceState& state) override {
+    t_s_ += 1e-3;
+    if (++ticks_ % 10 == 0) return DeviceStatus::kNoData;
+    state.t_s = t_s_;
+    state.encoder_rad = encoder_rad;
+    return DeviceStatus::kOk;
+  }
+  DeviceStatus write(const DeviceCommand& command) override {
+    for (const double tau : command.tau_motor_Nm)
+      largest_Nm = std::max(largest_Nm, std::abs(tau));
+    ++writes;
+    return DeviceStatus::kOk;
+  }
+  std::array<double, kEncoders> encoder_rad{};
+  double largest_Nm = 0;
+  int writes = 0;
+
+ private:
+  double t_s_ = 0;
+  int ticks_ = 0;
+};
+
+TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
+  const DeviceDescription description = default_device_description();
+  Pose T;
+  T.p_m.z() = 0.15;
+  StillDevice still;
+  still.encoder_rad = encoder_angles(inverse_kinematics(description, T).joints);
+  FourLegs device(description, still);
+  DeviceTrialOptions options;
+  options.duration_s = 0.2;
+  const auto trial = try_device(device, options);
+  ASSERT_TRUE(trial) << trial.error().message;
+  EXPECT_EQ(trial->ticks, 200U);
+  EXPECT_EQ(trial->readings, 180U);
+  EXPECT_EQ(trial->fault, Fault::kNone);
+  EXPECT_EQ(trial->position_noise_m, 0);
+  EXPECT_EQ(still.largest_Nm, 0);
+  EXPECT_EQ(still.writes, 201) << "one in each tick, and one at the end";
+}
+
+}  // namespace
+}  // namespace trocar::runtime
