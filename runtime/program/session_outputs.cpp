@@ -63,7 +63,7 @@ std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
     const Eigen::Vector3d tip_m = keyframe.T_device_tool.p_m,
                           turn_deg = rotation_vector(keyframe.T_device_tool.q) * kDegreesPerRadian;
     constexpr double kParts = 1e8;
-    nlohmann::ordered_json tip = nlohmann::ordered_json::array(), turn = tip;
+    auto tip = nlohmann::ordered_json::array(), turn = nlohmann::ordered_json::array();
     for (const double x : tip_m)
       tip.push_back(rounded(x, kParts));
     for (const double x : turn_deg)
