@@ -84,10 +84,10 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
         return refused(folder.string() + ": has more than 64 files for the page");
       Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMaxBytes);
       if (!bytes) return bytes.error();
-      const std::string name = entry->path().filename().string();
       has_vendor = has_vendor || part == kVendor;
-      page.files_["/" + (part.empty() ? name : part + "/" + name)] = {
-          type, std::string(bytes->begin(), bytes->end())};
+      const std::string name =
+          (std::filesystem::path("/") / part / entry->path().filename()).string();
+      page.files_[name] = {type, std::string(bytes->begin(), bytes->end())};
     }
   }
   const auto index = page.files_.find("/index.html");
