@@ -114,7 +114,7 @@ export class Gauges {
     this.tip.textContent = tip ? `${Array.from(tip, (v) => fixed(1000 * v, 1)).join(", ")} mm` : "–";
     const missed = shown.value("missed_deadlines"), late = shown.value("late_max_us");
     this.missed.textContent = Number.isNaN(missed) ? "–" : `${missed}${late > 0 ? `, latest ${late < 1000 ? `${late.toFixed(0)} µs` : `${(late / 1000).toFixed(1)} ms`}` : ""}`;
-    // There is room for the commonest cause; the others are in the tooltip.
+    // The line is short, so it has the commonest cause; the others are in the tooltip.
     const by = Array.from(shown.values("missed_by") ?? []), most = by.indexOf(Math.max(...by));
     this.cause.textContent = by[most] > 0 ? `${kTickParts[most]}, ${by[most]} times` : "–";
     this.cause.title = by.map((count, part) => `${kTickParts[part]} ${count}`).join(", ");
