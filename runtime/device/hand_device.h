@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench goes out. The
-// loop, its safety, the force laws and the checks of a scene use only this interface. The device of the paper
-// implements it in runtime/mechanism/four_legs.h, over encoders and motors (device.h).
+// loop, its safety and the force laws use only this interface. (Checks of a scene use it for forces; the reachable
+// region is still computed from the description of the four-legged device.) The device of the paper implements
+// it in runtime/mechanism/four_legs.h, over encoders and motors (device.h).
 //
 // A session calls start() once, then the functions of the haptic thread in every tick in the order in which they
 // stand here, and close() at its end. Functions of the haptic thread do not allocate, lock, throw or block.

@@ -155,6 +155,18 @@ class WebSocket:
             elif opcode != PONG:
                 return opcode, data
 
+    def closed_by(self, messages):
+        """Sends (data, opcode), one after the other. Returns the code with which the peer then closes, or "reset"."""
+        try:
+            for data, opcode in messages:
+                self.send(data, opcode)
+            while True:
+                self.receive()
+        except Closed as closed:
+            return closed.args[0]
+        except OSError:
+            return "reset"
+
     def close(self):
         self.socket.close()
 

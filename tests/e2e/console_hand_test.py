@@ -202,14 +202,8 @@ def test_two_holders(console):
 
 
 def close_code(web, message, opcode=TEXT):
-    try:
-        web.send(message, opcode)
-        while True:
-            web.receive()
-    except Closed as closed:
-        return closed.args[0]
-    except OSError:
-        return "reset"
+    """What closes the connection after this message."""
+    return web.closed_by([(message, opcode)])
 
 
 def operator(console):

@@ -44,16 +44,7 @@ def refused_socket(console, first=None, after=(), origin=None, host=None):
     try:
         if web.status != 101:
             return web.status
-        if first is not None:
-            web.send(first)
-        for data, opcode in after:
-            web.send(data, opcode)
-        while True:
-            web.receive()
-    except Closed as closed:
-        return closed.args[0]
-    except OSError:
-        return "reset"
+        return web.closed_by(([] if first is None else [(first, TEXT)]) + list(after))
     finally:
         web.close()
 

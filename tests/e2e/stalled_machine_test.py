@@ -7,6 +7,7 @@
 
 TROCAR_STALLED_SESSIONS: number of sessions of item 1 (default: 3).
 """
+import csv
 import json
 import os
 import signal
@@ -29,8 +30,9 @@ def sample_asset(programs, scan, work):
     return asset
 
 
-def stalled_session(programs, work, scene, asset, simulator_options, *options):
-    """(exit code, stderr, summary) of a session during which both programs stand still for STALL_S once in EVERY_S."""
+def stalled_session(programs, work, scene, asset, simulator_options, *options, stall_s=STALL_S, drive_stalls=True):
+    """(exit code, stderr, summary) of a session during which trocar-run, and the drive if it stalls too, is stopped for `stall_s`
+    once in EVERY_S."""
     summary = work / "stalled.json"
     with Simulator(programs, work, scene, *simulator_options) as simulator:
         command = [programs / "trocar-run", scene, "--asset", asset, "--device", f"udp:{simulator.address}",
@@ -41,8 +43,8 @@ def stalled_session(programs, work, scene, asset, simulator_options, *options):
 
             def stall():
                 while not over.wait(EVERY_S):
-                    for how, pause_s in ((signal.SIGSTOP, STALL_S), (signal.SIGCONT, 0)):
-                        for one in (process, simulator.process):
+                    for how, pause_s in ((signal.SIGSTOP, stall_s), (signal.SIGCONT, 0)):
+                        for one in (process, simulator.process) if drive_stalls else (process,):
                             one.send_signal(how)
                         time.sleep(pause_s)
 
@@ -66,6 +68,20 @@ def test_a_simulated_drive_rides_it_out(source, programs, asset, work):
         run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "stalled.csv", "--quiet")
         # The count in the summary also has what was missed after the last tick began.
         assert 0 <= summary["missed_deadlines"] - sum(by.values()) <= summary["missed_deadlines_in_row_max"]
+
+
+def test_a_gap_that_ends_other_sessions_is_in_the_recording_and_replays(source, programs, asset, work):
+    """With motors, 0.1 s between two states are a fault; the replay must know that here they were none."""
+    scene, record = source / "runtime" / "scenes" / "one_slice.json", work / "stalled.csv"
+    code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.4"), "--simulated", "--duration", "1.5",
+                                      stall_s=0.15, drive_stalls=False)
+    assert code == 0, f"ended with {code}: {stderr}"
+    with record.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    times = [float(row["state_t_s"]) for row in rows]
+    assert max(after - before for before, after in zip(times, times[1:])) > 0.1, "no gap came"
+    assert "state-gap=any" in rows[0]["origin"]
+    run(programs / "trocar-run", scene, "--asset", asset, "--replay", record, "--quiet")
 
 
 def test_a_drive_with_motors_ends_the_session(source, programs, asset, work):

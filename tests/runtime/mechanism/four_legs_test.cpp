@@ -17,6 +17,12 @@ namespace {
 using testing_support::Random;
 using testing_support::random_workspace_pose;
 
+Pose middle() {
+  Pose T;
+  T.p_m.z() = 0.15;
+  return T;
+}
+
 /// Encoders of a pose that a test sets, and the torques last written.
 class Encoders final : public Device {
  public:
@@ -95,9 +101,7 @@ TEST_F(FourLegsTest, CompensationActsOnTheMotorsAndIsNotDelivered) {
   description_.gravity_m_per_s2 = 9.81;
   device_.change(description_, limits_);
   compensation_.gravity = true;
-  Pose T;
-  T.p_m.z() = 0.15;
-  ASSERT_EQ(go_to(T), Fault::kNone);
+  ASSERT_EQ(go_to(middle()), Fault::kNone);
   Wrench wanted = Wrench::Zero();
   wanted[0] = 3;
   ASSERT_EQ(render(wanted), Fault::kNone);
@@ -109,9 +113,7 @@ TEST_F(FourLegsTest, CompensationActsOnTheMotorsAndIsNotDelivered) {
 }
 
 TEST_F(FourLegsTest, AForceThatEndsFadesFromTheLastCommandEvenIfWritingFailed) {
-  Pose T;
-  T.p_m.z() = 0.15;
-  ASSERT_EQ(go_to(T), Fault::kNone);
+  ASSERT_EQ(go_to(middle()), Fault::kNone);
   Wrench wanted = Wrench::Zero();
   wanted[2] = 10;
   ASSERT_EQ(render(wanted), Fault::kNone);
@@ -129,9 +131,7 @@ TEST_F(FourLegsTest, AForceThatEndsFadesFromTheLastCommandEvenIfWritingFailed) {
 }
 
 TEST_F(FourLegsTest, AWrenchThatIsNotFiniteIsAFaultAndChangesNoCommand) {
-  Pose T;
-  T.p_m.z() = 0.15;
-  ASSERT_EQ(go_to(T), Fault::kNone);
+  ASSERT_EQ(go_to(middle()), Fault::kNone);
   Wrench wanted = Wrench::Ones();
   ASSERT_EQ(render(wanted), Fault::kNone);
   device_.write();
@@ -145,9 +145,7 @@ TEST_F(FourLegsTest, AWrenchThatIsNotFiniteIsAFaultAndChangesNoCommand) {
 }
 
 TEST_F(FourLegsTest, AReadingThatIsNotFiniteIsNotKept) {
-  Pose T;
-  T.p_m.z() = 0.15;
-  ASSERT_EQ(go_to(T), Fault::kNone);
+  ASSERT_EQ(go_to(middle()), Fault::kNone);
   const Measurement good = device_.measured();
   encoders_.now.encoder_rad[3] = std::numeric_limits<double>::infinity();
   double t_s = 0;
