@@ -76,6 +76,7 @@ install(DIRECTORY ${examples} DESTINATION ${share} COMPONENT trocar-examples)
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
   formats/session/frames.schema.json formats/session/sheets.schema.json formats/session/session_report.schema.json
+  formats/session/device_test.schema.json formats/session/pose_device.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-runtime)
 install(FILES formats/session/list.schema.json formats/session/preview.schema.json formats/session/info.schema.json
   formats/session/report.schema.json formats/session/collection.schema.json
@@ -97,7 +98,8 @@ function(trocar_pages component)
 endfunction()
 trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
 trocar_pages(trocar-farm docs/farm.md docs/glossary.md)
-trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md formats/session/device_link.md formats/session/telemetry.md)
+trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md docs/add-your-device.md formats/examples/pose_drive.cpp
+  formats/session/device_link.md formats/session/telemetry.md)
 install(FILES scripts/debian/realtime.md RENAME README.Debian
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
 trocar_pages(trocar-console docs/trocar-console.md docs/glossary.md runtime/console/protocol.md)
@@ -117,7 +119,7 @@ install(DIRECTORY formats/base formats/geometry formats/asset formats/session
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar/formats COMPONENT trocar-formats-dev
   FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
   PATTERN draco_settings.h EXCLUDE PATTERN stated_entries.h EXCLUDE PATTERN hu_section.h EXCLUDE
-  PATTERN scene_readers.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
+  PATTERN scene_readers.h EXCLUDE PATTERN assumed_values.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
   PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE
   # Their code is in libraries of their own, which are not installed.
   PATTERN command_line.h EXCLUDE PATTERN option_range.h EXCLUDE PATTERN device_protocol.h EXCLUDE)

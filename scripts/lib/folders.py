@@ -12,14 +12,14 @@ import sys
 
 # From the lowest layer up.
 FOLDERS_IN_ORDER = (
-    "formats/base", "formats/geometry", "formats/asset", "formats/session", "formats/examples",
+    "formats/base", "formats/geometry", "formats/asset", "formats/session", "formats/session/scene_reading", "formats/examples",
     "pipeline/base", "pipeline/read", "pipeline/read/image", "pipeline/read/nifti", "pipeline/read/dicom", "pipeline/open",
     "pipeline/segment", "pipeline/contour", "pipeline/triangulation", "pipeline/verify", "pipeline/surface", "pipeline/scan",
     "pipeline/preview", "pipeline/farm", "pipeline/review", "pipeline/program",
-    "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/realtime", "runtime/device", "runtime/mechanism", "runtime/contact",
+    "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/realtime", "runtime/device", "runtime/mechanism", "runtime/pose_device", "runtime/contact",
     "runtime/bone_cutting/law", "runtime/bone_cutting/material", "runtime/bone_cutting/contact", "runtime/calibration", "runtime/deformation",
-    "runtime/link", "runtime/simulation", "runtime/force_law", "runtime/workers", "runtime/control", "runtime/telemetry",
-    "runtime/session", "runtime/devices", "runtime/checking", "runtime/reporting", "runtime/console", "runtime/program",
+    "runtime/link", "runtime/connection", "runtime/simulation", "runtime/force_law", "runtime/workers", "runtime/control", "runtime/telemetry",
+    "runtime/session", "runtime/devices", "runtime/checking", "runtime/reporting", "runtime/console/programs", "runtime/console", "runtime/program",
 )
 PRODUCT = ("formats", "pipeline", "runtime")
 OURS = PRODUCT + ("sample_ct", "tests")

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Tests: tests/formats/session/scene_test.cpp
 #include "formats/session/scene.h"
 
 #include <algorithm>
@@ -7,7 +8,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/strict_json.h"
 #include "formats/session/procedures.h"
-#include "formats/session/scene_readers.h"
+#include "formats/session/scene_reading/scene_readers.h"
 
 namespace trocar {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests: tests/formats/session/scene_test.cpp
-#include "formats/session/scene_readers.h"
+#include "formats/session/scene_reading/scene_readers.h"
 
 namespace trocar {
 namespace {

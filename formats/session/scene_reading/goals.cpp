@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "formats/geometry/slice_mesh.h"
-#include "formats/session/scene_readers.h"
+#include "formats/session/scene_reading/scene_readers.h"
 
 namespace trocar {
 namespace {

@@ -2,7 +2,7 @@
 // Tests: tests/formats/session/scene_test.cpp
 #include <array>
 
-#include "formats/session/scene_readers.h"
+#include "formats/session/scene_reading/scene_readers.h"
 
 namespace trocar {
 namespace {
@@ -26,7 +26,6 @@ void read_cutting(StrictObject& object, SceneForceLaw& law) {
   object.read("tip_friction", law.tip_friction, 0.0, 2.0);
   object.read("tip_hold", law.tip_hold, 0.0, 1.0);
   law.twist = object.boolean("twist");
-  object.read("force_scale", law.force_scale, 1e-3, 10.0);
 }
 
 }  // namespace
@@ -37,6 +36,7 @@ void read_force_law(StrictObject& object, SceneForceLaw& law) {
   } else {
     object.error("kind", "must be " + force_law_names("\""));
   }
+  object.read("force_scale", law.force_scale, 1e-3, 10.0);
   if (law.kind == ForceLawKind::kNetwork) read_network(object, law);
   if (law.kind == ForceLawKind::kCutting) read_cutting(object, law);
 }
