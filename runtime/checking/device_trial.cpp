@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
+#include "runtime/devices/pose_margins.h"
 #include "runtime/realtime/monotonic_clock.h"
 
 namespace trocar::runtime {
@@ -76,6 +77,7 @@ class TrialLoop {
     }
     note_values(device_.measured());
     if (found == Fault::kNone) {
+      out.last_T_device_plate = pose.T_device_plate;
       for (std::size_t i = 0; i < position_.size(); ++i)
         position_[i].add(pose.T_device_plate.p_m[static_cast<Eigen::Index>(i)]);
     }
@@ -125,6 +127,49 @@ double lost_share(const DeviceTrial& trial) noexcept {
   return all > 0 ? static_cast<double>(trial.link->states_missed) / all : 0;
 }
 
+/// Angle between the plate's z axis and the scene's.
+double tilt_rad(const Pose& T_device_plate) noexcept {
+  const Eigen::Vector3d z = T_device_plate.q * Eigen::Vector3d::UnitZ();
+  return std::atan2(z.head<2>().norm(), z.z());
+}
+
+/// The plate's position in the scene's axes, from the middle of the workspace if the device states one, and its tilt.
+std::string describe_pose(const Pose& T_device_plate, const DeviceSpecification& specification) {
+  Eigen::Vector3d at_m = T_device_plate.p_m;
+  const std::optional<WorkspaceBox> box = specification.workspace();
+  if (box) at_m -= (Eigen::Vector3d(box->min_m.data()) + Eigen::Vector3d(box->max_m.data())) / 2;
+  return text_line("%-16s x %+.1f, y %+.1f, z %+.1f mm from %s, tilted by %.1f deg\n", "at the end",
+                   at_m.x() * 1e3, at_m.y() * 1e3, at_m.z() * 1e3,
+                   box ? "the middle of the workspace" : "the device's origin",
+                   tilt_rad(T_device_plate) * kDegreesPerRadian);
+}
+
+/// Adds what would end a session at this pose in its first tick.
+void add_pose_troubles(const Pose& T_device_plate, const DeviceSpecification& specification,
+                       std::vector<std::string>& troubles) {
+  if (const std::optional<WorkspaceBox> box = specification.workspace()) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double at_m = T_device_plate.p_m[static_cast<Eigen::Index>(i)];
+      const double middle_m = (box->min_m[i] + box->max_m[i]) / 2;
+      if (at_m >= box->min_m[i] && at_m <= box->max_m[i]) continue;
+      troubles.push_back(
+          text_line("the handle is outside its workspace, at %c %+.1f mm from the middle, which is "
+                    "reachable from %+.1f to %+.1f mm; a session would end at once (workspace): "
+                    "compare workspace_min_m and workspace_max_m with what the device states, in m",
+                    "xyz"[i], (at_m - middle_m) * 1e3, (box->min_m[i] - middle_m) * 1e3,
+                    (box->max_m[i] - middle_m) * 1e3));
+    }
+  }
+  const double tilt = tilt_rad(T_device_plate), most = SafetyLimits{}.plate_tilt_max_rad;
+  if (tilt > most)
+    troubles.push_back(
+        text_line("the handle is tilted by %.1f deg, and more than %.1f deg end a session "
+                  "(workspace): hold it upright; of a pose device, check turn_deg and that "
+                  "quaternions have w "
+                  "first",
+                  tilt * kDegreesPerRadian, most * kDegreesPerRadian));
+}
+
 std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions& options,
                              const DeviceSpecification& specification) {
   std::string out =
@@ -150,6 +195,7 @@ std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions&
                    trial.realtime.missed_in_row_max);
   out += text_line("%-16s %.3g in the measured values' unit, %.3g mm in the plate's position\n",
                    "noise at rest", trial.value_noise, trial.position_noise_m * 1e3);
+  if (trial.last_T_device_plate) out += describe_pose(*trial.last_T_device_plate, specification);
   out += specification.resolution() > 0
              ? text_line("%-16s %.3g as stated, smallest step seen %.3g\n", "resolution",
                          specification.resolution(), trial.smallest_step)
@@ -162,7 +208,7 @@ void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& optio
                        std::vector<std::string>& troubles) {
   const SafetyLimits limits;
   const double period_ms = 1e3 / options.rate_Hz, no_data_ms = limits.no_data_max_s * 1e3;
-  if (trial.realtime.missed_in_row_max > limits.missed_deadlines_max) {
+  if (!options.is_simulated && trial.realtime.missed_in_row_max > limits.missed_deadlines_max) {
     troubles.push_back(
         text_line("this machine came up to %d ticks late in a row (longest waking %.1f ms), and "
                   "with motors %d end a session: give "
@@ -248,6 +294,8 @@ DeviceVerdict describe(const DeviceTrial& trial, const DeviceTrialOptions& optio
         text_line("%.1f %% of the device's states were lost on the way: use a direct cable, or end "
                   "what else uses the network",
                   100 * lost_share(trial)));
+  if (trial.last_T_device_plate)
+    add_pose_troubles(*trial.last_T_device_plate, specification, troubles);
   const double rough_N = trial.position_noise_m * kContact_N_per_m;
   if (rough_N > kRough_N)
     troubles.push_back(

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tries a device without force: reads it at the rate of a session, commands zero torques, and measures times,
-// losses, resolution and noise. describe() says in words whether a session at this rate would hold.
+// losses, resolution, noise and the pose at the end. describe() says in words whether a session at this rate would hold.
 // Tests: tests/runtime/checking/device_trial_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
@@ -14,6 +14,7 @@
 #include "formats/session/fault_words.h"
 #include "runtime/control/limits.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/device/pose.h"
 #include "runtime/realtime/histogram.h"
 #include "runtime/realtime/late_ticks.h"
 #include "runtime/realtime/realtime_thread.h"
@@ -22,7 +23,8 @@ namespace trocar::runtime {
 
 struct DeviceTrialOptions {
   double rate_Hz = 1000, duration_s = 5;
-  int cpu = -1;                             ///< RealtimeOptions::cpu
+  int cpu = -1;               ///< RealtimeOptions::cpu
+  bool is_simulated = false;  ///< no motors, so that late ticks of this machine do no harm
   const std::atomic<bool>* stop = nullptr;  ///< ends the trial between two ticks
 };
 
@@ -54,13 +56,14 @@ struct DeviceTrial {
   Histogram state_interval;  ///< interval of two states, on the device's clock
   Histogram
       without_state;  ///< time of the loop from one new state to the next, if it woke up in time
-  std::uint64_t lost_ticks = 0;    ///< ticks in which the link was lost
-  FaultDetail fault;               ///< the first fault of the device's own checks
-  double fault_t_s = 0;            ///< time of the trial at which it came
-  double value_noise = 0;          ///< largest noise of a measured value, in its own unit
-  double smallest_step = 0;        ///< smallest change of a measured value; 0: none changed
-  double position_noise_m = 0;     ///< largest noise of the plate's position along an axis
-  std::optional<LinkReport> link;  ///< counts of the link, with its round trips
+  std::uint64_t lost_ticks = 0;  ///< ticks in which the link was lost
+  FaultDetail fault;             ///< the first fault of the device's own checks
+  double fault_t_s = 0;          ///< time of the trial at which it came
+  double value_noise = 0;        ///< largest noise of a measured value, in its own unit
+  double smallest_step = 0;      ///< smallest change of a measured value; 0: none changed
+  double position_noise_m = 0;   ///< largest noise of the plate's position along an axis
+  std::optional<Pose> last_T_device_plate;  ///< the last pose that the device's own checks accepted
+  std::optional<LinkReport> link;           ///< counts of the link, with its round trips
 };
 
 /// Runs a trial. Blocks for the trial's duration. Errors: those of HandDevice::start().

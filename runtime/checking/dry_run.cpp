@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include "runtime/mechanism/four_legs.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
@@ -74,11 +73,11 @@ class DryRunObserver final : public TickObserver {
 
 }  // namespace
 
-Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& description,
+Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
                            const std::vector<std::unique_ptr<const Sheet>>& sheets,
                            const SessionOptions& options) {
-  Result<SimulatedDevice> device = make_simulated_device(scene, description);
-  if (!device) return device.error();
+  const Result<std::shared_ptr<HandDevice>> simulated = device.simulate(scene);
+  if (!simulated) return simulated.error();
   DryRun dry_run;
   dry_run.session_ticks = tick_count(options.duration_s, options.rate_Hz);
   dry_run.tip_lowest_m = std::numeric_limits<double>::infinity();
@@ -101,10 +100,9 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
   silent.stop = options.stop;
   silent.observers = {&observer};
   Remesher remesher(sheets);
-  FourLegs four_legs(description, *device);
+  HandDevice& hand_device = **simulated;
   const Result<SessionReport> report = run_session(
-      scene, description, remesher, four_legs, [&](double dt_s) { four_legs.advance(dt_s); },
-      silent);
+      scene, remesher, hand_device, [&](double dt_s) { hand_device.advance(dt_s); }, silent);
   if (!report) return report.error();
 
   dry_run.ticks = report->ticks;
@@ -131,7 +129,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& descript
 }
 
 Result<std::optional<LetGoTrial>> try_letting_go(
-    const Scene& scene, const DeviceDescription& description,
+    const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
     const DryRun& dry_run) {
   const double from_s = dry_run.feel.contact_from_s,
@@ -146,7 +144,7 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     lets_go.hand.let_go_t_s = t_s;
     SessionOptions shortened = options;
     shortened.duration_s = std::min(options.duration_s, t_s + kLetGoAfter_s);
-    const Result<DryRun> tried = run_dry_run(lets_go, description, sheets, shortened);
+    const Result<DryRun> tried = run_dry_run(lets_go, device, sheets, shortened);
     if (!tried) return tried.error();
     if (options.stop != nullptr && options.stop->load()) return refused("interrupted");
     ++worst.moments;

@@ -7,21 +7,31 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/checking/contact_feel.h"
 #include "runtime/contact/sheet.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/session/session.h"
 
 namespace trocar::runtime {
+
+/// A device as the checks of a scene use it.
+struct DeviceToCheck {
+  const DeviceSpecification& specification;
+  /// Makes a simulated device of this kind, held by the scene's hand and ready for its first tick.
+  /// Errors: (refused) the device cannot be where the hand begins.
+  std::function<Result<std::shared_ptr<HandDevice>>(const Scene& scene)> simulate;
+  /// Sets the options that depend on device and scene, for a scene that is only proposed. May be empty.
+  std::function<void(const Scene& scene, SessionOptions& options)> set_options = {};
+};
 
 /// Largest number of ticks of a dry run, a minute at 1 kHz, so that it takes a few seconds at most.
 inline constexpr std::uint64_t kMaxDryRunTicks = 60'000;
@@ -67,13 +77,13 @@ struct LetGoTrial {
 inline constexpr int kLetGoMoments = 10;
 inline constexpr double kLetGoAfter_s = 0.4;
 Result<std::optional<LetGoTrial>> try_letting_go(
-    const Scene& scene, const DeviceDescription& description,
+    const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
     const DryRun& dry_run);
 
-/// Runs a dry run. `options` are those of the session. Errors: (refused) the path begins outside the
-/// workspace; with the force law `network`, NetworkPrefetch::make() refuses a tissue or the tool.
-Result<DryRun> run_dry_run(const Scene& scene, const DeviceDescription& description,
+/// Runs a dry run. `options` are those of the session. Errors: those of DeviceToCheck::simulate;
+/// (refused) with the force law `network`, NetworkPrefetch::make() refuses a tissue or the tool.
+Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
                            const std::vector<std::unique_ptr<const Sheet>>& sheets,
                            const SessionOptions& options);
 

@@ -65,41 +65,6 @@ std::string describe_box(const SafetyLimits& limits, const Pose& T_device_plate)
   return {};
 }
 
-std::string describe_joint(const DeviceDescription& device, const JointAngles& joints) {
-  const KinematicsStatus status = check_joint_limits(device, encoder_angles(joints));
-  if (status) return {};
-  const auto leg = static_cast<std::size_t>(status.leg - 1);
-  const auto joint = static_cast<std::size_t>(status.joint - 1);
-  const JointLimit& limit = device.joint_limit[joint];
-  const double low_deg = limit.min_rad * kDegreesPerRadian,
-               high_deg = limit.max_rad * kDegreesPerRadian;
-  const double at_deg = joints.theta_rad[leg][joint] * kDegreesPerRadian;
-  return text_line("theta%d of leg %d is at %s deg; its limits are %.1f to %.1f deg", status.joint,
-                   status.leg, apart_from(at_deg, at_deg < low_deg ? low_deg : high_deg, 1).c_str(),
-                   low_deg, high_deg);
-}
-
-std::string describe_singularity(const DeviceDescription& device, const Pose& T_device_plate,
-                                 const JointAngles& joints) {
-  const JacobianResult motion = jacobian(device, T_device_plate, joints);
-  if (!motion.status) {
-    return text_line("theta%d of leg %d is at the end of its reach", motion.status.joint,
-                     motion.status.leg);
-  }
-  const Singularity measured = measure_singularity(device, T_device_plate, joints, motion.G);
-  if (measured.nearest_branch_m < kMechanism.branch_distance_min_m) {
-    return text_line(
-        "theta%d of leg %d is %s mm from the end of its reach; the limit is %.4g mm",
-        measured.nearest_joint, measured.nearest_leg,
-        apart_from(measured.nearest_branch_m * 1e3, kMechanism.branch_distance_min_m * 1e3, 2)
-            .c_str(),
-        kMechanism.branch_distance_min_m * 1e3);
-  }
-  if (measured.inverse_condition >= kMechanism.inverse_condition_min) return {};
-  return describe_beyond("the inverse condition is", measured.inverse_condition,
-                         kMechanism.inverse_condition_min, "", 3);
-}
-
 /// Speed of the plate's origin, and its rotation rate.
 struct PlateSpeed {
   double m_per_s = 0, rad_per_s = 0;
@@ -123,29 +88,22 @@ std::string describe_speed(const SafetyLimits& limits, const PlateSpeed& speed) 
 void note_margins(const PoseMargins& margins, PathReport& report) noexcept {
   report.box_min_m = std::min(report.box_min_m, margins.box_m);
   report.tilt_max_rad = std::max(report.tilt_max_rad, margins.tilt_rad);
-  report.is_reachable = report.is_reachable && margins.pose;
-  if (!margins.pose) return;
-  report.inverse_condition_min = std::min(report.inverse_condition_min, margins.inverse_condition);
-  if (margins.joint_rad < report.nearest.joint_rad) report.nearest = margins;
+  DeviceMargins& device = report.device;
+  device.is_reachable = device.is_reachable && margins.device.is_reachable;
+  if (!margins.device.is_reachable) return;
+  device.inverse_condition = std::min(device.inverse_condition, margins.device.inverse_condition);
+  if (!(margins.device.joint_rad < device.joint_rad)) return;
+  device.joint_rad = margins.device.joint_rad;
+  device.joint = margins.device.joint;
 }
 
 }  // namespace
 
-std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
+std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
                                 const SafetyLimits& limits, const Tool& tool,
                                 const Pose& T_device_plate) {
   const PoseMargins margins = pose_margins(device, limits, tool, T_device_plate);
-  const InverseResult inverse = inverse_kinematics(device, T_device_plate);
   switch (fault) {
-    case Fault::kPoseResidual:
-      if (margins.pose) return {};
-      return text_line("theta%d of leg %d is %s", margins.pose.joint, margins.pose.leg,
-                       to_string(margins.pose.failure));
-    case Fault::kJointLimit:
-      return inverse.status ? describe_joint(device, inverse.joints) : std::string{};
-    case Fault::kSingularity:
-      return inverse.status ? describe_singularity(device, T_device_plate, inverse.joints)
-                            : std::string{};
     case Fault::kWorkspace:
       if (margins.box_m < 0) return describe_box(limits, T_device_plate);
       if (margins.tilt_rad <= limits.plate_tilt_max_rad) return {};
@@ -156,17 +114,17 @@ std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
       return describe_beyond("the tool is tilted by", margins.tool_tilt_rad * kDegreesPerRadian,
                              kMaxTilt_deg, " deg", 1);
     default:
-      return {};
+      return device.describe_fault(fault, T_device_plate);
   }
 }
 
-PathReport evaluate_path(const HandTrajectory& path, const DeviceDescription& device,
+PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
                          const SafetyLimits& limits, const Tool& tool, double from_s, double to_s) {
   constexpr double kEndless = std::numeric_limits<double>::infinity();
   PathReport report;
   report.tip_min_m.setConstant(kEndless);
   report.tip_max_m.setConstant(-kEndless);
-  report.box_min_m = report.nearest.joint_rad = report.inverse_condition_min = kEndless;
+  report.box_min_m = kEndless;
   const auto is_new = [&](Fault fault) {
     return fault != Fault::kNone &&
            std::none_of(report.breaches.begin(), report.breaches.end(),

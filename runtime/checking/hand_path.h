@@ -10,19 +10,19 @@
 #include <string>
 #include <vector>
 
-#include "formats/session/device_description.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/devices/pose_margins.h"
 #include "runtime/simulation/hand.h"
 
 namespace trocar::runtime {
 
-/// Describes how a pose exceeds the limit of a fault, with value and limit. The faults are
-/// kJointLimit, kSingularity, kPoseResidual (unreachable), kWorkspace and kToolTilt. The text is
-/// empty for other faults, and if the limit is not exceeded.
-std::string describe_pose_fault(Fault fault, const DeviceDescription& device,
+/// Describes how a pose exceeds the limit of a fault, with value and limit. The faults are kWorkspace,
+/// kToolTilt, and those of the device's own checks. The text is empty for other faults, and if the
+/// limit is not exceeded.
+std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
                                 const SafetyLimits& limits, const Tool& tool,
                                 const Pose& T_device_plate);
 
@@ -40,15 +40,13 @@ struct PathReport {
   double box_min_m = 0, tilt_max_rad = 0;
   double speed_max_m_per_s = 0;  ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 0;
-  bool is_reachable = true;          ///< every sampled point is reachable
-  PoseMargins nearest;               ///< margins of the reachable point nearest to a joint limit
-  double inverse_condition_min = 0;  ///< smallest value among the reachable points
+  DeviceMargins device;  ///< is_reachable: every point is; others: smallest of the reachable points
   std::vector<PathBreach> breaches;  ///< the first breach of each fault, in ascending time
 };
 
 /// Evaluates the path from `from_s` to `to_s`. On a short path the points are 0.5 mm or 0.5 deg
 /// apart; on a long path there are about 20,000 points.
-PathReport evaluate_path(const HandTrajectory& path, const DeviceDescription& device,
+PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
                          const SafetyLimits& limits, const Tool& tool, double from_s, double to_s);
 
 /// A point of the path where the tip goes from above to below a sheet.

@@ -12,7 +12,6 @@
 #include "formats/base/text_line.h"
 #include "formats/session/scene.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
-#include "runtime/checking/dry_run.h"
 #include "runtime/checking/entry_column.h"
 #include "runtime/checking/scene_check.h"
 #include "runtime/checking/tissue_assignment.h"
@@ -43,7 +42,7 @@ json keyframe(double t_s, double z_m) {
 class Proposal {
  public:
   Proposal(const Asset& asset, const std::filesystem::path& asset_file,
-           const std::filesystem::path& scene_file, const DeviceDescription& device,
+           const std::filesystem::path& scene_file, const DeviceToCheck& device,
            const SessionOptions& options, NewSceneHand hand)
       : asset_(asset),
         asset_file_(asset_file),
@@ -55,7 +54,8 @@ class Proposal {
   Result<NewScene> make() {
     if (auto ok = find_levels(); !ok) return ok.error();
     const std::string name = asset_file_.string();
-    const auto heights = workspace_heights(device_, options_.limits, make_tool(SceneTool{}));
+    const auto heights =
+        workspace_heights(device_.specification, options_.limits, make_tool(SceneTool{}));
     if (!heights) return refused(name + ": the device reaches nothing; choose another description");
     low_m_ = heights->min_m + kWorkspaceMargin_m;
     high_m_ = heights->max_m - kWorkspaceMargin_m;
@@ -69,7 +69,7 @@ class Proposal {
         no_volume = "every session through a volume of its slices has a warning";
         for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
           if (is_stopped()) return refused("interrupted");
-          if (auto made = try_scene(cutting(*column, force_scale), why))
+          if (auto made = try_scene(cutting(*column, force_scale * weakness()), why))
             return finish(*made, *column,
                           "the law cutting with strength by HU, since the asset has HU and its "
                           "slices are close enough to be one bone volume");
@@ -96,6 +96,20 @@ class Proposal {
 
  private:
   bool is_stopped() const { return options_.stop != nullptr && options_.stop->load(); }
+
+  /// Returns the share of a force along the tool that a device with a workspace of its own renders in the middle of it.
+  double rendered_share(double force_N) const {
+    if (!device_.specification.workspace()) return 1;
+    Wrench up = Wrench::Zero();
+    up[2] = force_N;
+    return device_.specification.renderable_share(
+        Pose{{0, 0, (low_m_ + high_m_) / 2}, {1, 0, 0, 0}}, up);
+  }
+  /// Factor on the force scales that are tried; 1 for a device that renders half of what bone bears.
+  double weakness() const {
+    constexpr double kBone_N = 100;
+    return device_.specification.workspace() ? 2 * rendered_share(kBone_N) : 1;
+  }
 
   Result<void> find_levels() {
     const std::string name = asset_file_.string();
@@ -203,6 +217,8 @@ class Proposal {
            {"z_m", rounded(top_m - 1e-3 * (chosen.front()->z_mm - level->z_mm), 1e7)}});
     scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
     scene["force_law"] = {{"kind", "hooke"}};
+    const double share = rendered_share(threshold_N);
+    if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
     scene["tool"] = {{"sides", 6}, {"radius_m", kPaperTool_m}};
     scene["hand"] = hand(top_m, top_m - thickness_m, 0.0175, false, scene);
     return scene;
@@ -256,6 +272,7 @@ class Proposal {
     if (!sheets) return fails(sheets.error().message);
     SessionOptions options = options_;
     options.duration_s = scene->duration_s;
+    if (device_.set_options) device_.set_options(*scene, options);
     if (const auto problem = first_problem(*scene, *sheets, options)) return fails(*problem);
     const Result<DryRun> dry_run = run_dry_run(*scene, device_, *sheets, options);
     if (!dry_run) return fails(dry_run.error().message);
@@ -269,6 +286,7 @@ class Proposal {
     tried.json = text(live);
     scene->hand.live = true;
     scene->hand.trajectory.resize(1);
+    if (device_.set_options) device_.set_options(*scene, options);
     if (const auto problem = first_problem(*scene, *sheets, options)) return fails(*problem);
     return tried;
   }
@@ -300,7 +318,7 @@ class Proposal {
 
   const Asset& asset_;
   const std::filesystem::path &asset_file_, &scene_file_;
-  const DeviceDescription& device_;
+  const DeviceToCheck& device_;
   const SessionOptions& options_;
   NewSceneHand hand_;
   std::vector<Level> levels_;      ///< levels of the asset, the topmost first
@@ -311,9 +329,8 @@ class Proposal {
 }  // namespace
 
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
-                               const std::filesystem::path& scene_file,
-                               const DeviceDescription& device, const SessionOptions& options,
-                               NewSceneHand hand) {
+                               const std::filesystem::path& scene_file, const DeviceToCheck& device,
+                               const SessionOptions& options, NewSceneHand hand) {
   return Proposal(asset, asset_file, scene_file, device, options, hand).make();
 }
 

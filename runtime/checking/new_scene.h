@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Proposes a scene for an asset (`trocar-run --new-scene`). The tool enters where the bone is
 // thickest. Slices lie within the device's workspace.
-// Tests: tests/e2e/new_scene_test.py
+// Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/new_scene_test.py
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 #include "formats/asset/asset.h"
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
-#include "runtime/session/session.h"
+#include "runtime/checking/dry_run.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 
@@ -31,8 +31,8 @@ enum class NewSceneHand : std::uint8_t { kScripted, kLive };
 /// hand at its start, and the result is checked once more. Errors: (refused, with the reason) the asset is
 /// empty, its bone is nowhere as wide as the tool, or every proposal has a warning.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
-                               const std::filesystem::path& scene_file,
-                               const DeviceDescription& device, const SessionOptions& options,
+                               const std::filesystem::path& scene_file, const DeviceToCheck& device,
+                               const SessionOptions& options,
                                NewSceneHand hand = NewSceneHand::kScripted);
 
 }  // namespace trocar::runtime

@@ -28,13 +28,8 @@ std::string describe_path(const SceneEvaluation& e) {
       "deg",
       1e3 * std::abs(r.box_min_m), r.box_min_m < 0 ? "outside" : "within",
       r.tilt_max_rad * kDegreesPerRadian, e.options.limits.plate_tilt_max_rad * kDegreesPerRadian);
-  if (r.is_reachable) {
-    out +=
-        text_line("; theta%d of leg %d %.1f deg %s its limit; inverse condition at least %.3f",
-                  r.nearest.joint, r.nearest.leg, std::abs(r.nearest.joint_rad) * kDegreesPerRadian,
-                  r.nearest.joint_rad < 0 ? "beyond" : "from", r.inverse_condition_min);
-  }
-  out += '\n';
+  const std::string own = r.device.is_reachable ? e.device.describe_margins(r.device) : "";
+  out += own.empty() ? "\n" : "; " + own + "\n";
   if (e.has_fault() || r.breaches.empty() || r.breaches.front().t_s > e.dry_run_end_s()) return out;
   return out + text_line(
                    "           at %.4f s the hand pulls beyond a limit (%s), but the tool does "
@@ -120,10 +115,12 @@ std::string describe_dry_run(const SceneEvaluation& e) {
       dry_run.fault == Fault::kNone
           ? std::string(": no fault")
           : text_line(": fault %s at %.4f s", to_string(Fault{dry_run.fault}), dry_run.fault_t_s);
-  out += text_line("; %d of %zu slices touched, %d punctured; at most %.2f N and %.2f of %.2f Nm\n",
+  out += text_line("; %d of %zu slices touched, %d punctured; at most %.2f N",
                    static_cast<int>(touched), dry_run.sheets.size(), static_cast<int>(punctured),
-                   dry_run.force_max_N, dry_run.torque_max_Nm, e.device.motor_peak_torque_Nm);
-  return out + describe_feel(e);
+                   dry_run.force_max_N);
+  if (const auto peak_Nm = e.device.motors_and_joints().motor_peak_torque_Nm)
+    out += text_line(" and %.2f of %.2f Nm", dry_run.torque_max_Nm, *peak_Nm);
+  return out + '\n' + describe_feel(e);
 }
 
 std::string describe_slice(const SceneEvaluation& e, std::size_t index,
@@ -164,7 +161,7 @@ std::vector<Pose> touching_poses(const SceneEvaluation& e) {
 
 }  // namespace
 
-Result<SceneCheck> check_scene(const Scene& scene, const DeviceDescription& device,
+Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
                                const SessionOptions& options) {
@@ -172,11 +169,11 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceDescription& devi
   if (!evaluated) return evaluated.error();
   const SceneEvaluation& e = *evaluated;
   const Result<SceneRequirements> needs =
-      describe_requirements(scene, device, sheets, touching_poses(e), bytes, options);
+      describe_requirements(scene, e.device, sheets, touching_poses(e), bytes, options);
   if (!needs) return needs.error();
   SceneCheck check;
   if (scene.hand.live) {
-    const Result<LiveHandLimits> hand = live_hand_limits(scene, device, options.limits);
+    const Result<LiveHandLimits> hand = live_hand_limits(scene, e.device, options.limits);
     check.text = needs->scene + describe_workspace(e) + (hand ? describe_live_hand(*hand) : "");
     check.warnings = find_live_hand_warnings(e, tissues, hand);
   } else {

@@ -6,7 +6,7 @@
 //  1. A session with the simulated device, in virtual time and with the same options, ends without a
 //     fault, and every hole in it can be cut.
 //  2. Every slice is loaded in that session.
-//  3. The motors render every wrench in full.
+//  3. The device renders every wrench in full.
 //  4. One of the scene's tissues fits each slice, or the scene has a `tissue` for the
 //     remaining slices (tissue_assignment.h).
 //  5. If the scene's goals have a target, the tip of the upright plate can reach it.
@@ -19,7 +19,7 @@
 // If the session has more than kMaxDryRunTicks ticks, the dry run ends there (dry_run.h). For later
 // times only the path of the hand is evaluated, as if the tool followed it exactly: there is a
 // warning if the path exceeds a limit or misses a slice.
-// Tests: tests/e2e/scene_check_e2e_test.py
+// Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <memory>
@@ -27,8 +27,8 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
+#include "runtime/checking/dry_run.h"
 #include "runtime/checking/scene_requirements.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
@@ -44,7 +44,7 @@ struct SceneCheck {
 /// Checks a scene. `sheets`: result of place_slices(). `tissues`: result of choose_tissues().
 /// `options`: those of the session. Errors: (refused) with the force law `network`,
 /// NetworkPrefetch::make() refuses a tissue or the tool; SessionOptions::stop was set meanwhile.
-Result<SceneCheck> check_scene(const Scene& scene, const DeviceDescription& device,
+Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
                                const SessionOptions& options);

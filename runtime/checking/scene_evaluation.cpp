@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/devices/scene_hand.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
@@ -41,23 +41,24 @@ SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
 
 }  // namespace
 
-Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescription& device,
+Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options) {
-  SceneEvaluation e{.scene = scene, .device = device, .sheets = sheets, .options = options};
+  SceneEvaluation e{
+      .scene = scene, .device = device.specification, .sheets = sheets, .options = options};
   e.tool = make_tool(scene.tool);
   e.path = hand_trajectory(scene);
   e.end_s =
       static_cast<double>(tick_count(options.duration_s, options.rate_Hz) - 1) / options.rate_Hz;
   e.let_go_s = std::min(e.end_s, scene.hand.let_go_t_s.value_or(e.end_s));
-  e.report = evaluate_path(e.path, device, options.limits, e.tool, 0, e.let_go_s);
+  e.report = evaluate_path(e.path, e.device, options.limits, e.tool, 0, e.let_go_s);
   if (scene.hand.live) {
     e.views.resize(sheets.size());
     return e;
   }
-  const Pose& T_device_tool = e.path.keyframes.front().T_device_tool;
-  const Pose start{T_device_tool.p_m - T_device_tool.q * e.tool.tip_plate_m, T_device_tool.q};
-  if (inverse_kinematics(device, start).status) {
+  const auto first = device.simulate(scene);
+  if (!first && first.error().code != ExitCode::kRefused) return first.error();
+  if (first) {  // otherwise the session cannot start
     Result<DryRun> dry_run = run_dry_run(scene, device, sheets, options);
     if (!dry_run) return dry_run.error();
     if (options.stop != nullptr && options.stop->load()) return refused("interrupted");

@@ -36,7 +36,7 @@ struct SheetView {
 /// Everything from which the text and the warnings are made.
 struct SceneEvaluation {
   const Scene& scene;
-  const DeviceDescription& device;
+  const DeviceSpecification& device;
   const std::vector<std::unique_ptr<const Sheet>>& sheets;
   const SessionOptions& options;
   Tool tool{};
@@ -57,7 +57,7 @@ struct SceneEvaluation {
 
 /// Follows the path and does a dry run; with a live hand there is neither, and no sheet counts as missed. The references must outlive the result. Errors: those of
 /// run_dry_run(); (refused) SessionOptions::stop was set.
-Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceDescription& device,
+Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options);
 

@@ -5,7 +5,6 @@
 
 #include "formats/base/text_line.h"
 #include "runtime/force_law/force_law_table.h"
-#include "runtime/mechanism/four_legs_specification.h"
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
@@ -36,7 +35,7 @@ std::uint64_t kept_bytes(const Sheet& sheet) noexcept {
 }
 
 Result<SceneRequirements> describe_requirements(
-    const Scene& scene, const DeviceDescription& device,
+    const Scene& scene, const DeviceSpecification& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets,
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options) {
@@ -53,8 +52,7 @@ Result<SceneRequirements> describe_requirements(
       "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
       scene.asset.c_str(), sheets.size(), bytes.asset_slices, static_cast<double>(bytes.read) / 1e3,
       static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
-  out += text_line("device     %s, %.3g Nm peak a motor\n", device.name.c_str(),
-                   device.motor_peak_torque_Nm);
+  out += "device     " + std::string(device.name()) + ", " + device.describe_strength() + "\n";
   out += text_line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
                    static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
   out += text_line("tool       %d corners, %.3g mm from the axis\n", tool.sides,
@@ -64,8 +62,7 @@ Result<SceneRequirements> describe_requirements(
   all.reserve(sheets.size());
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
-  const FourLegsSpecification specification(device);
-  const auto law = make_force_law({scene, specification, all, rate_Hz, {}, options.stiffness});
+  const auto law = make_force_law({scene, device, all, rate_Hz, {}, options.stiffness});
   if (!law) return law.error();
   out += (*law)->describe();
   needs.stability_warning = (*law)->stability_warning();
@@ -78,8 +75,7 @@ Result<SceneRequirements> describe_requirements(
         text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
                   sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
                   sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
-    slice.force =
-        describe_puncture(specification, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
+    slice.force = describe_puncture(device, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
     needs.slices.push_back(std::move(slice));
   }
   return needs;

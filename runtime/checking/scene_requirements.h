@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
@@ -38,7 +38,7 @@ struct SceneRequirements {
 /// sheet. Errors: (refused) with the force law `network`, NetworkPrefetch::make() refuses a tissue
 /// or the tool.
 Result<SceneRequirements> describe_requirements(
-    const Scene& scene, const DeviceDescription& device,
+    const Scene& scene, const DeviceSpecification& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets,
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options);

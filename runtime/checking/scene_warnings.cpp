@@ -23,13 +23,6 @@ Pose plate_at(const RecordingRow& row) {
           Eigen::Quaterniond(row.q[0], row.q[1], row.q[2], row.q[3])};
 }
 
-/// Returns the pose computed from a row's encoders. If a check failed, the pose in the row is that
-/// of an earlier tick.
-Pose plate_by_encoders(const DeviceDescription& device, const RecordingRow& row) {
-  const ForwardResult forward = forward_kinematics(device, row.encoder_rad);
-  return forward.status ? forward.T_device_plate : plate_at(row);
-}
-
 /// Returns advice on a pose that exceeds a limit.
 std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d& tip_m) {
   const SafetyLimits& limits = e.options.limits;
@@ -85,7 +78,9 @@ std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
   const DryRun& dry_run = *e.dry_run;
   if (dry_run.fault != Fault::kNone) {
     const std::string what = measured(dry_run.fault);
-    const Pose T_device_plate = plate_by_encoders(e.device, dry_run.at_fault);
+    // If a check failed, the pose in the row is that of an earlier tick.
+    const Pose T_device_plate =
+        e.device.pose_of(dry_run.at_fault).value_or(plate_at(dry_run.at_fault));
     return at_time(dry_run.fault_t_s) + "the session ends with the fault " +
            to_string(Fault{dry_run.fault}) + (what.empty() ? "" : ": " + what) + ": " +
            advise(e, dry_run.fault, T_device_plate * e.tool.tip_plate_m);
@@ -295,12 +290,15 @@ std::vector<std::string> find_warnings(const SceneEvaluation& e,
       });
   if (!ends_in_volume) warn_of_misses(e, warnings);
   if (e.dry_run && e.dry_run->scaled_ticks > 0 && e.dry_run->fault != Fault::kMotorOverload) {
-    warnings.push_back(at_time(e.dry_run->scaled_t_s) +
-                       text_line("the motors, of %.3g Nm, render too little force, down to %.0f %% "
-                                 "of it, in %llu ticks: lower the tissue's threshold_N or "
-                                 "stiffness, or push for a shorter time",
-                                 e.device.motor_peak_torque_Nm, 100 * e.dry_run->scale_min,
-                                 static_cast<unsigned long long>(e.dry_run->scaled_ticks)));
+    const auto peak_Nm = e.device.motors_and_joints().motor_peak_torque_Nm;
+    warnings.push_back(
+        at_time(e.dry_run->scaled_t_s) +
+        (peak_Nm ? text_line("the motors, of %.3g Nm, render", *peak_Nm)
+                 : std::string("the device renders")) +
+        text_line(" too little force, down to %.0f %% of it, in %llu ticks: lower "
+                  "the tissue's threshold_N or stiffness, or push for a shorter time",
+                  100 * e.dry_run->scale_min,
+                  static_cast<unsigned long long>(e.dry_run->scaled_ticks)));
   }
   if (e.dry_run && e.dry_run->hole_error) {
     warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);

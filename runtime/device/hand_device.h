@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench goes out. The
-// loop, its safety and the force laws use only this interface. (Checks of a scene use it for forces; the reachable
-// region is still computed from the description of the four-legged device.) The device of the paper implements
+// loop, its safety, the force laws and the checks of a scene use only this interface. The device of the paper implements
 // it in runtime/mechanism/four_legs.h, over encoders and motors (device.h).
 //
 // A session calls start() once, then the functions of the haptic thread in every tick in the order in which they
@@ -19,9 +18,11 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "formats/base/result.h"
 #include "formats/session/device_status.h"
@@ -42,11 +43,46 @@ struct Measurement {
   std::array<double, kMaxMeasured> value{};
 };
 
-/// Facts about a device that do not change during a session. The force laws and the checks of a scene use them
-/// without a device.
+/// The limits of a device's own checks at a pose. A device that has no joints keeps their defaults.
+struct DeviceMargins {
+  Fault fault = Fault::kNone;  ///< the fault with which these checks stop at this pose, or none
+  /// The device can be at this pose. If not, the following members are not known.
+  bool is_reachable = true;
+  /// Smallest distance of a joint from its limit; negative beyond it.
+  double joint_rad = std::numeric_limits<double>::infinity();
+  int joint = -1;                ///< this joint, by its index in Measurement::value
+  double inverse_condition = 1;  ///< the mechanism's: at most 1, and 0 at a singularity
+};
+
+/// A box of positions of the plate's origin in {B}.
+struct WorkspaceBox {
+  std::array<double, 3> min_m{}, max_m{};
+};
+
+/// Limits of the motors and joints, for the programs that show a session; none and empty: the device states none.
+struct MotorsAndJoints {
+  std::optional<double> motor_peak_torque_Nm, motor_continuous_torque_Nm;
+  std::vector<std::array<double, 2>> joint_limits_rad;  ///< smallest and largest angle
+};
+
+/// Facts about a device that do not change during a session. The force laws, the checks of a scene, the live hand and
+/// the telemetry use them without a device. The haptic thread may call the functions that are noexcept.
 class DeviceSpecification {
  public:
   virtual ~DeviceSpecification() = default;
+
+  /// Name of the device for people.
+  virtual std::string_view name() const noexcept = 0;
+  /// Text for `--check`: the largest force or torque, such as "6 Nm peak a motor".
+  virtual std::string describe_strength() const = 0;
+  /// False if the device measures only its position, and the orientation stays what it was at the start.
+  virtual bool senses_rotation() const noexcept = 0;
+  /// False if the device renders only forces, and a wanted moment is dropped.
+  virtual bool renders_moment() const noexcept = 0;
+  virtual int buttons() const noexcept { return 0; }
+  /// Workspace that the maker states; none: the safety limits and the device's own checks bound it.
+  virtual std::optional<WorkspaceBox> workspace() const noexcept { return std::nullopt; }
+  virtual MotorsAndJoints motors_and_joints() const { return {}; }
 
   /// Mass that the hand feels at the plate, in kg, and moments of inertia about the plate's axes, in kg m^2.
   virtual double mass_kg() const noexcept = 0;
@@ -63,6 +99,18 @@ class DeviceSpecification {
   /// Text for `--check`: what rendering a wrench at a pose demands of the device. `what` names the wrench.
   virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                                       const Wrench& wrench_device) const = 0;
+
+  /// The margins of the checks that the device's find_pose() applies to a pose.
+  virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
+  /// Text for `--check`: the smallest margins of several reachable poses. Empty: the device has no such limits.
+  virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
+  /// How a pose exceeds the limit of a fault of margins(), with value and limit. Empty: not this limit.
+  virtual std::string describe_fault(Fault /*fault*/, const Pose& /*T_device_plate*/) const {
+    return {};
+  }
+  /// The pose computed from what the device measured in a tick, whether its checks accept it or not; none: it
+  /// cannot be computed.
+  virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
 /// The time in which a device may have moved, so that it can check its own reading.

@@ -8,7 +8,7 @@
 
 #include "formats/base/text_line.h"
 #include "runtime/devices/pose_margins.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/devices/scene_hand.h"
 #include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
@@ -41,7 +41,7 @@ struct Box {
 /// Returns a box of tip positions at heights around that of the start, all of which the tip reaches with the
 /// start's rotation, less the margin. It goes down to `low_m` if it is then at least kNarrowest_m wide, or
 /// else as far as possible. Of such boxes it is the largest.
-std::optional<Box> largest_box(const DeviceDescription& device, const SafetyLimits& limits,
+std::optional<Box> largest_box(const DeviceSpecification& device, const SafetyLimits& limits,
                                const Tool& tool, const Pose& start, double low_m) {
   const auto heights = workspace_heights(device, limits, tool, start.q);
   if (!heights) return std::nullopt;
@@ -86,7 +86,7 @@ std::optional<Box> largest_box(const DeviceDescription& device, const SafetyLimi
 
 }  // namespace
 
-Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceDescription& device,
+Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits) {
   LiveHandLimits out;
   out.T_device_tool_start = hand_trajectory(scene).keyframes.front().T_device_tool;
@@ -173,7 +173,7 @@ HandTrajectory TargetPath::keyframes() const {
 }
 
 LiveHand::LiveHand(const LiveHandLimits& hand_limits, const Tool& tool,
-                   const DeviceDescription& device, const SafetyLimits& limits, TargetPath path)
+                   const DeviceSpecification& device, const SafetyLimits& limits, TargetPath path)
     : hand_limits_(hand_limits),
       tool_(tool),
       device_(device),
@@ -195,7 +195,7 @@ bool LiveHand::is_allowed(const Pose& T_device_tool) const noexcept {
                             T_device_tool.q};
   const PoseMargins margins = pose_margins(device_, margins_, tool_, T_device_plate);
   return pose_fault(margins_, margins) == Fault::kNone &&
-         margins.joint_rad >= kHandMargin.angle_rad &&
+         margins.device.joint_rad >= kHandMargin.angle_rad &&
          margins.tool_tilt_rad + kHandMargin.angle_rad <= kMaxTilt_deg / kDegreesPerRadian;
 }
 

@@ -22,12 +22,11 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "formats/session/telemetry.h"
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
-#include "runtime/device/pose.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/session/hand_receiver.h"
 #include "runtime/simulation/hand.h"
 #include "runtime/telemetry/session_facts.h"
@@ -45,7 +44,7 @@ struct LiveHandLimits {
 
 /// Returns the limits of a scene with a live hand, whose slices are placed (place_body()). Errors: (refused) the start is not in the box, or there
 /// is no box.
-Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceDescription& device,
+Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
 
 /// Returns what a session publishes of a live hand with these limits.
@@ -71,7 +70,8 @@ class TargetPath {
 
 class LiveHand final : public UnscriptedHand, public HandReceiver {
  public:
-  LiveHand(const LiveHandLimits& hand_limits, const Tool& tool, const DeviceDescription& device,
+  /// `device` must outlive the hand.
+  LiveHand(const LiveHandLimits& hand_limits, const Tool& tool, const DeviceSpecification& device,
            const SafetyLimits& limits, TargetPath path);
 
   // The haptic thread calls these functions.
@@ -94,7 +94,7 @@ class LiveHand final : public UnscriptedHand, public HandReceiver {
 
   LiveHandLimits hand_limits_;
   Tool tool_;
-  DeviceDescription device_;
+  const DeviceSpecification& device_;
   SafetyLimits margins_;  ///< the loop's limits, less kHandMargin
   TargetPath path_;
   bool is_held_ = false, was_held_ = false, restarts_ = false;

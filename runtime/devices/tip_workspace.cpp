@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kStep_m = 2e-3;
 
-bool is_reachable(const DeviceDescription& device, const SafetyLimits& limits, const Tool& tool,
+bool is_reachable(const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool,
                   const Eigen::Quaterniond& q, const Eigen::Vector3d& tip_m) noexcept {
   const Pose T_device_plate{tip_m - q * tool.tip_plate_m, q};
   return pose_fault(limits, pose_margins(device, limits, tool, T_device_plate)) == Fault::kNone;
@@ -19,7 +19,7 @@ bool is_reachable(const DeviceDescription& device, const SafetyLimits& limits, c
 
 }  // namespace
 
-std::optional<WorkspaceHeights> workspace_heights(const DeviceDescription& device,
+std::optional<WorkspaceHeights> workspace_heights(const DeviceSpecification& device,
                                                   const SafetyLimits& limits, const Tool& tool,
                                                   const Eigen::Quaterniond& q) {
   std::optional<WorkspaceHeights> tallest;
@@ -40,7 +40,7 @@ std::optional<WorkspaceHeights> workspace_heights(const DeviceDescription& devic
   return tallest;
 }
 
-std::optional<WorkspaceRectangle> workspace_rectangle(const DeviceDescription& device,
+std::optional<WorkspaceRectangle> workspace_rectangle(const DeviceSpecification& device,
                                                       const SafetyLimits& limits, const Tool& tool,
                                                       double tip_z_m, const Eigen::Quaterniond& q) {
   const Eigen::Vector2d middle_m = (q * tool.tip_plate_m).head<2>();

@@ -7,9 +7,9 @@
 #include <Eigen/Geometry>
 #include <optional>
 
-#include "formats/session/device_description.h"
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
+#include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
 
@@ -20,7 +20,7 @@ struct WorkspaceHeights {
 /// Returns the longest range of heights that the tip reaches with the plate's rotation `q`, by default
 /// upright; none: it reaches no height.
 std::optional<WorkspaceHeights> workspace_heights(
-    const DeviceDescription& device, const SafetyLimits& limits, const Tool& tool,
+    const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool,
     const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
 
 /// A rectangle of tip positions at one height, all of which the tip reaches with this rotation. It is the
@@ -30,7 +30,7 @@ struct WorkspaceRectangle {
   Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
 };
 std::optional<WorkspaceRectangle> workspace_rectangle(
-    const DeviceDescription& device, const SafetyLimits& limits, const Tool& tool, double tip_z_m,
+    const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool, double tip_z_m,
     const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
 
 }  // namespace trocar::runtime

@@ -22,7 +22,7 @@ class FourLegs final : public HandDevice {
  public:
   /// `device` must outlive this object.
   FourLegs(const DeviceDescription& description, Device& device, const MechanismLimits& limits = {})
-      : device_(device), specification_(description), limits_(limits) {
+      : device_(device), specification_(description, limits), limits_(limits) {
     change(description, limits);
   }
 
@@ -56,7 +56,7 @@ class FourLegs final : public HandDevice {
 
   /// Continues with other parameters.
   void change(const DeviceDescription& description, const MechanismLimits& limits) {
-    specification_ = FourLegsSpecification(description);
+    specification_ = FourLegsSpecification(description, limits);
     limits_ = limits;
     motor_ = make_motor_model(description);
   }

@@ -1,19 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts about the four-legged device that force laws and checks of a scene use, computed from its description.
+// The facts about the four-legged device that the force laws and the checks of a scene use, from its description.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp
 #pragma once
 
 #include "formats/session/device_description.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/mechanism/mechanism_limits.h"
 
 namespace trocar::runtime {
 
 class FourLegsSpecification final : public DeviceSpecification {
  public:
-  explicit FourLegsSpecification(const DeviceDescription& description)
-      : description_(description) {}
+  /// `limits`: those of the device's own checks. Every program uses the defaults.
+  explicit FourLegsSpecification(const DeviceDescription& description,
+                                 const MechanismLimits& limits = {})
+      : description_(description), limits_(limits) {}
 
   const DeviceDescription& description() const noexcept { return description_; }
+  std::string_view name() const noexcept override { return description_.name; }
+  std::string describe_strength() const override;
+  bool senses_rotation() const noexcept override { return true; }
+  bool renders_moment() const noexcept override { return true; }
+  MotorsAndJoints motors_and_joints() const override;
   double mass_kg() const noexcept override { return description_.plate_mass_kg; }
   std::array<double, 3> inertia_kg_m2() const noexcept override {
     return description_.plate_inertia_kg_m2;
@@ -27,9 +35,15 @@ class FourLegsSpecification final : public DeviceSpecification {
   double renderable_share(const Pose& T_device_plate, const Wrench& wrench_device) const override;
   std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                               const Wrench& wrench_device) const override;
+  DeviceMargins margins(const Pose& T_device_plate) const noexcept override;
+  std::string describe_margins(const DeviceMargins& smallest) const override;
+  /// The faults are kJointLimit, kSingularity and kPoseResidual (out of reach).
+  std::string describe_fault(Fault fault, const Pose& T_device_plate) const override;
+  std::optional<Pose> pose_of(const RecordingRow& row) const override;
 
  private:
   DeviceDescription description_;
+  MechanismLimits limits_;
 };
 
 }  // namespace trocar::runtime

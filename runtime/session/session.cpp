@@ -51,12 +51,10 @@ SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& de
   return report;
 }
 
-Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
-                                  Remesher& remesher, HandDevice& device,
+Result<SessionReport> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options) {
-  Result<SessionWorkers> workers =
-      make_workers(scene, description, device.specification(), remesher, options);
+  Result<SessionWorkers> workers = make_workers(scene, device.specification(), remesher, options);
   if (!workers) return workers.error();
   return run_session(scene, remesher, device, advance, options, std::move(*workers));
 }

@@ -7,7 +7,6 @@
 #include <functional>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/device/hand_device.h"
 #include "runtime/session/session_options.h"
@@ -24,10 +23,9 @@ SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& de
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers);
 
-/// Like the function above, but creates the workers itself; `description` is for them. Errors: those of make_workers(). It is
+/// Like the function above, but creates the workers itself. Errors: those of make_workers(). It is
 /// not suitable for a drive behind a link, which would end a session whose first tick comes late.
-Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
-                                  Remesher& remesher, HandDevice& device,
+Result<SessionReport> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options);
 

@@ -35,9 +35,8 @@ std::vector<TickObserver*> SessionWorkers::observers() const {
   return all;
 }
 
-Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription& description,
-                                    const DeviceSpecification& device, const Remesher& remesher,
-                                    const SessionOptions& options) {
+Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
+                                    const Remesher& remesher, const SessionOptions& options) {
   SessionWorkers workers;
   if (options.record) {
     Result<RecordingWriter> writer = RecordingWriter::open(*options.record, options.origin);
@@ -60,7 +59,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription&
                                        options.is_real_time() ? 0 : options.rate_Hz, prefetch);
   if (options.on_tick) workers.tick_feed = std::make_unique<TickFeed>(options.on_tick);
   if (options.telemetry) {
-    auto made = SessionPublisher::make(scene, description, remesher, prefetch, *options.telemetry,
+    auto made = SessionPublisher::make(scene, device, remesher, prefetch, *options.telemetry,
                                        {.rate_Hz = options.rate_Hz,
                                         .duration_s = options.duration_s,
                                         .clock = clock_name(options),

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/device/hand_device.h"
@@ -38,11 +37,10 @@ struct SessionWorkers {
   std::vector<TickObserver*> observers() const;
 };
 
-/// Creates the workers and observers. `description` is published for readers of the telemetry. Errors: (unwritable) the recording or the folder of the black
+/// Creates the workers and observers. Errors: (unwritable) the recording or the folder of the black
 /// boxes cannot be written; (refused) what the factory of the force law refuses. Later failures are
 /// in the report.
-Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription& description,
-                                    const DeviceSpecification& device, const Remesher& remesher,
-                                    const SessionOptions& options);
+Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
+                                    const Remesher& remesher, const SessionOptions& options);
 
 }  // namespace trocar::runtime

@@ -60,13 +60,14 @@ json describe_sheets(const Remesher& remesher, const TelemetryOptions& options) 
   return sheets;
 }
 
-json describe_device(const DeviceDescription& device, const SafetyLimits& limits) {
-  json joints = json::array();
-  for (const JointLimit& limit : device.joint_limit)
-    joints.push_back({limit.min_rad, limit.max_rad});
-  return {{"motor_peak_torque_Nm", device.motor_peak_torque_Nm},
-          {"motor_continuous_torque_Nm", device.motor_continuous_torque_Nm},
-          {"joint_limits_rad", std::move(joints)},
+json describe_device(const DeviceSpecification& device, const SafetyLimits& limits) {
+  const MotorsAndJoints parts = device.motors_and_joints();
+  const auto number = [](const std::optional<double>& value) {
+    return value ? json(*value) : json(nullptr);
+  };
+  return {{"motor_peak_torque_Nm", number(parts.motor_peak_torque_Nm)},
+          {"motor_continuous_torque_Nm", number(parts.motor_continuous_torque_Nm)},
+          {"joint_limits_rad", parts.joint_limits_rad},
           {"workspace",
            {{"min_m", limits.workspace_min_m},
             {"max_m", limits.workspace_max_m},
@@ -87,7 +88,7 @@ json describe_hand(const std::optional<PublishedHand>& hand) {
 
 }  // namespace
 
-std::string session_facts(const Scene& scene, const DeviceDescription& description,
+std::string session_facts(const Scene& scene, const DeviceSpecification& device,
                           const Remesher& remesher, const TelemetryOptions& options,
                           const PublishedSession& session) {
   json about = {
@@ -113,7 +114,7 @@ std::string session_facts(const Scene& scene, const DeviceDescription& descripti
       {"faults", names_of<Fault>(kFaults)},
       {"safety_states", names_of<SafetyState>(kSafetyStates)},
   };
-  about.update(describe_device(description, session.limits));
+  about.update(describe_device(device, session.limits));
   for (const SceneLayer& layer : scene.layers) {
     about["layers"].push_back({{"name", layer.name},
                                {"top_z_m", layer.top_z_m},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The facts that do not change during a session, as JSON for the programs that read its
 // shared memory (formats/session/telemetry.md).
-// Tests: tests/runtime/session/live_session_test.cpp
+// Tests: tests/runtime/telemetry/session_facts_test.cpp, tests/runtime/session/live_session_test.cpp
 #pragma once
 
 #include <array>
@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/control/limits.h"
+#include "runtime/device/hand_device.h"
 #include "runtime/workers/remesher.h"
 
 namespace trocar::runtime {
@@ -40,7 +40,7 @@ struct PublishedSession {
   SafetyLimits limits;
 };
 
-std::string session_facts(const Scene& scene, const DeviceDescription& description,
+std::string session_facts(const Scene& scene, const DeviceSpecification& device,
                           const Remesher& remesher, const TelemetryOptions& options,
                           const PublishedSession& session);
 

@@ -9,16 +9,18 @@ namespace trocar::runtime {
 
 SessionPublisher::SessionPublisher() : TickObserver(std::chrono::milliseconds(4)) {}
 
-Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
-    const Scene& scene, const DeviceDescription& description, const Remesher& remesher,
-    const PrefetchWorker* prefetch, const TelemetryOptions& options,
-    const PublishedSession& session) {
+Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(const Scene& scene,
+                                                                 const DeviceSpecification& device,
+                                                                 const Remesher& remesher,
+                                                                 const PrefetchWorker* prefetch,
+                                                                 const TelemetryOptions& options,
+                                                                 const PublishedSession& session) {
   std::unique_ptr<SessionPublisher> made(new SessionPublisher);
   made->prefetch_ = prefetch;
   made->tool_ = make_tool(scene.tool);
   made->values_.resize(snapshot_size());
   TelemetrySizes sizes;
-  sizes.about = session_facts(scene, description, remesher, options, session);
+  sizes.about = session_facts(scene, device, remesher, options, session);
   sizes.columns = snapshot_size();
   sizes.has_shape = prefetch != nullptr;
   sizes.has_hand = options.hand.has_value();

@@ -38,7 +38,7 @@ class SessionPublisher final : public TickObserver {
   /// Creates the memory, which contains the uncut sheets, and its link. `prefetch` may be null.
   /// Errors: (unwritable) there is no memory; those of TelemetryWriter::link().
   static Result<std::unique_ptr<SessionPublisher>> make(const Scene& scene,
-                                                        const DeviceDescription& description,
+                                                        const DeviceSpecification& device,
                                                         const Remesher& remesher,
                                                         const PrefetchWorker* prefetch,
                                                         const TelemetryOptions& options,

@@ -14,7 +14,7 @@ inline Result<runtime::SessionWorkers> make_workers(
     const Scene& scene, const runtime::Remesher& remesher, const runtime::SessionOptions& options,
     const DeviceDescription& description = default_device_description()) {
   const runtime::FourLegsSpecification specification(description);
-  return runtime::make_workers(scene, description, specification, remesher, options);
+  return runtime::make_workers(scene, specification, remesher, options);
 }
 
 }  // namespace trocar::test
@@ -35,7 +35,7 @@ inline Result<SessionReport> run_session(const Scene& scene, const DeviceDescrip
                                          const SessionOptions& options,
                                          const MechanismLimits& limits = {}) {
   FourLegs four_legs(description, device, limits);
-  return run_session(scene, description, remesher, four_legs, advance, options);
+  return run_session(scene, remesher, four_legs, advance, options);
 }
 
 }  // namespace trocar::runtime

@@ -8,9 +8,11 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <numbers>
 #include <random>
 
 #include "runtime/mechanism/four_legs.h"
+#include "runtime/pose_device/pose_specification.h"
 #include "tests/support/uniform.h"
 
 namespace trocar::runtime {
@@ -76,6 +78,60 @@ TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
   }
 }
 
+TEST(DeviceVerdict, LateTicksDoNoHarmWithoutMotors) {
+  const FourLegsSpecification specification(default_device_description());
+  DeviceTrial trial = good_trial();
+  trial.realtime.missed_in_row_max = 30;
+  DeviceTrialOptions options;
+  EXPECT_EQ(describe(trial, options, specification).troubles.size(), 1U);
+  options.is_simulated = true;
+  EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
+}
+
+/// The verdict on a device of 0.2 x 0.2 x 0.1 m with y up, whose handle is at this pose in the scene's axes.
+DeviceVerdict verdict_at(const Pose& T_device_plate) {
+  PoseDeviceDescription description;
+  description.workspace_min_m = {-0.1, 0.2, -0.1};
+  description.workspace_max_m = {0.1, 0.3, 0.1};
+  description.turn_rad = {std::numbers::pi / 2, 0, 0};
+  Pose middle;
+  middle.p_m.z() = 0.3;
+  const PoseSpecification specification(description, PoseFrame(description, middle));
+  DeviceTrial trial = good_trial();
+  trial.last_T_device_plate = T_device_plate;
+  return describe(trial, {}, specification);
+}
+
+TEST(DeviceVerdict, SaysWhereTheHandleIs) {
+  const auto has = [](const std::string& text, const char* words) {
+    EXPECT_NE(text.find(words), std::string::npos) << text;
+  };
+  Pose T;
+  T.p_m << 0.0125, -0.02, 0.349;
+  T.q = Eigen::AngleAxisd(0.55, Eigen::Vector3d::UnitY());
+  const DeviceVerdict good = verdict_at(T);
+  EXPECT_TRUE(good.troubles.empty());
+  has(good.text,
+      "x +12.5, y -20.0, z +49.0 mm from the middle of the workspace, tilted by 31.5 deg");
+
+  Pose tilted = T;
+  tilted.q = Eigen::AngleAxisd(0.65, Eigen::Vector3d::UnitY());
+  const DeviceVerdict oblique = verdict_at(tilted);
+  ASSERT_EQ(oblique.troubles.size(), 1U);
+  has(oblique.troubles[0], "tilted by 37.2 deg, and more than 34.4 deg end a session (workspace)");
+
+  T.p_m.z() = 0.352;
+  const DeviceVerdict outside = verdict_at(T);
+  ASSERT_EQ(outside.troubles.size(), 1U);
+  has(outside.troubles[0],
+      "at z +52.0 mm from the middle, which is reachable from -50.0 to +50.0 mm");
+
+  EXPECT_EQ(describe(good_trial(), {}, FourLegsSpecification(default_device_description()))
+                .text.find("at the end"),
+            std::string::npos)
+      << "no pose was accepted";
+}
+
 TEST(NoiseMeter, MeasuresNoiseAndNotMotion) {
   std::mt19937_64 random(5);
   NoiseMeter still, moving, quiet;
@@ -131,6 +187,11 @@ TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
   EXPECT_EQ(trial->readings, 180U);
   EXPECT_EQ(trial->fault, Fault::kNone);
   EXPECT_EQ(trial->position_noise_m, 0);
+  ASSERT_TRUE(trial->last_T_device_plate);
+  EXPECT_NEAR(trial->last_T_device_plate->p_m.z(), 0.15, 1e-4);
+  const std::string text = describe(*trial, options, device.specification()).text;
+  EXPECT_NE(text.find("z +150.0 mm from the device's origin, tilted by 0.0 deg"), std::string::npos)
+      << text;
   EXPECT_EQ(still.largest_Nm, 0);
   EXPECT_EQ(still.writes, 201) << "one in each tick, and one at the end";
 }

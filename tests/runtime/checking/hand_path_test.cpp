@@ -51,7 +51,8 @@ Fault loop_fault(const LoopModel& model, const DeviceDescription& description,
 TEST(PoseFault, IsTheLoops) {
   constexpr Workspace kWide{.z_min_m = 0.05, .z_max_m = 0.25, .lateral_m = 0.07, .tilt_rad = 0.8};
   LoopModel model;
-  const DeviceDescription device = default_device_description();
+  const DeviceDescription description = default_device_description();
+  const FourLegsSpecification device(description);
   SceneTool tilted;
   tilted.tilt_deg = 35;
   model.tool = make_tool(tilted);
@@ -64,12 +65,12 @@ TEST(PoseFault, IsTheLoops) {
     ++seen[static_cast<std::size_t>(fault)];
     const std::string what = describe_pose_fault(fault, device, model.limits, model.tool, T);
     ASSERT_EQ(what.empty(), fault == Fault::kNone) << to_string(fault) << ' ' << what;
-    const InverseResult inverse = inverse_kinematics(device, T);
+    const InverseResult inverse = inverse_kinematics(description, T);
     if (!inverse.status) {
       ASSERT_EQ(fault, Fault::kPoseResidual);
       continue;
     }
-    ASSERT_EQ(fault, loop_fault(model, device, inverse.joints)) << i << ": " << what;
+    ASSERT_EQ(fault, loop_fault(model, description, inverse.joints)) << i << ": " << what;
   }
   for (const Fault fault : {Fault::kNone, Fault::kJointLimit, Fault::kSingularity,
                             Fault::kWorkspace, Fault::kToolTilt, Fault::kPoseResidual}) {
@@ -88,7 +89,7 @@ TEST(PathReport, HasThePathsExtremesAndTheFirstPlaceBeyondEachLimit) {
   path.keyframes = {keyframe(0, {0, 0, 0.1}, {0, 0, 0}), keyframe(2, {0.08, 0, 0.1}, {0, 0, 0}),
                     keyframe(4, {0, 0, 0.1}, {0, 0, 0}), keyframe(5, {0, 0, 0.1}, {0.8, 0, 0}),
                     keyframe(5.01, {0.03, 0, 0.1}, {0.8, 0, 0})};
-  const DeviceDescription device = default_device_description();
+  const FourLegsSpecification device(default_device_description());
   const PathReport all = evaluate_path(path, device, limits, tool, 0, 9);
   EXPECT_EQ(all.end_s, 5.01);
   EXPECT_EQ(all.tip_min_m, Eigen::Vector3d(0, 0, 0.1));
@@ -140,7 +141,7 @@ TEST(SheetCrossings, AreWhereTheTipGoesBelow) {
 }
 
 TEST(Reach, HoldsWhatItStates) {
-  const DeviceDescription device = default_device_description();
+  const FourLegsSpecification device(default_device_description());
   const SafetyLimits limits;
   SceneTool scene_tool;
   scene_tool.tip_in_plate_m = {0.01, -0.02, -0.05};

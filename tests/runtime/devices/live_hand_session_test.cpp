@@ -61,6 +61,7 @@ HandRun run_hand(const Scene& scene, const Person& person,
                  std::span<const RecordingRow> replay = {}) {
   const test::TemporaryFolder folder;
   const DeviceDescription description = default_device_description();
+  const FourLegsSpecification specification(description);
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   SessionOptions options;
   options.clock = Clock::kVirtual;
@@ -71,9 +72,9 @@ HandRun run_hand(const Scene& scene, const Person& person,
   options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
   std::unique_ptr<LiveHand> hand;
   if (person) {
-    const auto limits = live_hand_limits(scene, description, options.limits);
+    const auto limits = live_hand_limits(scene, specification, options.limits);
     EXPECT_TRUE(limits);
-    hand = std::make_unique<LiveHand>(*limits, make_tool(scene.tool), description, options.limits,
+    hand = std::make_unique<LiveHand>(*limits, make_tool(scene.tool), specification, options.limits,
                                       TargetPath(scene.duration_s));
     options.hand = hand.get();
     options.telemetry->hand = published_hand(scene.hand, *limits);

@@ -9,7 +9,8 @@
 #include <random>
 
 #include "runtime/devices/pose_margins.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/devices/scene_hand.h"
+#include "runtime/mechanism/four_legs_specification.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -29,8 +30,8 @@ Scene live_scene() {
 
 /// The limits of live_scene(), which take a while to find.
 const LiveHandLimits& known_limits() {
-  static const LiveHandLimits limits =
-      *live_hand_limits(live_scene(), default_device_description(), SafetyLimits{});
+  static const LiveHandLimits limits = *live_hand_limits(
+      live_scene(), FourLegsSpecification(default_device_description()), SafetyLimits{});
   return limits;
 }
 
@@ -71,7 +72,7 @@ struct Rig {
   }
 
   Scene scene = live_scene();
-  DeviceDescription device = default_device_description();
+  FourLegsSpecification device{default_device_description()};
   SafetyLimits safety;
   LiveHandLimits limits;
   LiveHand hand;
@@ -95,7 +96,7 @@ TEST(LiveHandLimits, EveryCornerIsReached) {
     const PoseMargins margins = pose_margins(rig.device, rig.safety, tool, T);
     EXPECT_EQ(pose_fault(rig.safety, margins), Fault::kNone) << T.p_m.transpose();
     EXPECT_GE(margins.box_m, kHandMargin.box_m);
-    EXPECT_GE(margins.joint_rad, kHandMargin.angle_rad);
+    EXPECT_GE(margins.device.joint_rad, kHandMargin.angle_rad);
   }
 }
 
@@ -105,7 +106,8 @@ TEST(LiveHandLimits, RefuseAStartOutside) {
        {std::array{0.0, 0.0, 0.5}, std::array{0.0, 0.0, 0.01}, std::array{0.059, 0.0, 0.13}}) {
     Scene scene = live_scene();
     scene.hand.trajectory[0].tip_m = tip_m;
-    const auto limits = live_hand_limits(scene, default_device_description(), safety);
+    const auto limits =
+        live_hand_limits(scene, FourLegsSpecification(default_device_description()), safety);
     ASSERT_FALSE(limits);
     EXPECT_EQ(limits.error().code, ExitCode::kRefused);
   }

@@ -143,7 +143,7 @@ TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
   const auto report = nlohmann::json::parse(session_report_json(scene, observer.figures(), facts));
   EXPECT_EQ(report["force_law"].get<std::string>(), "constant");
 
-  const DeviceDescription device = default_device_description();
+  const FourLegsSpecification device(default_device_description());
   const auto sheets = place_slices(scene, test::square_asset(2), "a");
   ASSERT_TRUE(sheets);
   const Tool tool = make_tool(scene.tool);

@@ -5,10 +5,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/singularity.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -184,6 +186,54 @@ TEST(FourLegsSpecification, IsThatOfTheJacobian) {
   EXPECT_EQ(specification.renderable_share(far, Wrench::Ones()), 0);
   EXPECT_EQ(specification.describe_demand("threshold", far, Wrench::Ones()),
             "out of the device's reach");
+}
+
+// hand_path_test.cpp compares the faults with those of the loop.
+TEST(FourLegsSpecification, StatesTheMarginsOfAPose) {
+  const DeviceDescription description = default_device_description();
+  const FourLegsSpecification specification(description);
+  Random random(5);
+  for (int i = 0; i < 200; ++i) {
+    const Pose T = random_workspace_pose(random);
+    const JointAngles joints = inverse_kinematics(description, T).joints;
+    const DeviceMargins margins = specification.margins(T);
+    ASSERT_TRUE(margins.is_reachable);
+    RecordingRow row;
+    row.encoder_rad = encoder_angles(joints);
+    // The joint at exactly its limit has the margin 0, and all others have more.
+    const auto joint = static_cast<std::size_t>(margins.joint);
+    const JointLimit& limit = description.joint_limit[joint % 4];
+    const double at_rad = row.encoder_rad[joint];
+    EXPECT_NEAR(std::min(at_rad - limit.min_rad, limit.max_rad - at_rad), margins.joint_rad, 1e-15);
+    DeviceDescription narrower = description;
+    for (JointLimit& each : narrower.joint_limit) {
+      each.min_rad += margins.joint_rad - 1e-9;
+      each.max_rad -= margins.joint_rad - 1e-9;
+    }
+    EXPECT_TRUE(check_joint_limits(narrower, row.encoder_rad));
+    const Jacobian G = jacobian(description, T, joints).G;
+    EXPECT_EQ(margins.inverse_condition,
+              measure_singularity(description, T, joints, G).inverse_condition);
+    const auto found = specification.pose_of(row);
+    ASSERT_TRUE(found);
+    EXPECT_LT(displacement(*found, T).norm(), 1e-9);
+  }
+  DeviceMargins margins;
+  margins.joint_rad = -0.1;
+  margins.joint = encoder_index(2, 3);
+  margins.inverse_condition = 0.25;
+  EXPECT_EQ(specification.describe_margins(margins),
+            "theta4 of leg 3 5.7 deg beyond its limit; inverse condition at least 0.250");
+  EXPECT_EQ(specification.describe_strength(), "6 Nm peak a motor");
+  Pose far;
+  far.p_m.z() = 2;
+  EXPECT_FALSE(specification.margins(far).is_reachable);
+  EXPECT_EQ(specification.margins(far).fault, Fault::kPoseResidual);
+  EXPECT_EQ(specification.describe_fault(Fault::kPoseResidual, far),
+            "theta1 of leg 1 is out of reach");
+  EXPECT_EQ(specification.describe_fault(Fault::kPoseResidual, middle()), "");
+  EXPECT_EQ(specification.describe_fault(Fault::kJointLimit, middle()), "");
+  EXPECT_EQ(specification.describe_fault(Fault::kSingularity, middle()), "");
 }
 
 }  // namespace
