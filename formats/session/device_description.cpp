@@ -6,6 +6,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/strict_json.h"
+#include "formats/session/assumed_values.h"
 
 namespace trocar {
 namespace {
@@ -93,24 +94,6 @@ void read_simulation(StrictObject& object, DeviceDescription& device) {
   device.maximum_substep_s = object.number("maximum_substep_s", 1e-6, 1e-2);
 }
 
-// "assumed" maps JSON pointers into this document to the reason: each must name a value.
-void check_assumed(const Json* assumed, const Json& document, JsonErrors& errors) {
-  if (assumed == nullptr) return errors.add("/assumed", "is missing");
-  if (!assumed->is_object()) return errors.add("/assumed", "must be an object");
-  for (const auto& [pointer, reason] : assumed->items()) {
-    const std::string path =
-        "/assumed " +
-        Json(pointer.substr(0, 64)).dump(-1, ' ', true, Json::error_handler_t::replace);
-    if (!reason.is_string()) errors.add(path, "must be a string");
-    bool names_a_value = false;
-    try {
-      names_a_value = document.contains(Json::json_pointer(pointer));
-    } catch (const Json::exception&) {  // not a pointer
-    }
-    if (!names_a_value) errors.add(path, "names no value of this file");
-  }
-}
-
 }  // namespace
 
 DeviceDescription default_device_description() {
@@ -171,7 +154,11 @@ Result<DeviceDescription> parse_device_description(std::string_view json_text,
   root.required_section("joint_limits_deg", [&](StrictObject& o) { read_joint_limits(o, device); });
   root.required_section("plate", [&](StrictObject& o) { read_plate(o, device); });
   root.required_section("simulation", [&](StrictObject& o) { read_simulation(o, device); });
-  check_assumed(root.optional_value("assumed"), *document, errors);
+  if (const Json* assumed = root.optional_value("assumed")) {
+    check_assumed(*assumed, *document, errors);
+  } else {
+    errors.add("/assumed", "is missing");
+  }
   root.finish();
   if (errors.first) return *errors.first;
   return device;

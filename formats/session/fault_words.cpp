@@ -184,6 +184,14 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
       return {"motor_#", "motor theta #", "", 0, kMotors};
     case FaultQuantity::kReleasedEnergy:
       return {"energy_released_J", "energy released to the hand", " mJ", 1e3};
+    case FaultQuantity::kMeasuredPosition:
+      return {"device_#_m", "measured position #", " mm", 1e3, kAxes};
+    case FaultQuantity::kMeasuredRotation:
+      return {"device_quaternion", "length of the measured quaternion"};
+    case FaultQuantity::kPositionStep:
+      return {"device_step_m", "step of the measured position", " mm", 1e3};
+    case FaultQuantity::kRotationStep:
+      return {"device_step_rad", "step of the measured orientation", " deg", kDeg};
   }
   return {};
 }

@@ -39,8 +39,12 @@ enum class FaultQuantity : std::uint8_t {
   kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
   kMotor,                ///< no value; index: motor
   kReleasedEnergy,       ///< energy released to the hand within 0.1 s beyond the stored energy, J
+  kMeasuredPosition,     ///< position that a pose device measured, m; index: axis
+  kMeasuredRotation,     ///< length of the quaternion that a pose device measured
+  kPositionStep,         ///< change of the measured position since the last data, m
+  kRotationStep,         ///< change of the measured orientation since the last data, rad
 };
-inline constexpr int kFaultQuantities = 25;
+inline constexpr int kFaultQuantities = 29;
 
 /// The result of a check: a fault or none, and the value that exceeded its limit. It has a fixed
 /// size because the haptic thread fills it; another thread composes the words.

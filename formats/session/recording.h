@@ -127,7 +127,23 @@ struct RecordingRow {
     double stored_J = 0;     ///< elastic energy stored now
     std::int32_t steps = 0;  ///< number of Newton steps
   } cutting;
+  /// Reading and command of a device that measures its own pose, in its own frame. They take the place of
+  /// torques and encoder angles.
+  struct PoseDevice {
+    std::array<double, 3> p_m{};          ///< the point of the handle on which the wrench acts
+    std::array<double, 4> q{1, 0, 0, 0};  ///< orientation, w x y z
+    std::uint32_t buttons = 0;            ///< bit i: button i is pressed
+    std::array<double, 6> wrench{};       ///< commanded force and moment, N, N*m
+  } pose_device;
 };
+
+/// The columns that a recording has besides those that all recordings have.
+struct RecordingKind {
+  bool has_cutting = false;      ///< columns of the force law `cutting`
+  bool has_pose_device = false;  ///< columns of a pose device instead of torques and encoder angles
+};
+/// The kind that these entries of the origin state: `force-law=cutting`, `device-kind=pose`.
+RecordingKind recording_kind(const RecordingOrigin& origin);
 
 /// The header line without its line feed: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
 /// fx_wanted_N,...,tz_wanted_Nm,fx_delivered_N,...,tau_1_1_Nm,tau_1_4_Nm,... (leg, joint),
@@ -138,8 +154,9 @@ struct RecordingRow {
 /// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin
 /// contains `force-law=cutting`, further columns precede it:
 /// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
-/// tissue_stored_J,steps.
-const std::string& recording_header(bool with_cutting = false);
+/// tissue_stored_J,steps. If it contains `device-kind=pose`, device_x_m,device_y_m,device_z_m,
+/// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
+std::string recording_header(const RecordingKind& kind = {});
 
 /// Suffix of a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
@@ -167,7 +184,8 @@ class RecordingWriter {
   std::filesystem::path partial_file() const { return partial_; }
 
  private:
-  RecordingWriter(std::filesystem::path file, std::string partial, int fd, bool with_cutting);
+  RecordingWriter(std::filesystem::path file, std::string partial, int fd,
+                  const RecordingKind& kind);
   Result<void> flush();
   void end();
   Error failure(int error);
@@ -176,7 +194,7 @@ class RecordingWriter {
   std::string partial_;  ///< empty after commit() or a move
   int fd_ = -1;
   std::string buffer_;
-  bool with_cutting_ = false;
+  RecordingKind kind_;
   std::string origin_;       ///< text for the first row; empty once it is written
   std::uint64_t lines_ = 0;  ///< number of complete lines written, including the header
 };

@@ -16,17 +16,16 @@ constexpr std::array<const char*, 14> kCuttingColumns = {
     "tz_tissue_Nm", "front_z_m",   "front_HU",        "tip_N",        "embedded_m",
     "cut_J",        "absorbed_J",  "tissue_stored_J", "steps"};
 
-std::vector<std::string> make_columns(bool with_cutting) {
-  std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
-                                      "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
-  for (const char* kind : {"wanted", "delivered"}) {
-    for (const char* axis : {"fx", "fy", "fz"}) {
-      columns.push_back(std::string(axis) + "_" + kind + "_N");
-    }
-    for (const char* axis : {"tx", "ty", "tz"}) {
-      columns.push_back(std::string(axis) + "_" + kind + "_Nm");
-    }
-  }
+/// Appends the columns of a wrench, such as fx_wanted_N.
+void add_wrench(const std::string& which, std::vector<std::string>& columns) {
+  for (const char* axis : {"fx", "fy", "fz"})
+    columns.push_back(std::string(axis) + "_" + which + "_N");
+  for (const char* axis : {"tx", "ty", "tz"})
+    columns.push_back(std::string(axis) + "_" + which + "_Nm");
+}
+
+/// Appends the columns of the four-legged device's motors and encoders.
+void add_joints(std::vector<std::string>& columns) {
   for (int leg = 1; leg <= 4; ++leg) {
     for (const int joint : {1, 4}) {
       columns.push_back("tau_" + std::to_string(leg) + "_" + std::to_string(joint) + "_Nm");
@@ -37,6 +36,22 @@ std::vector<std::string> make_columns(bool with_cutting) {
       columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
     }
   }
+}
+
+std::vector<std::string> make_columns(const RecordingKind& kind) {
+  std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
+                                      "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
+  for (const char* which : {"wanted", "delivered"})
+    add_wrench(which, columns);
+  if (kind.has_pose_device) {
+    for (const char* name : {"device_x_m", "device_y_m", "device_z_m", "device_qw", "device_qx",
+                             "device_qy", "device_qz", "buttons"}) {
+      columns.emplace_back(name);
+    }
+    add_wrench("device", columns);
+  } else {
+    add_joints(columns);
+  }
   for (const char* name :
        {"state",           "active_slice",   "penetration_m",  "wrench_scale",
         "pose_residual_m", "cuts_published", "response_sheet", "response_stiffness_N_per_m",
@@ -46,7 +61,8 @@ std::vector<std::string> make_columns(bool with_cutting) {
         "motor_heat_max"}) {
     columns.emplace_back(name);
   }
-  if (with_cutting) columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
+  if (kind.has_cutting)
+    columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
   columns.emplace_back("origin");  // the last: text, in the first row only
   return columns;
 }
@@ -70,17 +86,19 @@ const std::array<const char*, kFaults>& fault_names() {
   return names;
 }
 
-RecordingColumns recording_columns(bool with_cutting) {
-  return {.names = make_columns(with_cutting), .has_cutting = with_cutting};
+RecordingColumns recording_columns(const RecordingKind& kind) {
+  return {.names = make_columns(kind), .kind = kind};
 }
 
 RecordingColumns columns_in_header(std::string_view header) {
-  if (header == recording_header(true)) return recording_columns(true);
+  for (const RecordingKind kind :
+       {RecordingKind{true, false}, RecordingKind{false, true}, RecordingKind{true, true}})
+    if (header == recording_header(kind)) return recording_columns(kind);
   // Recordings of older versions lack one or both of these columns.
   for (const auto& [has_state_time, has_origin] :
        {std::pair(true, true), std::pair(false, true), std::pair(true, false),
         std::pair(false, false)}) {
-    RecordingColumns columns = recording_columns(false);
+    RecordingColumns columns = recording_columns({});
     if (!has_state_time) std::erase(columns.names, "state_t_s");
     if (!has_origin) columns.names.pop_back();
     columns.has_state_time = has_state_time;
@@ -88,6 +106,13 @@ RecordingColumns columns_in_header(std::string_view header) {
     if (header == joined(columns.names)) return columns;
   }
   return {};
+}
+
+RecordingKind recording_kind(const RecordingOrigin& origin) {
+  const std::string *const law = origin.find("force-law"), *const device =
+                                                               origin.find(kOriginDeviceKind);
+  return {.has_cutting = law != nullptr && *law == "cutting",
+          .has_pose_device = device != nullptr && *device == kPoseDeviceKind};
 }
 
 const char* to_string(ContactPhase phase) {
@@ -103,10 +128,8 @@ const char* to_string(DeviceStatus status) {
   return kDeviceStatusNames.at(static_cast<std::size_t>(status));
 }
 
-const std::string& recording_header(bool with_cutting) {
-  static const std::array<std::string, 2> headers{joined(make_columns(false)),
-                                                  joined(make_columns(true))};
-  return headers[with_cutting ? 1 : 0];
+std::string recording_header(const RecordingKind& kind) {
+  return joined(make_columns(kind));
 }
 
 }  // namespace trocar

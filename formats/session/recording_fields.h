@@ -23,9 +23,10 @@ const std::array<const char*, kFaults>& fault_names();
 /// The columns of one file. Files written by older versions lack some.
 struct RecordingColumns {
   std::vector<std::string> names = {};
-  bool has_state_time = true, has_cutting = false, has_origin = true;
+  RecordingKind kind = {};
+  bool has_state_time = true, has_origin = true;
 };
-RecordingColumns recording_columns(bool with_cutting);
+RecordingColumns recording_columns(const RecordingKind& kind);
 /// The columns that this header line names; no names if it is not a recording's header.
 RecordingColumns columns_in_header(std::string_view header);
 
@@ -40,9 +41,18 @@ void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
   visitor.finite(row.tool_m);
   visitor.finite(row.wrench_wanted);
   visitor.finite(row.wrench_delivered);
-  visitor.finite(row.tau_Nm);
-  for (auto& angle_rad : row.encoder_rad)
-    visitor.number(angle_rad);
+  if (columns.kind.has_pose_device) {
+    for (auto& at_m : row.pose_device.p_m)
+      visitor.number(at_m);
+    for (auto& component : row.pose_device.q)
+      visitor.number(component);
+    visitor.number(row.pose_device.buttons);
+    visitor.finite(row.pose_device.wrench);
+  } else {
+    visitor.finite(row.tau_Nm);
+    for (auto& angle_rad : row.encoder_rad)
+      visitor.number(angle_rad);
+  }
   visitor.name(row.phase, kPhaseNames);
   visitor.number(row.active_slice);
   visitor.finite(row.penetration_m);
@@ -64,7 +74,7 @@ void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
   visitor.finite(row.passivity_J);
   visitor.finite(row.passivity_N_s_per_m);
   visitor.finite(row.motor_heat_max);
-  if (columns.has_cutting) {
+  if (columns.kind.has_cutting) {
     auto& cutting = row.cutting;
     visitor.finite(cutting.wrench_tissue);
     visitor.finite(cutting.front_z_m);

@@ -2,6 +2,8 @@
 #include "formats/session/recording_origin.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 
 namespace trocar {
 namespace {
@@ -31,6 +33,21 @@ const std::string* RecordingOrigin::find(std::string_view key) const {
   const auto found = std::find_if(entries.begin(), entries.end(),
                                   [&](const auto& entry) { return entry.first == key; });
   return found == entries.end() ? nullptr : &found->second;
+}
+
+std::optional<double> RecordingOrigin::number(std::string_view key) const {
+  const std::string* const text = find(key);
+  double number = 0;
+  if (text == nullptr) return std::nullopt;
+  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), number);
+  if (error != std::errc() || end != text->data() + text->size()) return std::nullopt;
+  return number;
+}
+
+std::string origin_number(double x) {
+  std::array<char, 32> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
+  return {text.data(), end};
 }
 
 std::string to_text(const RecordingOrigin& origin) {

@@ -5,6 +5,7 @@
 // Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -20,14 +21,22 @@ inline constexpr const char* kOriginProgram = "program";
 inline constexpr const char* kOriginScene = "scene";
 inline constexpr const char* kOriginAsset = "asset";
 inline constexpr const char* kOriginDevice = "device";  ///< or "built-in"
+/// Key of the kind of device, which only recordings of a pose device have; its value.
+inline constexpr const char* kOriginDeviceKind = "device-kind";
+inline constexpr const char* kPoseDeviceKind = "pose";
 
 struct RecordingOrigin {
   std::vector<std::pair<std::string, std::string>> entries;  ///< key, value; no entries if unknown
 
   /// The value of a key, or null.
   const std::string* find(std::string_view key) const;
+  /// The value of a key as a number; none if it is missing or no number.
+  std::optional<double> number(std::string_view key) const;
   friend bool operator==(const RecordingOrigin&, const RecordingOrigin&) = default;
 };
+
+/// The text of a number in an entry: the shortest that reads back as the same number.
+std::string origin_number(double x);
 
 /// The text for the CSV. Keys and values consist of letters, digits, '.', '_', '+', '-' and '/'.
 std::string to_text(const RecordingOrigin& origin);

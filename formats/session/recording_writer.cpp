@@ -79,15 +79,15 @@ int open_partial(const std::string& partial) {
 }  // namespace
 
 RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, int fd,
-                                 bool with_cutting)
-    : file_(std::move(file)), partial_(std::move(partial)), fd_(fd), with_cutting_(with_cutting) {}
+                                 const RecordingKind& kind)
+    : file_(std::move(file)), partial_(std::move(partial)), fd_(fd), kind_(kind) {}
 
 RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
     : file_(std::move(other.file_)),
       partial_(std::exchange(other.partial_, {})),
       fd_(std::exchange(other.fd_, -1)),
       buffer_(std::move(other.buffer_)),
-      with_cutting_(other.with_cutting_),
+      kind_(other.kind_),
       origin_(std::move(other.origin_)),
       lines_(other.lines_) {}
 
@@ -122,17 +122,16 @@ Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
   if (fd < 0 && errno == EWOULDBLOCK)
     return unwritable(partial + ": another program is recording there");
   if (fd < 0) return unwritable(partial + ": " + system_message(errno));
-  const std::string* law = origin.find("force-law");
-  const bool with_cutting = law != nullptr && *law == "cutting";
-  RecordingWriter writer(file, partial, fd, with_cutting);
+  const RecordingKind kind = recording_kind(origin);
+  RecordingWriter writer(file, partial, fd, kind);
   writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
-  writer.buffer_ = recording_header(with_cutting) + "\n";
+  writer.buffer_ = recording_header(kind) + "\n";
   writer.origin_ = to_text(origin);
   return writer;
 }
 
 Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
-  const RecordingColumns columns{.has_cutting = with_cutting_};
+  const RecordingColumns columns{.kind = kind_};
   for (const RecordingRow& row : rows) {
     RowWriter fields(buffer_);
     visit_fields(row, columns, fields);

@@ -125,6 +125,7 @@ enum class PosePrediction : std::uint8_t {
 
 struct SceneForceLaw {
   ForceLawKind kind = ForceLawKind::kHooke;
+  double force_scale = 1;  ///< factor on the tissue's wrench on the plate
   // kNetwork:
   NetworkSolver solver = NetworkSolver::kAuto;
   double decay_length_m = 0.01;  ///< decay length lambda of the sheet's displacement field
@@ -139,8 +140,7 @@ struct SceneForceLaw {
   double tip_friction = 0.3;  ///< coefficient of the tip's friction on the bone that it presses on
   /// Crushed bone holds the tip against withdrawal with this fraction of the force that crushed it.
   double tip_hold = 0.25;
-  bool twist = false;      ///< true: turning the tool while pushing it makes it cut more easily
-  double force_scale = 1;  ///< factor on the tissue's wrench on the plate
+  bool twist = false;  ///< true: turning the tool while pushing it makes it cut more easily
 };
 
 /// The position of the slice plane (u, v in mm; asset.md, Frames) in {B}:

@@ -12,7 +12,8 @@
 //     energy to the hand.
 //  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free
 //     space. A fault restarts that time. Torques are zero meanwhile.
-//  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`.
+//  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`, with
+//     `ramps_at_start` also at the beginning.
 //  5. If a time is nan, the result is safe: torques are zero at once, recovery never ends, and authority
 //     does not rise. A negative time counts as zero.
 #pragma once
@@ -27,9 +28,10 @@ namespace trocar::runtime {
 inline constexpr double kRampMax_s = 0.004;
 
 struct SafetyTiming {
-  double ramp_s = kRampMax_s;  ///< duration of the ramp of item 2, at most kRampMax_s
-  double quiet_s = 0.25;       ///< time without fault of item 3
-  double ramp_up_s = 0.25;     ///< rise time of item 4
+  double ramp_s = kRampMax_s;   ///< duration of the ramp of item 2, at most kRampMax_s
+  double quiet_s = 0.25;        ///< time without fault of item 3
+  double ramp_up_s = 0.25;      ///< rise time of item 4
+  bool ramps_at_start = false;  ///< item 4 applies to the beginning of a session, too
 };
 
 enum class SafetyEvent : std::uint8_t {
@@ -51,7 +53,7 @@ struct Safety {
   double fault_t_s = 0;
   std::uint64_t ramp_ticks_done = 0;  ///< number of ticks of the ramp since `running` was left
   std::uint64_t quiet_ticks = 0;      ///< number of ticks without fault (item 3)
-  bool recovered = false;             ///< a recovery has ended, so item 4 applies
+  bool recovered = false;             ///< item 4 applies to the next `running`
   double authority = 1;               ///< factor on the force in `running` (item 4)
 };
 
@@ -67,6 +69,13 @@ bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 /// Requests recovery. The request takes effect only in the state `fault`, once torques are zero; then
 /// true is returned.
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
+
+/// Returns the state with which a session begins.
+inline Safety initial_safety(const SafetyTiming& timing) noexcept {
+  Safety safety;
+  safety.recovered = timing.ramps_at_start;
+  return safety;
+}
 
 /// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `seen`: a device
 /// state has been read. `free`: the tool is in free space.

@@ -64,6 +64,9 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
       shift_tool(model_, T_device_tool, coupling_.offset_m - before_m, contact_);
     output.stored_J += 0.5 * coupling_options_.stiffness_N_per_m * coupling_.offset_m.squaredNorm();
   }
+  output.force_before_N *= force_scale_;
+  output.wrench_plate *= force_scale_;
+  output.stored_J *= force_scale_;
   return {};
 }
 
@@ -130,8 +133,8 @@ SummarySection NetworkLaw::summary() const {
 }
 
 Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup) {
-  return std::unique_ptr<ForceLaw>(
-      std::make_unique<SheetLaw>(contact_model(setup), setup.coupling));
+  return std::unique_ptr<ForceLaw>(std::make_unique<SheetLaw>(contact_model(setup), setup.coupling,
+                                                              setup.scene.force_law.force_scale));
 }
 
 Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup) {

@@ -17,14 +17,19 @@ namespace trocar::runtime {
 /// The force law `hooke`, and the contact of `network`.
 class SheetLaw : public ForceLaw {
  public:
-  explicit SheetLaw(const ContactModel& model, const CouplingOptions& coupling = {})
-      : model_(model), coupling_options_(coupling) {}
+  /// `force_scale`: SceneForceLaw::force_scale.
+  explicit SheetLaw(const ContactModel& model, const CouplingOptions& coupling = {},
+                    double force_scale = 1)
+      : model_(model), coupling_options_(coupling), force_scale_(force_scale) {}
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
   void reset_motion() noexcept override;
   double retract_distance_m(std::span<const Sheet* const> sheets,
                             const Pose& T_device_plate) const noexcept override;
   std::string describe() const override;
+  TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const override {
+    return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, force_scale_};
+  }
 
   ContactModel& model() noexcept { return model_; }
   CouplingOptions& coupling_options() noexcept { return coupling_options_; }
@@ -34,6 +39,7 @@ class SheetLaw : public ForceLaw {
  private:
   ContactModel model_;
   CouplingOptions coupling_options_;
+  double force_scale_;
   ContactState contact_;
   CouplingState coupling_;
   double last_force_N_ = 0;              ///< tip force in the previous tick
@@ -45,7 +51,7 @@ class NetworkLaw final : public SheetLaw {
  public:
   NetworkLaw(const ContactModel& model, const CouplingOptions& coupling, const SceneForceLaw& law,
              std::unique_ptr<NetworkPrefetch> prefetch)
-      : SheetLaw(model, coupling), law_(law), prefetch_(std::move(prefetch)) {}
+      : SheetLaw(model, coupling, law.force_scale), law_(law), prefetch_(std::move(prefetch)) {}
 
   PrefetchWorker* prefetch_worker() noexcept override { return prefetch_.get(); }
   std::string describe() const override;

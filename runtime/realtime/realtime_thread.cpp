@@ -178,6 +178,13 @@ RealtimeReport run_realtime(const RealtimeOptions& options,
   return report;
 }
 
+void request_priority(int priority) noexcept {
+  sched_param parameters{};
+  parameters.sched_priority = priority;
+  static_cast<void>(::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &parameters));
+  static_cast<void>(::prctl(PR_SET_TIMERSLACK, 1UL));
+}
+
 void keep_off(int cpu) {
   cpu_set_t set;
   if (cpu < 0 || cpu >= CPU_SETSIZE ||

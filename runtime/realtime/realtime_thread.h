@@ -57,6 +57,9 @@ RealtimeReport run_realtime(const RealtimeOptions& options,
                             const std::function<bool(const TickTiming&)>& tick,
                             const std::function<void()>& at_end = {});
 
+/// Requests the priority of SCHED_FIFO, 1 to 99, and exact timers for the calling thread. It goes on without what is not granted.
+void request_priority(int priority) noexcept;
+
 /// Excludes the calling thread, and all threads that it starts from then on, from a
 /// processor, unless it may use no other one. Does nothing if `cpu` is -1. This is needed
 /// because, on a kernel that does not preempt itself, their system calls would delay a

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -18,12 +17,6 @@ namespace {
 constexpr const char* kRate = "rate_Hz";
 constexpr const char* kMargin = "stiffness-margin";
 constexpr const char* kStateGap = "state-gap";
-
-std::string shortest(double x) {
-  std::array<char, 32> text;
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
-  return {text.data(), end};
-}
 
 const char* name_of(const CompensationOptions& options) {
   if (options.friction) return options.gravity ? "both" : "friction";
@@ -70,25 +63,26 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {kOriginScene, *scene_digest},
       {kOriginAsset, *asset_digest},
       {kOriginDevice, device},
-      {kRate, shortest(options.rate_Hz)},
+      {kRate, origin_number(options.rate_Hz)},
       {"force-law", std::string(to_string(scene.force_law.kind))},
       {"passivity", options.passivity.on ? "on" : "off"},
-      {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
+      {"coupling",
+       options.coupling.on ? origin_number(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},
-      {"energy-limit", shortest(options.limits.energy_limit_J)}};
+      {"energy-limit", origin_number(options.limits.energy_limit_J)}};
   if (options.limits.gap_max_s == 0) origin.entries.emplace_back(kStateGap, "any");
   // Only the force law that renders such a stiffness has these entries, and only if they are not the default.
   if (!traits_of(scene.force_law.kind).uses_bone_volume) return origin;
   if (options.stiffness.margin != 1)
-    origin.entries.emplace_back(kMargin, shortest(options.stiffness.margin));
+    origin.entries.emplace_back(kMargin, origin_number(options.stiffness.margin));
   if (std::isfinite(options.stiffness.most_N_per_m))
-    origin.entries.emplace_back("stiffness-limit", shortest(options.stiffness.most_N_per_m));
+    origin.entries.emplace_back("stiffness-limit", origin_number(options.stiffness.most_N_per_m));
   return origin;
 }
 
 double stated_stiffness_margin(const RecordingOrigin& recorded) {
   const std::string* const text = recorded.find(kMargin);
-  return text != nullptr && *text == shortest(kHardwareMargin) ? kHardwareMargin : 1;
+  return text != nullptr && *text == origin_number(kHardwareMargin) ? kHardwareMargin : 1;
 }
 
 bool allows_any_state_gap(const RecordingOrigin& recorded) {
@@ -96,11 +90,7 @@ bool allows_any_state_gap(const RecordingOrigin& recorded) {
 }
 
 double stated_rate_Hz(const RecordingOrigin& recorded) {
-  const std::string* const text = recorded.find(kRate);
-  double rate_Hz = 0;
-  if (text == nullptr) return 0;
-  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), rate_Hz);
-  return error == std::errc() && end == text->data() + text->size() ? rate_Hz : 0;
+  return recorded.number(kRate).value_or(0);
 }
 
 Result<std::string> check_replay(const RecordingOrigin& recorded, const RecordingOrigin& run,

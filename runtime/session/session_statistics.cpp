@@ -21,7 +21,8 @@ double wrench_norm(const std::array<double, 6>& w) noexcept {
   return std::sqrt(sum);
 }
 
-bool same_bits(const std::array<double, 8>& a, const std::array<double, 8>& b) noexcept {
+template <std::size_t N>
+bool same_bits(const std::array<double, N>& a, const std::array<double, N>& b) noexcept {
   return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
     return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y);
   });
@@ -78,7 +79,8 @@ void SessionStatistics::compare_with_replay(const TickView& tick) noexcept {
   if (replay_.empty() || report_.replay_first_difference >= 0) return;
   const RecordingRow& row = tick.result.row;
   const RecordingRow& old = replay_[tick.state.tick - 1];
-  if (!same_bits(old.tau_Nm, row.tau_Nm) || old.fault != row.fault ||
+  if (!same_bits(old.tau_Nm, row.tau_Nm) ||
+      !same_bits(old.pose_device.wrench, row.pose_device.wrench) || old.fault != row.fault ||
       old.cuts_published != row.cuts_published)
     report_.replay_first_difference = static_cast<std::int64_t>(tick.state.tick - 1);
 }

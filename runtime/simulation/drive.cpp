@@ -73,6 +73,10 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
   } else {
     HelloPacket hello;
     refusal = decode(datagram, options_.key, hello);
+    if (refusal == LinkRefusal::kNone && hello.contents != LinkContents::kAngles) {
+      refusal = LinkRefusal::kContents;
+      deny(datagram, DenialReason::kKind, now_ns, answer);
+    }
     if (refusal == LinkRefusal::kNone && is_alive(now_ns)) refusal = LinkRefusal::kSession;
     if (refusal == LinkRefusal::kNone) offer(hello, now_ns, answer);
     if (refusal == LinkRefusal::kMac) deny(datagram, DenialReason::kKey, now_ns, answer);

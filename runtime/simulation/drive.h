@@ -9,9 +9,9 @@
 //     host acknowledges by sending a command of zero torques after it has received a state that
 //     reports the zeroing. Commands sent earlier, and nonzero torques of a host that ramps down,
 //     have no effect.
-//  2. A refused datagram only changes a count. If a hello is refused because of its key, or because
-//     a session is alive, it is answered with a denial, at most once in kDenialPeriod_s, and once
-//     in kRepeatedDenial_s for the same nonce.
+//  2. A refused datagram only changes a count. If a hello is refused because of its key, because it
+//     is for drives that state poses, or because a session is alive, it is answered with a denial,
+//     at most once in kDenialPeriod_s, and once in kRepeatedDenial_s for the same nonce.
 //  3. While a session is alive, no other session begins.
 //  4. In lock-step each torque command advances time by one period of the host. Nothing
 //     else advances time.

@@ -165,7 +165,7 @@ std::string cutting_csv_of(const fs::path& folder, std::span<const RecordingRow>
 TEST_F(Recording, ThoseOfTheCuttingLawHaveItsColumnsBitForBit) {
   const std::vector<RecordingRow> rows = any_cutting_rows(2000);
   const std::string csv = cutting_csv_of(folder_, rows);
-  EXPECT_EQ(csv.substr(0, csv.find('\n')), recording_header(true));
+  EXPECT_EQ(csv.substr(0, csv.find('\n')), recording_header({.has_cutting = true}));
   RecordingOrigin origin;
   const auto read = read_recording(folder_ / "c.csv", &origin);
   ASSERT_TRUE(read) << read.error().message;
@@ -181,7 +181,7 @@ TEST_F(Recording, TheCuttingLawsColumnsComeBeforeTheOrigin) {
   const std::string columns =
       ",motor_heat_max,fx_tissue_N,fy_tissue_N,fz_tissue_N,tx_tissue_Nm,ty_tissue_Nm,tz_tissue_Nm,"
       "front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps,origin";
-  const std::string &with = recording_header(true), &without = recording_header();
+  const std::string with = recording_header({.has_cutting = true}), without = recording_header();
   ASSERT_GT(with.size(), columns.size());
   EXPECT_EQ(with.substr(with.size() - columns.size()), columns);
   EXPECT_EQ(with.substr(0, with.size() - columns.size()) + ",motor_heat_max,origin", without);

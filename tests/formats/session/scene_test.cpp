@@ -237,8 +237,10 @@ TEST(Scene, EveryChoiceOfTheCuttingLawIsRead) {
   EXPECT_EQ(prediction("off"), PosePrediction::kOff);
   for (const char* other : {"hooke", "network"}) {
     json mixed = smallest();
-    mixed["force_law"] = {{"kind", other}, {"force_scale", 1}};
+    mixed["force_law"] = {{"kind", other}, {"tip_hold", 0.5}};
     EXPECT_FALSE(parse(mixed)) << "another law's parameter, " << other;
+    mixed["force_law"] = {{"kind", other}, {"force_scale", 0.5}};
+    EXPECT_EQ(parse(mixed)->force_law.force_scale, 0.5) << "every law has it, " << other;
   }
 }
 

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// A device that measures its own pose (PoseDevice) as a HandDevice: checks what it states, and limits what it is commanded.
+//
+// Contract, in addition to that of hand_device.h:
+//  1. A reading with a number that is not finite, a quaternion whose length is not 1, or a step that no hand can make is a
+//     fault, and its pose is not used.
+//  2. Every command is finite; its force and moment are at most those of the description, in the direction that was
+//     wanted. A device that renders no moment is commanded none, and delivered() has none.
+// Tests: tests/runtime/pose_device/pose_hand_test.cpp
+#pragma once
+
+#include "runtime/device/hand_device.h"
+#include "runtime/device/pose_device.h"
+#include "runtime/pose_device/pose_frame.h"
+#include "runtime/pose_device/pose_specification.h"
+
+namespace trocar::runtime {
+
+/// A faster motion between two readings is an error of the device, since no hand moves like that.
+inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
+
+class PoseHand final : public HandDevice {
+ public:
+  /// `device` must outlive this object.
+  PoseHand(const PoseDeviceDescription& description, const PoseFrame& frame, PoseDevice& device);
+
+  const DeviceSpecification& specification() const noexcept override { return specification_; }
+  Result<void> start() override { return device_.start(); }
+
+  DeviceStatus read(double& t_s) noexcept override;
+  void use_last_reading() noexcept override { reading_ = last_; }
+  FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept override;
+  const Measurement& measured() const noexcept override { return measured_; }
+  bool keep_reading() noexcept override;
+  FaultDetail render(const RenderInput& input, double& scale) noexcept override;
+  void stop() noexcept override { at_stop_ = written_; }
+  void fade(double share) noexcept override;
+  DeviceStatus write() noexcept override;
+  void write_zero() noexcept override { device_.write(HandleWrench{}); }
+  Wrench delivered() const noexcept override { return frame().from_device(written_); }
+  void restore() noexcept override { device_.restore(); }
+  void describe(RecordingRow& row, DeviceReadout& readout) const noexcept override;
+  void advance(double dt_s) override { device_.advance(dt_s); }
+  void close() override { device_.close(); }
+  bool is_paced_by_loop() const override { return device_.is_paced_by_loop(); }
+  std::optional<LinkReport> link_report() const override { return device_.link_report(); }
+
+ private:
+  FaultDetail check(const ReadingInterval& interval) const noexcept;
+  bool is_finite() const noexcept;
+  const PoseDeviceDescription& description() const noexcept { return specification_.description(); }
+  const PoseFrame& frame() const noexcept { return specification_.frame(); }
+
+  PoseDevice& device_;
+  PoseSpecification specification_;
+  PoseReading reading_, last_;
+  Measurement measured_;
+  HandleWrench next_{}, written_{}, at_stop_{};
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// The description of a pose device as the facts that force laws and checks use.
+// Tests: tests/runtime/pose_device/pose_hand_test.cpp
+#pragma once
+
+#include <utility>
+
+#include "formats/session/pose_device_description.h"
+#include "runtime/device/hand_device.h"
+#include "runtime/pose_device/pose_frame.h"
+
+namespace trocar::runtime {
+
+/// The largest factor, at most 1, with which a device of this description can render a wrench. A moment counts only
+/// if the device renders moments.
+double renderable_share(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
+
+class PoseSpecification final : public DeviceSpecification {
+ public:
+  PoseSpecification(PoseDeviceDescription description, const PoseFrame& frame)
+      : description_(std::move(description)), frame_(frame) {}
+
+  std::string_view name() const noexcept override { return description_.name; }
+  std::string describe_strength() const override;
+  bool senses_rotation() const noexcept override { return description_.senses_rotation; }
+  bool renders_moment() const noexcept override { return description_.moment_max_Nm > 0; }
+  int buttons() const noexcept override { return description_.buttons; }
+  std::optional<WorkspaceBox> workspace() const noexcept override;
+  double mass_kg() const noexcept override { return description_.mass_kg; }
+  std::array<double, 3> inertia_kg_m2() const noexcept override {
+    return description_.inertia_kg_m2;
+  }
+  double stiffness_max_N_per_m() const noexcept override {
+    return description_.stiffness_max_N_per_m;
+  }
+  /// Readings are measured in counts of their resolution (PoseHand).
+  double resolution() const noexcept override;
+  std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
+  double renderable_share(const Pose& T_device_plate, const Wrench& wrench_device) const override;
+  std::string describe_demand(std::string_view what, const Pose& T_device_plate,
+                              const Wrench& wrench_device) const override;
+
+  std::optional<Pose> pose_of(const RecordingRow& row) const override;
+
+  const PoseDeviceDescription& description() const noexcept { return description_; }
+  const PoseFrame& frame() const noexcept { return frame_; }
+
+ private:
+  PoseDeviceDescription description_;
+  PoseFrame frame_;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// A pose device in the process: a rigid handle with the description's mass and damping, moved by the commanded wrench and by a
+// simulated hand. Without a sense of rotation the handle keeps its orientation. It is deterministic: the same calls give
+// the same bits.
+// Tests: tests/runtime/simulation/simulated_pose_device_test.cpp
+#pragma once
+
+#include "formats/base/result.h"
+#include "runtime/pose_device/pose_frame.h"
+#include "runtime/simulation/hand.h"
+
+namespace trocar::runtime {
+
+class SimulatedPoseDevice final : public PoseDevice {
+ public:
+  /// The tool's tip begins at the hand's first target. `T_plate_tool`: pose of the tip on the plate, which is the
+  /// handle. Errors: (refused) a hand that check_hand() refuses.
+  static Result<SimulatedPoseDevice> make(const PoseDeviceDescription& description,
+                                          const PoseFrame& frame, const HandMotion& motion,
+                                          const HandImpedance& impedance, const Pose& T_plate_tool);
+
+  /// States the pose, rounded to the description's resolution, at a time in whole nanoseconds.
+  DeviceStatus read(PoseReading& reading) noexcept override;
+  DeviceStatus write(const HandleWrench& wrench) noexcept override;
+  /// Advances time by dt_s, by semi-implicit Euler in substeps of at most 0.1 ms. No allocation.
+  void advance(double dt_s) noexcept override;
+  bool is_paced_by_loop() const noexcept override { return true; }
+
+  const Pose& T_device_plate() const noexcept { return T_; }
+  const Twist& twist_device() const noexcept { return twist_; }
+
+ private:
+  SimulatedPoseDevice(const PoseDeviceDescription& description, const PoseFrame& frame,
+                      const HandMotion& motion, const HandImpedance& impedance,
+                      const Pose& T_plate_tool)
+      : description_(description),
+        frame_(frame),
+        motion_(motion),
+        impedance_(impedance),
+        T_plate_tool_(T_plate_tool) {}
+  bool hand_holds(double t_s) const noexcept;
+  Wrench hand(double t_s) const noexcept;
+  void substep(double t_s, double h_s) noexcept;
+
+  PoseDeviceDescription description_;
+  PoseFrame frame_;
+  HandMotion motion_;
+  HandImpedance impedance_;
+  Pose T_plate_tool_;
+  Pose T_;  ///< pose of the plate
+  Twist twist_ = Twist::Zero();
+  Wrench command_ = Wrench::Zero();  ///< in {B}
+  double t_s_ = 0;
+};
+
+}  // namespace trocar::runtime
