@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <concepts>
 #include <cstring>
 #include <string_view>
+#include <type_traits>
 
 namespace trocar {
 namespace {
@@ -29,6 +31,15 @@ class Writer {
   void f64(double value) noexcept { u64(std::bit_cast<std::uint64_t>(value)); }
   void bytes(Bytes values) noexcept { at_ = std::copy(values.begin(), values.end(), at_); }
   void zeros(std::size_t count) noexcept { at_ = std::fill_n(at_, count, std::uint8_t{0}); }
+  template <typename Number>
+  void field(Number value) noexcept {
+    put(static_cast<std::uint64_t>(value), sizeof value);
+  }
+  template <std::size_t N>
+  void field(const std::array<double, N>& values) noexcept {
+    for (const double value : values)
+      f64(value);
+  }
 
  private:
   void put(std::uint64_t value, int count) noexcept {
@@ -53,7 +64,19 @@ class Reader {
   bool zeros(std::size_t count) noexcept {
     const bool good = std::all_of(at_, at_ + count, [](std::uint8_t b) { return b == 0; });
     at_ += count;
+    all_zeros_ = all_zeros_ && good;
     return good;
+  }
+  /// True if every zeros() found zeros.
+  bool all_zeros() const noexcept { return all_zeros_; }
+  template <typename Number>
+  void field(Number& value) noexcept {
+    value = static_cast<Number>(get(sizeof value));
+  }
+  template <std::size_t N>
+  void field(std::array<double, N>& values) noexcept {
+    for (double& value : values)
+      value = f64();
   }
 
  private:
@@ -64,6 +87,7 @@ class Reader {
     return value;
   }
   const std::uint8_t* at_;
+  bool all_zeros_ = true;
 };
 
 /// Kind and size of each packet.
@@ -84,6 +108,10 @@ template <>
 struct Format<StatePacket> : FormatOf<PacketKind::kState, kStateBytes> {};
 template <>
 struct Format<DenialPacket> : FormatOf<PacketKind::kDenial, kDenialBytes> {};
+template <>
+struct Format<WrenchCommandPacket> : FormatOf<PacketKind::kWrenchCommand, kWrenchCommandBytes> {};
+template <>
+struct Format<PoseStatePacket> : FormatOf<PacketKind::kPoseState, kPoseStateBytes> {};
 
 struct Header {
   std::uint64_t session = 0, sequence = 0;
@@ -162,7 +190,7 @@ bool all_within(const std::array<double, N>& values, double largest) noexcept {
 }
 
 bool good_contents(const HelloPacket& packet) noexcept {
-  return good_period(packet.period_s);
+  return good_period(packet.period_s) && packet.contents <= LinkContents::kPose;
 }
 bool good_contents(const WelcomePacket& packet) noexcept {
   return good_period(packet.period_s) &&
@@ -179,11 +207,81 @@ bool good_contents(const StatePacket& packet) noexcept {
          all_within(packet.encoder_rad, kLinkMaxAngle_rad);
 }
 
+bool good_contents(const WrenchCommandPacket& packet) noexcept {
+  const bool no_wrench = packet.mode == CommandMode::kHold || packet.mode == CommandMode::kStop;
+  return packet.sequence > 0 && (no_wrench || packet.mode == CommandMode::kTorque) &&
+         all_within(packet.force_N, no_wrench ? 0 : kLinkMaxForce_N) &&
+         all_within(packet.moment_Nm, no_wrench ? 0 : kLinkMaxMoment_Nm);
+}
+bool good_contents(const PoseStatePacket& packet) noexcept {
+  double norm2 = 0;
+  for (const double each : packet.q)
+    norm2 += each * each;
+  return packet.sequence > 0 && packet.mode >= DriveMode::kReady &&
+         packet.mode <= DriveMode::kEmergencyStop && all_within(packet.p_m, kLinkMaxPosition_m) &&
+         std::abs(std::sqrt(norm2) - 1) <= kLinkQuaternionTolerance;  // nan: false
+}
+
+// The contents of commands and states. `io` is a Writer and the packet const, or a Reader.
+template <typename T, typename Packet>
+concept MaybeConst = std::same_as<std::remove_const_t<T>, Packet>;
+
+void contents(auto& io, MaybeConst<CommandPacket> auto& packet) noexcept {
+  io.field(packet.mode);
+  io.zeros(7);
+  io.field(packet.state_seen);
+  io.field(packet.tau_motor_Nm);
+}
+void contents(auto& io, MaybeConst<StatePacket> auto& packet) noexcept {
+  io.field(packet.mode);
+  io.field(packet.motor_faults);
+  io.zeros(6);
+  io.field(packet.command_taken);
+  io.field(packet.encoder_rad);
+}
+void contents(auto& io, MaybeConst<WrenchCommandPacket> auto& packet) noexcept {
+  io.field(packet.mode);
+  io.zeros(7);
+  io.field(packet.state_seen);
+  io.field(packet.force_N);
+  io.field(packet.moment_Nm);
+}
+void contents(auto& io, MaybeConst<PoseStatePacket> auto& packet) noexcept {
+  io.field(packet.mode);
+  io.field(packet.faults);
+  io.zeros(2);
+  io.field(packet.buttons);
+  io.field(packet.command_taken);
+  io.field(packet.p_m);
+  io.field(packet.q);
+}
+
+/// Encodes a packet of a session.
 template <typename Packet>
-LinkRefusal accept_newer(const Packet& read, bool good, std::uint64_t& last_sequence,
-                         Packet& packet) noexcept {
+std::size_t encode_numbered(const Packet& packet, const LinkKey& key,
+                            std::span<std::uint8_t> out) noexcept {
+  if (out.size() < Format<Packet>::kBytes || !good_contents(packet)) return 0;
+  Writer writer =
+      write_header<Packet>({packet.session, packet.sequence, packet.time_ns}, out.data());
+  contents(writer, packet);
+  return seal<Packet>(key, out.data());
+}
+
+/// Decodes a packet of a session.
+template <typename Packet>
+LinkRefusal decode_numbered(Bytes bytes, const LinkKey& key, std::uint64_t session,
+                            std::uint64_t& last_sequence, Packet& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open<Packet>(bytes, key, false, session, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  Packet read;
+  read.session = header.session;
+  read.sequence = header.sequence;
+  read.time_ns = header.time_ns;
+  Reader reader(bytes.data() + kHeaderBytes);
+  contents(reader, read);
   if (read.sequence <= last_sequence) return LinkRefusal::kSequence;
-  if (!good || !good_contents(read)) return LinkRefusal::kContents;
+  if (!reader.all_zeros() || !good_contents(read)) return LinkRefusal::kContents;
   last_sequence = read.sequence;
   packet = read;
   return LinkRefusal::kNone;
@@ -244,7 +342,8 @@ std::size_t encode(const HelloPacket& packet, const LinkKey& key,
   writer.bytes(packet.host_nonce);
   writer.f64(packet.period_s);
   writer.u8(packet.fresh ? 1 : 0);
-  writer.zeros(7);
+  writer.field(packet.contents);
+  writer.zeros(6);
   return seal<HelloPacket>(key, out.data());
 }
 
@@ -263,29 +362,19 @@ std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
 
 std::size_t encode(const CommandPacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept {
-  if (out.size() < kCommandBytes || !good_contents(packet)) return 0;
-  Writer writer =
-      write_header<CommandPacket>({packet.session, packet.sequence, packet.time_ns}, out.data());
-  writer.u8(static_cast<std::uint8_t>(packet.mode));
-  writer.zeros(7);
-  writer.u64(packet.state_seen);
-  for (const double tau : packet.tau_motor_Nm)
-    writer.f64(tau);
-  return seal<CommandPacket>(key, out.data());
+  return encode_numbered(packet, key, out);
 }
-
 std::size_t encode(const StatePacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept {
-  if (out.size() < kStateBytes || !good_contents(packet)) return 0;
-  Writer writer =
-      write_header<StatePacket>({packet.session, packet.sequence, packet.time_ns}, out.data());
-  writer.u8(static_cast<std::uint8_t>(packet.mode));
-  writer.u8(packet.motor_faults);
-  writer.zeros(6);
-  writer.u64(packet.command_taken);
-  for (const double angle : packet.encoder_rad)
-    writer.f64(angle);
-  return seal<StatePacket>(key, out.data());
+  return encode_numbered(packet, key, out);
+}
+std::size_t encode(const WrenchCommandPacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept {
+  return encode_numbered(packet, key, out);
+}
+std::size_t encode(const PoseStatePacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept {
+  return encode_numbered(packet, key, out);
 }
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept {
@@ -309,6 +398,8 @@ PacketKind claimed_kind(Bytes bytes) noexcept {
   if (bytes.size() == kWelcomeBytes && bytes[5] == 2) return PacketKind::kWelcome;
   if (bytes.size() == kCommandBytes && bytes[5] == 3) return PacketKind::kCommand;
   if (bytes.size() == kStateBytes && bytes[5] == 4) return PacketKind::kState;
+  if (bytes.size() == kWrenchCommandBytes && bytes[5] == 6) return PacketKind::kWrenchCommand;
+  if (bytes.size() == kPoseStateBytes && bytes[5] == 7) return PacketKind::kPoseState;
   return PacketKind::kHello;
 }
 
@@ -323,7 +414,8 @@ LinkRefusal decode(Bytes bytes, const LinkKey& key, HelloPacket& packet) noexcep
   read.period_s = reader.f64();
   const std::uint8_t fresh = reader.u8();
   read.fresh = fresh == 1;
-  if (fresh > 1 || !reader.zeros(7) || header.session != 0 || header.sequence != 1 ||
+  reader.field(read.contents);
+  if (fresh > 1 || !reader.zeros(6) || header.session != 0 || header.sequence != 1 ||
       !good_contents(read)) {
     return LinkRefusal::kContents;
   }
@@ -361,7 +453,7 @@ LinkRefusal decode(Bytes bytes, const LinkNonce& asked, DenialPacket& packet) no
   Reader reader(bytes.data() + kHeaderBytes);
   reader.bytes(read.host_nonce);
   read.reason = static_cast<DenialReason>(reader.u8());
-  const bool known = read.reason == DenialReason::kKey || read.reason == DenialReason::kBusy;
+  const bool known = read.reason >= DenialReason::kKey && read.reason <= DenialReason::kKind;
   if (!known || !reader.zeros(7) || header.session != 0 || header.sequence != 1 ||
       read.host_nonce != asked) {
     return LinkRefusal::kContents;
@@ -372,39 +464,19 @@ LinkRefusal decode(Bytes bytes, const LinkNonce& asked, DenialPacket& packet) no
 
 LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept {
-  Header header;
-  const LinkRefusal refusal = open<CommandPacket>(bytes, key, false, session, header);
-  if (refusal != LinkRefusal::kNone) return refusal;
-  CommandPacket read;
-  read.session = header.session;
-  read.sequence = header.sequence;
-  read.time_ns = header.time_ns;
-  Reader reader(bytes.data() + kHeaderBytes);
-  read.mode = static_cast<CommandMode>(reader.u8());
-  const bool good = reader.zeros(7);
-  read.state_seen = reader.u64();
-  for (double& tau : read.tau_motor_Nm)
-    tau = reader.f64();
-  return accept_newer(read, good, last_sequence, packet);
+  return decode_numbered(bytes, key, session, last_sequence, packet);
 }
-
 LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, StatePacket& packet) noexcept {
-  Header header;
-  const LinkRefusal refusal = open<StatePacket>(bytes, key, false, session, header);
-  if (refusal != LinkRefusal::kNone) return refusal;
-  StatePacket read;
-  read.session = header.session;
-  read.sequence = header.sequence;
-  read.time_ns = header.time_ns;
-  Reader reader(bytes.data() + kHeaderBytes);
-  read.mode = static_cast<DriveMode>(reader.u8());
-  read.motor_faults = reader.u8();
-  const bool good = reader.zeros(6);
-  read.command_taken = reader.u64();
-  for (double& angle : read.encoder_rad)
-    angle = reader.f64();
-  return accept_newer(read, good, last_sequence, packet);
+  return decode_numbered(bytes, key, session, last_sequence, packet);
+}
+LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, WrenchCommandPacket& packet) noexcept {
+  return decode_numbered(bytes, key, session, last_sequence, packet);
+}
+LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, PoseStatePacket& packet) noexcept {
+  return decode_numbered(bytes, key, session, last_sequence, packet);
 }
 
 }  // namespace trocar

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Packets of the device link, the UDP protocol between the haptic loop's host and a drive. Each
 // datagram is one packet of a fixed size. device_link.md specifies the layout to the byte and the
-// course of a session.
+// course of a session. A drive is of one of two kinds: it states the angles of the four-legged
+// device and takes torques (StatePacket, CommandPacket), or it states the pose of a handle and takes
+// a wrench (PoseStatePacket, WrenchCommandPacket).
 //
-// Contract (tests/formats/session/device_protocol_test.cpp):
+// Contract (tests/formats/session/device_protocol_test.cpp, pose_packets_test.cpp):
 //  1. A packet that decode accepts was made with the key (except a denial, which is not
 //     authenticated), and encode reproduces its bytes.
 //  2. A command or state is accepted only once, in its own session and direction, and never after a
@@ -23,13 +25,17 @@ namespace trocar {
 
 inline constexpr std::size_t kLinkKeyBytes = 32, kLinkNonceBytes = 16, kLinkMacBytes = 32;
 inline constexpr std::size_t kHelloBytes = 96, kWelcomeBytes = 112, kCommandBytes = 144,
-                             kStateBytes = 208, kDenialBytes = 56;
+                             kStateBytes = 208, kDenialBytes = 56, kWrenchCommandBytes = 128,
+                             kPoseStateBytes = 136;
 inline constexpr std::size_t kMaxPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
 inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
 inline constexpr std::uint8_t kLinkVersion = 1;
-/// Numbers of larger magnitude are refused; no device of this kind needs them.
+/// Numbers of larger magnitude are refused; no device of these kinds needs them.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
+inline constexpr double kLinkMaxForce_N = 1000, kLinkMaxMoment_Nm = 1000, kLinkMaxPosition_m = 10;
+/// The norm of a pose's quaternion may differ from 1 by this.
+inline constexpr double kLinkQuaternionTolerance = 1e-3;
 inline constexpr double kLinkMinPeriod_s = 1e-5, kLinkMaxPeriod_s = 0.1;
 
 struct LinkKey {
@@ -42,7 +48,15 @@ enum class PacketKind : std::uint8_t {
   kWelcome = 2,
   kCommand = 3,
   kState = 4,
-  kDenial = 5
+  kDenial = 5,
+  kWrenchCommand = 6,
+  kPoseState = 7
+};
+
+/// The contents of a drive's states, which decide the commands that it takes.
+enum class LinkContents : std::uint8_t {
+  kAngles = 0,  ///< StatePacket and CommandPacket
+  kPose = 1,    ///< PoseStatePacket and WrenchCommandPacket
 };
 
 enum class LinkClock : std::uint8_t {
@@ -51,7 +65,7 @@ enum class LinkClock : std::uint8_t {
 };
 enum class CommandMode : std::uint8_t {
   kHold = 1,    ///< torques must be zero; lock-step: time does not advance, a state is sent
-  kTorque = 2,  ///< torques to hold until the next command
+  kTorque = 2,  ///< torques, or the wrench, to hold until the next command
   kStop = 3,    ///< torques must be zero; ends the session
 };
 enum class DriveMode : std::uint8_t {
@@ -68,6 +82,7 @@ struct HelloPacket {
   LinkNonce host_nonce{};
   double period_s = 0;
   bool fresh = true;  ///< the host requests that a simulated world restart from its initial state
+  LinkContents contents = LinkContents::kAngles;  ///< the host serves drives of this kind
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
 };
 struct WelcomePacket {
@@ -95,9 +110,31 @@ struct StatePacket {
   friend bool operator==(const StatePacket&, const StatePacket&) = default;
 };
 
+struct WrenchCommandPacket {
+  std::uint64_t session = 0, sequence = 0;
+  std::int64_t time_ns = 0;
+  CommandMode mode = CommandMode::kHold;
+  std::uint64_t state_seen = 0;
+  /// On the handle about PoseStatePacket::p_m, in the device's frame.
+  std::array<double, 3> force_N{}, moment_Nm{};
+  friend bool operator==(const WrenchCommandPacket&, const WrenchCommandPacket&) = default;
+};
+struct PoseStatePacket {
+  std::uint64_t session = 0, sequence = 0;
+  std::int64_t time_ns = 0;
+  DriveMode mode = DriveMode::kReady;
+  std::uint8_t faults = 0;    ///< not 0: the device reports a fault; its maker assigns the bits
+  std::uint32_t buttons = 0;  ///< bit i: button i is pressed
+  std::uint64_t command_taken = 0;
+  std::array<double, 3> p_m{};          ///< the handle's point, in the device's frame
+  std::array<double, 4> q{1, 0, 0, 0};  ///< w x y z: from the handle's to the device's frame
+  friend bool operator==(const PoseStatePacket&, const PoseStatePacket&) = default;
+};
+
 enum class DenialReason : std::uint8_t {
   kKey = 1,   ///< the hello was not made with the drive's key
   kBusy = 2,  ///< a session with another host is alive
+  kKind = 3,  ///< the drive is of the other kind of LinkContents
 };
 /// The reason why a hello gets no welcome. It is not authenticated, since the host may lack the
 /// key. So it is a hint for the operator, and no decision may depend on it.
@@ -147,6 +184,10 @@ std::size_t encode(const CommandPacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
 std::size_t encode(const StatePacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
+std::size_t encode(const WrenchCommandPacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept;
+std::size_t encode(const PoseStatePacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept;
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
 
@@ -175,6 +216,10 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std:
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept;
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, StatePacket& packet) noexcept;
+LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, WrenchCommandPacket& packet) noexcept;
+LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, PoseStatePacket& packet) noexcept;
 
 /// Counts accepted packets, and refused packets by reason.
 struct LinkCounts {

@@ -5,8 +5,9 @@ import hashlib
 import os
 import struct
 
-HELLO, WELCOME, COMMAND, STATE = 1, 2, 3, 4
-SIZES = {HELLO: 96, WELCOME: 112, COMMAND: 144, STATE: 208}
+HELLO, WELCOME, COMMAND, STATE, DENIAL, WRENCH_COMMAND, POSE_STATE = range(1, 8)
+SIZES = {HELLO: 96, WELCOME: 112, COMMAND: 144, STATE: 208, WRENCH_COMMAND: 128, POSE_STATE: 136}
+ANGLES, POSE = 0, 1  # the contents that a hello asks for
 HOLD, TORQUE, STOP = 1, 2, 3
 READY, TORQUE_ON, WATCHDOG, EMERGENCY_STOP = 1, 2, 3, 4
 
@@ -21,8 +22,8 @@ def packet(kind, key, session, sequence, time_ns, contents):
     return header + contents + mac(key, header + contents)
 
 
-def hello(key, host_nonce, period_s, fresh=True, time_ns=0):
-    return packet(HELLO, key, 0, 1, time_ns, host_nonce + struct.pack("<dB7x", period_s, fresh))
+def hello(key, host_nonce, period_s, fresh=True, time_ns=0, contents=ANGLES):
+    return packet(HELLO, key, 0, 1, time_ns, host_nonce + struct.pack("<dBB6x", period_s, fresh, contents))
 
 
 def welcome(key, host_nonce, drive_nonce, period_s, clock, time_ns=0):
@@ -36,6 +37,15 @@ def command(key, session, sequence, mode, torques=(0.0,) * 8, state_seen=0, time
 
 def state(key, session, sequence, mode, motor_faults, command_taken, angles, time_ns=0):
     return packet(STATE, key, session, sequence, time_ns, struct.pack("<BB6xQ16d", mode, motor_faults, command_taken, *angles))
+
+
+def wrench_command(key, session, sequence, mode, wrench=(0.0,) * 6, state_seen=0, time_ns=0):
+    return packet(WRENCH_COMMAND, key, session, sequence, time_ns, struct.pack("<B7xQ6d", mode, state_seen, *wrench))
+
+
+def pose_state(key, session, sequence, mode, faults, buttons, command_taken, position, orientation, time_ns=0):
+    contents = struct.pack("<BB2xIQ3d4d", mode, faults, buttons, command_taken, *position, *orientation)
+    return packet(POSE_STATE, key, session, sequence, time_ns, contents)
 
 
 def session_key(key, host_nonce, drive_nonce):
@@ -54,12 +64,13 @@ def open_packet(kind, key, data):
 
 class Host:
     """One session with a drive over a connected datagram socket."""
+    contents = ANGLES
 
     def __init__(self, socket, key, period_s=1e-3, fresh=True, tries=20):
         self.socket, self.key, self.sequence, self.seen, self.sent = socket, key, 0, 0, []
         nonce = os.urandom(16)
         for _ in range(tries):
-            socket.send(hello(key, nonce, period_s, fresh))
+            socket.send(hello(key, nonce, period_s, fresh, contents=self.contents))
             answer = self.receive(WELCOME, key)
             if answer is not None and answer[3][:16] == nonce:
                 break
@@ -90,3 +101,24 @@ class Host:
         self.seen = max(self.seen, opened[1])
         return {"mode": mode, "motor_faults": motor_faults, "command_taken": taken, "sequence": opened[1],
                 "time_ns": opened[2], "encoder_rad": angles}
+
+
+class PoseHost(Host):
+    """One session with a drive that states poses."""
+    contents = POSE
+
+    def command(self, mode, wrench=(0.0,) * 6, seen=None):
+        self.sequence += 1
+        data = wrench_command(self.session_key, self.session, self.sequence, mode, wrench, self.seen if seen is None else seen)
+        self.sent.append(data)
+        self.socket.send(data)
+
+    def state(self):
+        """{mode, faults, buttons, command_taken, sequence, time_ns, position, orientation} or None after the socket's timeout."""
+        opened = self.receive(POSE_STATE, self.session_key)
+        if opened is None or opened[0] != self.session:
+            return None
+        mode, faults, buttons, taken, *numbers = struct.unpack("<BB2xIQ3d4d", opened[3])
+        self.seen = max(self.seen, opened[1])
+        return {"mode": mode, "faults": faults, "buttons": buttons, "command_taken": taken, "sequence": opened[1],
+                "time_ns": opened[2], "position": numbers[:3], "orientation": numbers[3:]}

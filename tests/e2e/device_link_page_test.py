@@ -19,7 +19,8 @@ import device_link as link
 import pytest
 from programs import run
 
-KINDS = {"hello": link.HELLO, "welcome": link.WELCOME, "command": link.COMMAND, "state": link.STATE}
+KINDS = {"hello": link.HELLO, "welcome": link.WELCOME, "command": link.COMMAND, "state": link.STATE, "hello for poses": link.HELLO,
+         "wrench command": link.WRENCH_COMMAND, "pose state": link.POSE_STATE}
 
 
 def block(page, name):
@@ -42,21 +43,34 @@ def numbers(text):
 
 def check_vectors(page):
     key, session_key = block(page, "key"), block(page, "session key")
-    hello, welcome, command, state = (fields(page, kind) for kind in KINDS)
+    hello, welcome, command, state, pose_hello, wrench_command, pose_state = (fields(page, kind) for kind in KINDS)
     host, drive = bytes.fromhex(hello["host's nonce"]), bytes.fromhex(welcome["drive's nonce"])
     assert bytes.fromhex(welcome["host's nonce"]) == host, "the welcome answers another hello"
     assert hashlib.blake2b(b"trocar link 1" + host + drive, key=key, digest_size=32).digest() == session_key, "the session key"
     session = int.from_bytes(drive[:8], "little")
-    assert int(command["session"]) == int(state["session"]) == session, f"the session is {session}"
+    for each in (command, state, wrench_command, pose_state):
+        assert int(each["session"]) == session, f"the session is {session}"
+
+    def made_hello(asked):
+        return link.hello(key, bytes.fromhex(asked["host's nonce"]), float(asked["period"]), int(asked["starts again"]), int(asked["time"]),
+                          int(asked["contents"]))
+
     made = {
-        "hello": link.hello(key, host, float(hello["period"]), int(hello["starts again"]), int(hello["time"])),
+        "hello": made_hello(hello), "hello for poses": made_hello(pose_hello),
         "welcome": link.welcome(key, host, drive, float(welcome["period"]), int(welcome["clock"]), int(welcome["time"])),
         "command": link.command(session_key, session, int(command["sequence"]), int(command["mode"]), numbers(command["torques"]),
                                 int(command["newest state"]), int(command["time"])),
         "state": link.state(session_key, session, int(state["sequence"]), int(state["mode"]), int(state["motor faults"]),
-                            int(state["newest command"]), numbers(state["angles"]), int(state["time"]))}
+                            int(state["newest command"]), numbers(state["angles"]), int(state["time"])),
+        "wrench command": link.wrench_command(session_key, session, int(wrench_command["sequence"]), int(wrench_command["mode"]),
+                                              numbers(wrench_command["force"]) + numbers(wrench_command["moment"]),
+                                              int(wrench_command["newest state"]), int(wrench_command["time"])),
+        "pose state": link.pose_state(session_key, session, int(pose_state["sequence"]), int(pose_state["mode"]), int(pose_state["fault"]),
+                                      int(pose_state["buttons"]), int(pose_state["newest command"]), numbers(pose_state["position"]),
+                                      numbers(pose_state["orientation"]), int(pose_state["time"]))}
+    assert (hello["contents"], pose_hello["contents"]) == ("0", "1"), "the contents of the hellos"
     for kind, number in KINDS.items():
-        shown, used = block(page, kind), key if kind in ("hello", "welcome") else session_key
+        shown, used = block(page, kind), key if number in (link.HELLO, link.WELCOME) else session_key
         assert shown == made[kind], f"{kind}: the page has\n{shown.hex(' ')}\nnot\n{made[kind].hex(' ')}"
         mac = hashlib.blake2b(shown[:-32], key=used, digest_size=32).digest()
         assert len(shown) == link.SIZES[number] and shown[-32:] == mac, f"{kind}: MAC {mac.hex(' ')}"
@@ -161,7 +175,7 @@ def check_angles(page, source, programs, asset, work, angles_of_vector):
         worst = max(mechanism.errors_m(moving.angles[row], moving.positions[row], moving.rotations[row]))
         assert worst < 1e-9, f"row {row}: the formulas are {worst} m off"
     # The state's vector, at the pose that the page states.
-    stated = re.search(r"origin at \((.*?)\) m in \{B\}\. The plate is rotated by the rotation vector \((\S+), (\S+), (\S+)\)\s+deg", page)
+    stated = re.search(r"origin at \((.*?)\) m in \{B\}\. The plate is rotated by the\s+rotation vector \((\S+), (\S+), (\S+)\)\s+deg", page)
     rotation = rotation_by([math.radians(float(text)) for text in stated.groups()[1:]])
     worst = max(mechanism.errors_m(angles_of_vector, np.array(numbers(stated[1])), rotation))
     assert worst < 1e-9, f"the state's vector is {worst} m off"

@@ -54,7 +54,18 @@ const std::vector<Bytes>& valid_packets() {
       command.tau_motor_Nm[i] = 0.25 * static_cast<double>(i) - 1;
     for (std::size_t i = 0; i < kLinkEncoders; ++i)
       state.encoder_rad[i] = 0.125 * static_cast<double>(i) - 1;
-    return std::vector<Bytes>{encoded(hello), encoded(welcome), encoded(command), encoded(state)};
+    HelloPacket hello_pose = hello;
+    hello_pose.contents = LinkContents::kPose;
+    WrenchCommandPacket wrench{session, 1, 3000, CommandMode::kTorque, 1, {}, {}};
+    PoseStatePacket pose{session, 1, 4000, DriveMode::kTorque, 0, 6, 1, {}, {0.6, -0.8, 0, 0}};
+    for (std::size_t i = 0; i < 3; ++i) {
+      wrench.force_N[i] = command.tau_motor_Nm[i];
+      wrench.moment_Nm[i] = command.tau_motor_Nm[i + 3];
+      pose.p_m[i] = state.encoder_rad[i];
+    }
+    return std::vector<Bytes>{encoded(hello), encoded(welcome), encoded(command),
+                              encoded(state), encoded(wrench),  encoded(hello_pose),
+                              encoded(pose)};
   }();
   return made;
 }
@@ -86,6 +97,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   StatePacket state;
   last = 0;
   check(decode(bytes, key_for<StatePacket>(), session, last, state), state, bytes);
+  WrenchCommandPacket wrench;
+  last = 0;
+  check(decode(bytes, key_for<WrenchCommandPacket>(), session, last, wrench), wrench, bytes);
+  PoseStatePacket pose;
+  last = 0;
+  check(decode(bytes, key_for<PoseStatePacket>(), session, last, pose), pose, bytes);
   DenialPacket denial;  // anyone can make one
   Bytes again(kDenialBytes);
   const bool denied = decode(bytes, kHost, denial) == LinkRefusal::kNone;

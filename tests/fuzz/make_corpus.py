@@ -127,6 +127,9 @@ def write_packets(folder):
         "welcome": device_link.welcome(key, host, drive, 2.5e-4, 1, 2000),
         "command": device_link.command(of_session, session, 1, device_link.TORQUE, torques, 1, 3000),
         "state": device_link.state(of_session, session, 1, device_link.TORQUE_ON, 0, 1, angles, 4000),
+        "hello_pose": device_link.hello(key, host, 1e-3, True, 1000, device_link.POSE),
+        "wrench_command": device_link.wrench_command(of_session, session, 1, device_link.TORQUE, torques[:6], 1, 3000),
+        "pose_state": device_link.pose_state(of_session, session, 1, device_link.TORQUE_ON, 0, 6, 1, angles[:3], (0.6, -0.8, 0, 0), 4000),
     }
     for name, data in packets.items():
         (folder / f"{name}.bin").write_bytes(data)

@@ -15,105 +15,15 @@
 #include <iterator>
 #include <limits>
 #include <random>
-#include <sstream>
 #include <string>
 #include <vector>
+
+#include "tests/formats/session/link_packets.h"
 
 namespace trocar {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
-
-LinkKey counted_key(std::uint8_t first) {
-  LinkKey key;
-  for (std::size_t i = 0; i < key.bytes.size(); ++i)
-    key.bytes[i] = static_cast<std::uint8_t>(first + i);
-  return key;
-}
-
-const LinkKey kKey = counted_key(1);
-
-HelloPacket hello() {
-  HelloPacket packet;
-  packet.time_ns = -5;
-  packet.host_nonce = {9, 8, 7};
-  packet.period_s = 1e-3;
-  return packet;
-}
-WelcomePacket welcome() {
-  return {77, {9, 8, 7}, {1, 2, 3, 4, 5, 6, 7, 8, 9}, 2.5e-4, LinkClock::kLockStep};
-}
-CommandPacket command(std::uint64_t sequence = 3) {
-  CommandPacket packet{0x0807060504030201, sequence, 123456789012345, CommandMode::kTorque, 41, {}};
-  for (std::size_t i = 0; i < kLinkMotors; ++i)
-    packet.tau_motor_Nm[i] = 0.1 * static_cast<double>(i) - 0.35;
-  return packet;
-}
-StatePacket state(std::uint64_t sequence = 4) {
-  StatePacket packet{0x0807060504030201, sequence, -1, DriveMode::kWatchdog, 0x81, 3, {}};
-  for (std::size_t i = 0; i < kLinkEncoders; ++i)
-    packet.encoder_rad[i] = std::sin(static_cast<double>(i));
-  return packet;
-}
-
-template <typename Packet>
-Bytes encoded(const Packet& packet, const LinkKey& key = kKey) {
-  Bytes bytes(kMaxPacketBytes);
-  bytes.resize(encode(packet, key, bytes));
-  return bytes;
-}
-
-LinkRefusal open(const Bytes& bytes, HelloPacket& packet) {
-  return decode(bytes, kKey, packet);
-}
-LinkRefusal open(const Bytes& bytes, WelcomePacket& packet) {
-  return decode(bytes, kKey, hello().host_nonce, packet);
-}
-LinkRefusal open(const Bytes& bytes, CommandPacket& packet) {
-  std::uint64_t last = 0;
-  return decode(bytes, kKey, command().session, last, packet);
-}
-LinkRefusal open(const Bytes& bytes, StatePacket& packet) {
-  std::uint64_t last = 0;
-  return decode(bytes, kKey, state().session, last, packet);
-}
-
-/// The layout of device_link.md: little-endian fields one after another.
-struct Page {
-  Bytes bytes;
-  Page& number(std::uint64_t value, int count) {
-    for (; count > 0; --count, value >>= 8)
-      bytes.push_back(static_cast<std::uint8_t>(value & 0xff));
-    return *this;
-  }
-  Page& real(double value) {
-    std::uint64_t bits = 0;
-    std::memcpy(&bits, &value, 8);
-    return number(bits, 8);
-  }
-  template <std::size_t N>
-  Page& raw(const std::array<std::uint8_t, N>& values) {
-    bytes.insert(bytes.end(), values.begin(), values.end());
-    return *this;
-  }
-  Page& header(std::uint64_t kind, std::uint64_t size, std::uint64_t session,
-               std::uint64_t sequence, std::int64_t time_ns) {
-    return number(0x52435254, 4)
-        .number(1, 1)
-        .number(kind, 1)
-        .number(size, 2)
-        .number(session, 8)
-        .number(sequence, 8)
-        .number(static_cast<std::uint64_t>(time_ns), 8);
-  }
-  Bytes sealed(const LinkKey& key = kKey) const {
-    Bytes all = bytes;
-    all.resize(bytes.size() + 32);
-    crypto_generichash(all.data() + bytes.size(), 32, bytes.data(), bytes.size(), key.bytes.data(),
-                       32);
-    return all;
-  }
-};
+using namespace link_packets;  // NOLINT(google-build-using-namespace): of this test's folder
 
 Page page_of(const CommandPacket& c) {
   Page page;
@@ -177,7 +87,7 @@ TEST_F(DeviceProtocol, TheBytesAreThoseOfTheDocumentation) {
 // A denial has no MAC: it tells a host that lacks the key.
 TEST_F(DeviceProtocol, ADenialIsSmallerThanTheHelloAndIsForItsHostOnly) {
   static_assert(kDenialBytes < kHelloBytes);
-  for (const DenialReason reason : {DenialReason::kKey, DenialReason::kBusy}) {
+  for (const DenialReason reason : {DenialReason::kKey, DenialReason::kBusy, DenialReason::kKind}) {
     const DenialPacket denial{7, hello().host_nonce, reason};
     Bytes bytes(kDenialBytes);
     ASSERT_EQ(encode(denial, bytes), kDenialBytes);
@@ -194,7 +104,7 @@ TEST_F(DeviceProtocol, ADenialIsSmallerThanTheHelloAndIsForItsHostOnly) {
     other[15] ^= 1;
     EXPECT_EQ(decode(bytes, other, read), LinkRefusal::kContents);
     // Every changed byte but those of the time (24 to 31) and of the reason is refused; of the
-    // reasons only the two are taken.
+    // reasons only the three are taken.
     for (std::size_t at = 0; at < bytes.size(); ++at) {
       Bytes changed = bytes;
       changed[at] ^= 0x40;
@@ -215,71 +125,6 @@ TEST_F(DeviceProtocol, ADenialIsSmallerThanTheHelloAndIsForItsHostOnly) {
                              Bytes(), Bytes(5, 'T')})
     EXPECT_FALSE(hello_nonce(other, nonce));
 }
-
-/// The test vectors of device_link.md: blocks "```hex NAME" of bytes, and for each kind of packet a
-/// table of fields.
-class VectorsOfThePage {
- public:
-  VectorsOfThePage() {
-    std::ifstream file(TROCAR_LINK_PAGE);
-    text_.assign(std::istreambuf_iterator<char>(file), {});
-  }
-  Bytes bytes(const std::string& name) const {
-    std::istringstream in(between("```hex " + name + "\n", "```"));
-    Bytes out;
-    for (unsigned value = 0; in >> std::hex >> value;)
-      out.push_back(static_cast<std::uint8_t>(value));
-    return out;
-  }
-  LinkKey key(const std::string& name) const {
-    LinkKey out;
-    const Bytes all = bytes(name);
-    EXPECT_EQ(all.size(), out.bytes.size()) << name;
-    std::copy_n(all.begin(), std::min(all.size(), out.bytes.size()), out.bytes.begin());
-    return out;
-  }
-  std::string field(const std::string& kind, const std::string& name) const {
-    const std::string table = between("### " + kind + "\n", "```");
-    const std::string row = "\n| " + name + " | ";
-    const std::size_t at = table.find(row);
-    EXPECT_NE(at, std::string::npos) << kind << ": " << name;
-    if (at == std::string::npos) return {};
-    const std::size_t from = at + row.size();
-    return table.substr(from, table.find(" |", from) - from);
-  }
-  std::uint64_t whole(const std::string& kind, const std::string& name) const {
-    return std::strtoull(field(kind, name).c_str(), nullptr, 10);
-  }
-  std::int64_t time_ns(const std::string& kind) const {
-    return static_cast<std::int64_t>(whole(kind, "time"));
-  }
-  template <std::size_t N>
-  std::array<double, N> reals(const std::string& kind, const std::string& name) const {
-    std::istringstream in(field(kind, name));
-    std::array<double, N> out{};
-    std::string word;
-    for (std::size_t i = 0; i < N && std::getline(in, word, ','); ++i)
-      out[i] = std::strtod(word.c_str(), nullptr);
-    return out;
-  }
-  LinkNonce nonce(const std::string& kind, const std::string& name) const {
-    const std::string text = field(kind, name);  // `HEX`
-    LinkNonce out{};
-    for (std::size_t i = 0; i < out.size() && 2 * i + 3 < text.size(); ++i)
-      out[i] = static_cast<std::uint8_t>(std::stoul(text.substr(2 * i + 1, 2), nullptr, 16));
-    return out;
-  }
-
- private:
-  std::string between(const std::string& before, const std::string& after) const {
-    const std::size_t at = text_.find(before);
-    EXPECT_NE(at, std::string::npos) << before;
-    if (at == std::string::npos) return {};
-    const std::size_t from = at + before.size();
-    return text_.substr(from, text_.find(after, from) - from);
-  }
-  std::string text_;
-};
 
 TEST_F(DeviceProtocol, ThePageHasTheBytesOfHelloAndWelcome) {
   const VectorsOfThePage page;
@@ -523,8 +368,9 @@ TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
   const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
   std::mt19937_64 random(20);
   const auto below = [&](std::size_t n) { return static_cast<std::size_t>(random() % n); };
-  const std::vector<Bytes> true_ones = {encoded(hello()), encoded(welcome()), encoded(command()),
-                                        encoded(state())};
+  const std::vector<Bytes> true_ones = {encoded(hello()),          encoded(welcome()),
+                                        encoded(command()),        encoded(state()),
+                                        encoded(wrench_command()), encoded(pose_state())};
   LinkCounts counts;
   for (long n = 0; n < packets; ++n) {
     Bytes bytes;
@@ -533,10 +379,10 @@ TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
       for (std::uint8_t& b : bytes)
         b = static_cast<std::uint8_t>(random());
       if (n % 8 == 0 && bytes.size() >= 8) {  // a plausible header
-        std::copy_n(true_ones[below(4)].begin(), 8, bytes.begin());
+        std::copy_n(true_ones[below(true_ones.size())].begin(), 8, bytes.begin());
       }
     } else {
-      bytes = true_ones[below(4)];
+      bytes = true_ones[below(true_ones.size())];
       const Bytes before = bytes;
       for (std::size_t changes = 1 + below(4); changes > 0; --changes) {
         switch (below(5)) {
@@ -553,7 +399,7 @@ TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
             break;
           }
           case 3: {  // the tail of another packet: its MAC
-            const Bytes& other = true_ones[below(4)];
+            const Bytes& other = true_ones[below(true_ones.size())];
             std::copy(other.end() - 32, other.end(), bytes.end() - 32);
             break;
           }
@@ -568,14 +414,16 @@ TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
     WelcomePacket w;
     CommandPacket c;
     StatePacket s;
-    for (const LinkRefusal refusal :
-         {open(bytes, h), open(bytes, w), open(bytes, c), open(bytes, s)}) {
+    WrenchCommandPacket wrench;
+    PoseStatePacket pose;
+    for (const LinkRefusal refusal : {open(bytes, h), open(bytes, w), open(bytes, c),
+                                      open(bytes, s), open(bytes, wrench), open(bytes, pose)}) {
       ASSERT_NE(refusal, LinkRefusal::kNone) << "packet " << n;
       counts.add(refusal);
     }
   }
   EXPECT_EQ(counts.accepted(), 0U);
-  std::printf("%ld packets, by four readers each:", packets);
+  std::printf("%ld packets, by six readers each:", packets);
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
     std::printf(" %s %llu", to_string(static_cast<LinkRefusal>(i)),
                 static_cast<unsigned long long>(counts.by_refusal[i]));

@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "runtime/link/link_key.h"
+#include "runtime/link/udp_pose_device.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/simulation/drive.h"
 #include "tests/support/counted_allocations.h"
@@ -534,6 +535,19 @@ TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
   EXPECT_EQ(wrong_key.error().code, ExitCode::kDeviceFault);
   EXPECT_NE(wrong_key.error().message.find("has another key"), std::string::npos)
       << wrong_key.error().message;
+}
+
+TEST(UdpDevice, AHostForPosesLearnsThatTheDriveStatesAngles) {
+  Peer peer(LinkClock::kReal);
+  UdpDeviceOptions options = to(peer);
+  options.connect_timeout_s = 0.3;
+  auto other = UdpPoseDevice::make(options);
+  ASSERT_TRUE(other);
+  const Result<void> started = (*other)->start();
+  ASSERT_FALSE(started);
+  EXPECT_EQ(started.error().code, ExitCode::kDeviceFault);
+  EXPECT_NE(started.error().message.find("it states angles; use --device udp:"), std::string::npos)
+      << started.error().message;
 }
 
 TEST(UdpDevice, ConnectTellsABusyDeviceFromOneThatIsNotThere) {

@@ -335,6 +335,23 @@ TEST_F(DriveLink, ASecondHostCannotTakeOverAnActiveSession) {
   EXPECT_EQ(drive.report().sessions, 2U);
 }
 
+TEST_F(DriveLink, AHelloForPosesIsDenied) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  HelloPacket hello;
+  hello.host_nonce = random_nonce();
+  hello.period_s = 1e-3;
+  hello.contents = LinkContents::kPose;
+  Bytes bytes(kMaxPacketBytes);
+  bytes.resize(encode(hello, key_, bytes));
+  Drive::Answer answer;
+  bool from_host = true;
+  EXPECT_EQ(drive.receive(bytes, 0, answer, from_host), LinkRefusal::kContents);
+  EXPECT_FALSE(from_host);
+  DenialPacket denial;
+  ASSERT_EQ(decode(answer.view(), hello.host_nonce, denial), LinkRefusal::kNone);
+  EXPECT_EQ(denial.reason, DenialReason::kKind);
+}
+
 // No amplifier: rare, smaller than what caused it, and for hellos only.
 TEST_F(DriveLink, AHelloOfAnotherKeyIsDeniedAtMostTenTimesASecond) {
   Drive drive(options(LinkClock::kReal), held_device());

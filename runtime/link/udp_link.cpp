@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <ctime>
 #include <string>
 #include <utility>
 
-#include "formats/base/system_message.h"
+#include "runtime/link/link_attempt.h"
 
 namespace trocar::runtime {
 namespace {
@@ -30,21 +29,29 @@ double since_s(std::int64_t then_ns) noexcept {
 
 }  // namespace
 
-Result<std::unique_ptr<UdpDevice>> UdpDevice::make(const UdpDeviceOptions& options) {
+void AngleDrive::unpack(const State& state, Reading& reading) noexcept {
+  reading.t_s = static_cast<double>(state.time_ns) / 1e9;
+  reading.encoder_rad = state.encoder_rad;
+}
+void AngleDrive::pack(const Output& torques, Command& command) noexcept {
+  command.tau_motor_Nm = torques.tau_motor_Nm;
+}
+
+void PoseDrive::unpack(const State& state, Reading& reading) noexcept {
+  reading = {static_cast<double>(state.time_ns) / 1e9, state.p_m, state.q, state.buttons};
+}
+void PoseDrive::pack(const Output& wrench, Command& command) noexcept {
+  std::copy_n(wrench.begin(), 3, command.force_N.begin());
+  std::copy_n(wrench.begin() + 3, 3, command.moment_Nm.begin());
+}
+
+Result<UdpSocket> open_link_socket(const UdpDeviceOptions& options) {
   if (Result<void> started = start_link(); !started) return started.error();
-  Result<UdpSocket> socket = UdpSocket::connect(options.peer);
-  if (!socket) return socket.error();
-  return std::unique_ptr<UdpDevice>(new UdpDevice(options, std::move(*socket)));
+  return UdpSocket::connect(options.peer);
 }
 
-Result<std::unique_ptr<UdpDevice>> UdpDevice::connect(const UdpDeviceOptions& options) {
-  Result<std::unique_ptr<UdpDevice>> device = make(options);
-  if (!device) return device;
-  if (Result<void> started = (*device)->start(); !started) return started.error();
-  return device;
-}
-
-Result<void> UdpDevice::start() {
+template <typename Kind>
+Result<void> UdpLink<Kind>::start() {
   if (restorer_.joinable()) return bug("a device is started once");
   if (Result<void> done = shake_hands(options_.fresh); !done) return done;
   if (options_.clock == LinkClock::kReal) {
@@ -53,24 +60,28 @@ Result<void> UdpDevice::start() {
   return {};
 }
 
-UdpDevice::~UdpDevice() {
-  UdpDevice::close();
+template <typename Kind>
+UdpLink<Kind>::~UdpLink() {
+  UdpLink::close();
 }
 
-void UdpDevice::close() {
+template <typename Kind>
+void UdpLink<Kind>::close() {
   closing_.store(true);
   if (restorer_.joinable()) restorer_.join();
   if (session_ != 0) send(CommandMode::kStop, {});
   session_ = 0;
 }
 
-void UdpDevice::restore() noexcept {
+template <typename Kind>
+void UdpLink<Kind>::restore() noexcept {
   if (!is_lost_ || given_up_) return;
   is_lost_ = false;
   restoring_.store(true, std::memory_order_release);
 }
 
-void UdpDevice::restore_when_requested() {
+template <typename Kind>
+void UdpLink<Kind>::restore_when_requested() {
   while (!closing_.load()) {
     if (restoring_.load(std::memory_order_acquire)) {
       if (shake_hands_again()) {
@@ -85,7 +96,8 @@ void UdpDevice::restore_when_requested() {
   }
 }
 
-bool UdpDevice::shake_hands_again() {
+template <typename Kind>
+bool UdpLink<Kind>::shake_hands_again() {
   const Result<void> done = shake_hands(false);
   if (done) {
     restore_error_.reset();
@@ -95,57 +107,8 @@ bool UdpDevice::shake_hands_again() {
   return static_cast<bool>(done);
 }
 
-/// Observations in an attempt to reach the drive. The error message is made from them.
-struct UdpDevice::Attempt {
-  LinkNonce nonce{};
-  bool welcomed = false, wrong_key = false, busy = false;
-  bool other_program = false, other_version = false;
-
-  /// Evaluates a datagram that is not a welcome.
-  void note(std::span<const std::uint8_t> datagram) noexcept {
-    constexpr std::size_t kVersionAt = 4;  // the version follows the magic
-    DenialPacket denial;
-    if (decode(datagram, nonce, denial) == LinkRefusal::kNone) {
-      wrong_key = wrong_key || denial.reason == DenialReason::kKey;
-      busy = busy || denial.reason == DenialReason::kBusy;
-      return;
-    }
-    LinkNonce ignored;
-    const bool is_link = datagram.size() > kVersionAt &&
-                         std::equal(kLinkMagic.begin(), kLinkMagic.end(), datagram.begin());
-    other_version = other_version || (is_link && datagram[kVersionAt] != kLinkVersion);
-    // A program that echoes datagrams sends back the hello.
-    other_program = other_program || !is_link || hello_nonce(datagram, ignored);
-  }
-
-  std::string why(int socket_error) const {
-    // This also happens if another host's session began between the welcome and the first command.
-    if (welcomed) {
-      return "the device answered but sends no states; end another host's session with it, or "
-             "restart it";
-    }
-    if (wrong_key) {
-      return "the device there has another key; --key-file must be a copy of the file that it was "
-             "started with";
-    }
-    if (busy) return "the device there is in a session with another host; end that one first";
-    if (other_version) return "the device there speaks another version of the device link";
-    if (other_program) {
-      return "another program answers there, not a device; check the address and the port";
-    }
-    if (socket_error == ECONNREFUSED) {
-      return "no device answers there: nothing listens on this port; start the device, or check "
-             "the port";
-    }
-    if (socket_error != 0) {
-      return "no device answers there: " + system_message(socket_error);
-    }
-    return "no device answers there: the host is off or cannot be reached (address, cable, "
-           "firewall), or its device is of an older version and has another key";
-  }
-};
-
-Result<void> UdpDevice::shake_hands(bool fresh) {
+template <typename Kind>
+Result<void> UdpLink<Kind>::shake_hands(bool fresh) {
   // End an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
   const std::int64_t start_ns = now_ns();
@@ -153,9 +116,10 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   hello.host_nonce = random_nonce();
   hello.period_s = options_.period_s;
   hello.fresh = fresh;
+  hello.contents = Kind::kContents;
   std::array<std::uint8_t, kMaxPacketBytes> buffer{};
   WelcomePacket welcome;
-  Attempt attempt;
+  LinkAttempt attempt;
   attempt.nonce = hello.host_nonce;
   std::int64_t asked_ns = 0;
   std::size_t bytes = 0;
@@ -165,7 +129,7 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   };
   const auto no_answer = [&] {
     return Error{ExitCode::kDeviceFault,
-                 to_string(options_.peer) + ": " + attempt.why(socket_.error())};
+                 to_string(options_.peer) + ": " + attempt.why(socket_.error(), Kind::kContents)};
   };
   while (!attempt.welcomed) {
     if (!in_time()) return no_answer();
@@ -198,9 +162,13 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   last_command_ = last_state_ = last_acknowledged_ = 0;
   newest_ = {};
   fresh_state_ = has_written_ = counts_missed_ = false;
+  last_refusal_ = LinkRefusal::kNone;
   // The first command begins the session. It is repeated, because it may be lost.
   for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
-    if (!in_time()) return no_answer();
+    if (!in_time()) {
+      attempt.state_refusal = last_refusal_;
+      return no_answer();
+    }
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
       asked_ns = now_ns();
       send(CommandMode::kHold, {});
@@ -212,23 +180,26 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   return {};
 }
 
-UdpSocket::Outcome UdpDevice::send(CommandMode mode, const DeviceCommand& command) noexcept {
-  CommandPacket packet;
+template <typename Kind>
+UdpSocket::Outcome UdpLink<Kind>::send(CommandMode mode, const Output& torques) noexcept {
+  typename Kind::Command packet;
   packet.session = session_;
   packet.sequence = last_command_ + 1;
   packet.time_ns = now_ns();
   packet.mode = mode;
   packet.state_seen = last_state_;
-  packet.tau_motor_Nm = command.tau_motor_Nm;
-  std::array<std::uint8_t, kCommandBytes> bytes;
-  if (encode(packet, session_key_, bytes) == 0) return UdpSocket::Outcome::kNothing;
+  Kind::pack(torques, packet);
+  std::array<std::uint8_t, kMaxPacketBytes> bytes;
+  const std::size_t size = encode(packet, session_key_, bytes);
+  if (size == 0) return UdpSocket::Outcome::kNothing;
   ++last_command_;
   sent_ns_[last_command_ % kRoundTrips] = packet.time_ns;
-  return socket_.send(bytes);
+  return socket_.send(std::span(bytes).first(size));
 }
 
 /// Measures the round trip of the command that the newest state acknowledges, if no earlier state did.
-void UdpDevice::note_round_trip() noexcept {
+template <typename Kind>
+void UdpLink<Kind>::note_round_trip() noexcept {
   const std::uint64_t taken = newest_.command_taken;
   if (taken <= last_acknowledged_ || taken > last_command_ || last_command_ - taken >= kRoundTrips)
     return;
@@ -237,7 +208,8 @@ void UdpDevice::note_round_trip() noexcept {
     round_trip_.add(newest_ns_ - sent_ns_[taken % kRoundTrips]);
 }
 
-bool UdpDevice::drain() noexcept {
+template <typename Kind>
+bool UdpLink<Kind>::drain() noexcept {
   std::array<std::uint8_t, kMaxPacketBytes> buffer;
   queued_ = 0;
   for (int i = 0; i < kMaxDatagrams; ++i) {
@@ -253,15 +225,18 @@ bool UdpDevice::drain() noexcept {
         break;
     }
     if (bytes > buffer.size()) {
-      counts_.add(LinkRefusal::kSize);
+      counts_.add(last_refusal_ = LinkRefusal::kSize);
       continue;
     }
     // A denial here answers a hello that was repeated while its welcome was in transit.
-    if (claimed_kind(std::span(buffer).first(bytes)) == PacketKind::kDenial) continue;
+    const PacketKind kind = claimed_kind(std::span(buffer).first(bytes));
+    if (kind == PacketKind::kDenial) continue;
     const std::uint64_t before = last_state_;
     const LinkRefusal refusal =
         decode(std::span(buffer).first(bytes), session_key_, session_, last_state_, newest_);
     counts_.add(refusal);
+    // A late welcome says nothing about the states.
+    if (kind != PacketKind::kWelcome) last_refusal_ = refusal;
     if (refusal == LinkRefusal::kNone) {
       if (counts_missed_) states_missed_ += last_state_ - before - 1;
       fresh_state_ = true;
@@ -273,7 +248,8 @@ bool UdpDevice::drain() noexcept {
   return true;
 }
 
-DeviceStatus UdpDevice::read(DeviceState& state) noexcept {
+template <typename Kind>
+DeviceStatus UdpLink<Kind>::read(Reading& reading) noexcept {
   if (restoring_.load(std::memory_order_acquire)) return DeviceStatus::kLinkLost;
   const bool open = drain();
   if (!fresh_state_) {
@@ -286,14 +262,14 @@ DeviceStatus UdpDevice::read(DeviceState& state) noexcept {
   const DeviceStatus status = status_of_newest();
   is_lost_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;
-  state.t_s = static_cast<double>(newest_.time_ns) / 1e9;
-  state.encoder_rad = newest_.encoder_rad;
+  Kind::unpack(newest_, reading);
   return status;
 }
 
-DeviceStatus UdpDevice::status_of_newest() const noexcept {
+template <typename Kind>
+DeviceStatus UdpLink<Kind>::status_of_newest() const noexcept {
   if (newest_.mode == DriveMode::kEmergencyStop) return DeviceStatus::kEmergencyStop;
-  if (newest_.motor_faults != 0) return DeviceStatus::kMotorFault;
+  if (Kind::faults(newest_) != 0) return DeviceStatus::kMotorFault;
   if (!has_written_) return DeviceStatus::kOk;
   // The state contains the number of the last command that the drive has received.
   const std::uint64_t not_received = last_command_ - std::min(last_command_, newest_.command_taken);
@@ -303,9 +279,10 @@ DeviceStatus UdpDevice::status_of_newest() const noexcept {
                                                                   : DeviceStatus::kOk;
 }
 
-DeviceStatus UdpDevice::write(const DeviceCommand& command) noexcept {
+template <typename Kind>
+DeviceStatus UdpLink<Kind>::write(const Output& torques) noexcept {
   if (restoring_.load(std::memory_order_acquire)) return DeviceStatus::kLinkLost;
-  switch (send(CommandMode::kTorque, command)) {
+  switch (send(CommandMode::kTorque, torques)) {
     case UdpSocket::Outcome::kDone:
       has_written_ = true;
       return DeviceStatus::kOk;
@@ -317,7 +294,8 @@ DeviceStatus UdpDevice::write(const DeviceCommand& command) noexcept {
   return DeviceStatus::kLinkLost;
 }
 
-bool UdpDevice::wait_for_answer() noexcept {
+template <typename Kind>
+bool UdpLink<Kind>::wait_for_answer() noexcept {
   if (restoring_.load(std::memory_order_acquire)) {
     given_up_ = !shake_hands_again();
     restoring_.store(false, std::memory_order_release);
@@ -333,5 +311,8 @@ bool UdpDevice::wait_for_answer() noexcept {
   answers_come_ = true;
   return true;
 }
+
+template class UdpLink<AngleDrive>;
+template class UdpLink<PoseDrive>;
 
 }  // namespace trocar::runtime

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/add-your-device.md: its commands as a reader types them, with the example drive and its description of the device, and
+what the page says of errors."""
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+
+import pytest
+from programs import SOURCE
+
+PAGE = (SOURCE / "docs" / "add-your-device.md").read_text(encoding="utf-8")
+STALLS = ("no_data", "link_lost", "deadline_missed")  # on a machine too slow for real time
+ATTEMPTS = 6
+
+
+def command(start):
+    """The page's command that starts so: an indented line or `code`."""
+    text = re.sub(r"^```.*?^```", "", PAGE.replace("\\\n", " "), flags=re.M | re.S)
+    lines = re.findall(r"^    (\S.*?)(?:  +#.*)?$", text, re.M) + re.findall(r"`([^`]+)`", text.replace("\n", " "))
+    found = [line for line in lines if line.startswith(start)]
+    assert len(found) == 1, f"{len(found)} commands start with {start!r}: {found}"
+    return found[0]
+
+
+class Lab:
+    """The reader's folder, with a free port in place of the page's."""
+
+    def __init__(self, folder, programs):
+        self.folder, self.environment = folder, dict(os.environ, PATH=f"{programs}:{os.environ['PATH']}")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = str(free.getsockname()[1])
+
+    def run(self, line):
+        """(exit code, stdout and stderr)"""
+        done = subprocess.run(["bash", "-c", line.replace("7700", self.port)], cwd=self.folder, env=self.environment, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True, check=False, timeout=120)
+        return done.returncode, done.stdout
+
+    def drive(self, line):
+        drive = subprocess.Popen(line.replace("7700", self.port).split(), cwd=self.folder, stdout=subprocess.PIPE, text=True)
+        assert drive.stdout.readline() == f"ready on 127.0.0.1:{self.port}\n"
+        return drive
+
+
+def end(drive):
+    drive.send_signal(signal.SIGINT)
+    assert drive.wait(10) == 0
+
+
+@pytest.fixture(name="lab", scope="module")
+def prepared_lab(work, programs):
+    """Steps 1, 2 and 4, and the scene."""
+    folder = work / "lab"
+    folder.mkdir()
+    lab = Lab(folder, programs)
+    copied = command("cp formats/examples/pose_drive.cpp").split()[1]
+    (folder / "pose_drive.cpp").write_bytes((SOURCE / copied).read_bytes())
+    for start in ("g++ -std=c++20", "(umask 077; od", "trocar-sample-ct scan && trocar-mesh"):
+        code, text = lab.run(command(start))
+        assert code == 0, text
+    assert re.fullmatch("[0-9a-f]{64}", (folder / "link.key").read_text(encoding="ascii"))
+    assert (folder / "link.key").stat().st_mode & 0o777 == 0o600
+    description = re.search(r"^```json\n(.*?)^```$", PAGE, re.M | re.S)[1]
+    (folder / "my.json").write_text(description, encoding="ascii")
+    assert set(json.loads(description)) <= set(json.loads((SOURCE / "formats/session/pose_device.schema.json").read_text())["properties"])
+    (folder / "one_slice.json").write_bytes((SOURCE / "runtime/scenes/one_slice.json").read_bytes())
+    return lab
+
+
+def test_every_field_is_explained():
+    fields = json.loads((SOURCE / "formats/session/pose_device.schema.json").read_text(encoding="utf-8"))["properties"]
+    missing = [name for name in fields if f"`{name}`" not in PAGE]
+    assert not missing, missing
+
+
+def test_links():
+    for target in re.findall(r"\]\(([^)#]+)", PAGE):
+        assert (SOURCE / "docs" / target).exists(), target
+
+
+def test_steps(lab):
+    drive = lab.drive(command("./pose_drive link.key 7700 move").removesuffix(" move"))
+    code, text = lab.run(command("trocar-run --device pose:127.0.0.1:7700"))
+    end(drive)
+    assert code in (0, 5) and text.endswith(("should hold.\n", "will not hold well.\n")), text
+    assert " 0 packets refused" in text and "round trip" in text
+
+    session, replay = command("trocar-run one_slice.json --asset sample.glb --device pose:"), command(
+        "trocar-run one_slice.json --asset sample.glb --device-description my.json --replay")
+    for _ in range(ATTEMPTS):
+        drive = lab.drive(command("./pose_drive link.key 7700 move"))
+        code, text = lab.run(session)
+        end(drive)
+        replayed = lab.run(replay)
+        assert replayed[0] == code and "identical" in replayed[1], replayed
+        if code == 0:
+            break
+        assert code == 5 and any(fault in text for fault in STALLS), text
+    else:
+        print(f"no session in {ATTEMPTS} attempts: {text}")
+        return
+    shown = re.search(r"```text\n(trocar-run: note:.*?)```", PAGE, re.S)[1].splitlines()
+    for line in shown:
+        pattern = re.sub(r"\d+(\\\.\d+)?", r"\\d+(\\.\\d+)?", re.escape(line).replace(r"waking\ 78,\ device\ 3", ".*"))
+        assert re.search(pattern, text), f"{line}\nis not in\n{text}"
+
+
+def test_errors(lab):
+    """Messages of the page's table."""
+    options = " --key-file link.key --device-description my.json --duration 1"
+    start = "trocar-run one_slice.json --asset sample.glb --device "
+    assert lab.run("(umask 077; od -An -vtx1 -N32 /dev/urandom | tr -d ' \\n' > other.key); cp other.key open.key; chmod 644 open.key")[0] == 0
+    broken = lab.folder / "broken.json"
+    broken.write_text((lab.folder / "my.json").read_text(encoding="ascii").replace("mass_kg", "mass"), encoding="ascii")
+    shown = re.findall(r"^\| (`.*?) \|", PAGE[PAGE.index("## What can go wrong"):], re.M)
+
+    def expect(message, line, code):
+        assert any(message in row for row in shown), f"{message!r} is not on the page"
+        got, text = lab.run(line)
+        assert got == code and message in text, f"{line} ended with {got}: {text}"
+
+    expect("no device answers there: nothing listens on this port", start + "pose:127.0.0.1:7700" + options, 5)
+    drive = lab.drive("./pose_drive link.key 7700")
+    expect("the device there has another key", start + "pose:127.0.0.1:7700" + options.replace("link.key", "other.key"), 5)
+    expect("other users have access to it; chmod 600 it", start + "pose:127.0.0.1:7700" + options.replace("link.key", "open.key"), 3)
+    expect("the device there is of another kind: it states poses; use --device pose:", start + "udp:127.0.0.1:7700 --key-file link.key", 5)
+    expect("this device runs by its own clock; use --clock real", start + "pose:127.0.0.1:7700 --clock virtual" + options, 2)
+    expect("needs --key-file", start + "pose:127.0.0.1:7700", 2)
+    expect("measures its own pose; give its --device-description", start + "pose:127.0.0.1:7700 --key-file link.key", 2)
+    expect("Address already in use", "./pose_drive link.key 7700", 2)
+    end(drive)
+    code, text = lab.run(start + "pose:127.0.0.1:7700" + options.replace("my.json", "broken.json"))
+    assert code == 3 and "broken.json: " in text and "mass" in text, text
