@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/connection/connected_device.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+#include "runtime/realtime/monotonic_clock.h"
+#include "runtime/realtime/realtime_thread.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// Pause between two attempts to connect again, and between two looks for a request to do so.
+constexpr std::int64_t kRetryPause_ns = 100'000'000, kPollPause_ns = 2'000'000;
+
+void pause(std::int64_t duration_ns) {
+  if (duration_ns > 0) std::this_thread::sleep_for(std::chrono::nanoseconds(duration_ns));
+}
+
+}  // namespace
+
+ConnectedDevice::ConnectedDevice(std::unique_ptr<PoseConnection> connection, double period_s,
+                                 SayLine say)
+    : connection_(std::move(connection)),
+      period_ns_(std::llround(period_s * 1e9)),
+      say_(std::move(say)) {}
+
+ConnectedDevice::~ConnectedDevice() {
+  ConnectedDevice::close();
+}
+
+Result<void> ConnectedDevice::start() {
+  if (thread_.joinable()) return bug("a device is started once");
+  if (Result<void> opened = connection_->open(); !opened) {
+    connection_->close();
+    return opened.error();
+  }
+  state_.store(State::kConnected);
+  thread_ = std::thread([this] { run(); });
+  return {};
+}
+
+DeviceStatus ConnectedDevice::read(PoseReading& reading) noexcept {
+  if (state_.load(std::memory_order_acquire) != State::kConnected) return DeviceStatus::kLinkLost;
+  return readings_.read(reading) ? DeviceStatus::kOk : DeviceStatus::kNoData;
+}
+
+DeviceStatus ConnectedDevice::write(const HandleWrench& wrench) noexcept {
+  commands_.write({wrench, monotonic_ns()});
+  return DeviceStatus::kOk;
+}
+
+void ConnectedDevice::restore() noexcept {
+  State lost = State::kLost;
+  state_.compare_exchange_strong(lost, State::kRestoring);
+}
+
+void ConnectedDevice::close() {
+  closing_.store(true);
+  if (thread_.joinable()) {
+    thread_.join();
+    connection_->close();
+  }
+  state_.store(State::kLost);
+}
+
+void ConnectedDevice::lose(const Error& error) {
+  state_.store(State::kLost, std::memory_order_release);
+  connection_->close();
+  command_ = {};
+  if (std::exchange(said_, error.message) != error.message) say_(error.message);
+}
+
+void ConnectedDevice::exchange_once() {
+  commands_.read(command_);
+  const double age_s = static_cast<double>(monotonic_ns() - command_.at_ns) * 1e-9;
+  const Result<PoseReading> reading =
+      connection_->exchange(age_s < kStaleCommand_s ? command_.wrench : HandleWrench{});
+  if (!reading) return lose(reading.error());
+  readings_.write(*reading);
+  said_.clear();
+}
+
+void ConnectedDevice::run() {
+  request_priority(kConnectionPriority);
+  while (!closing_.load()) {
+    switch (state_.load(std::memory_order_acquire)) {
+      case State::kConnected: {
+        const std::int64_t begin_ns = monotonic_ns();
+        exchange_once();
+        pause(begin_ns + period_ns_ - monotonic_ns());
+        break;
+      }
+      case State::kRestoring:
+        if (const Result<void> opened = connection_->open()) {
+          commands_.read(command_);
+          command_ = {};  // a force from before the loss is not rendered after it
+          state_.store(State::kConnected, std::memory_order_release);
+        } else {
+          lose(opened.error());
+          pause(kRetryPause_ns);
+        }
+        break;
+      case State::kLost:
+        pause(kPollPause_ns);
+        break;
+    }
+  }
+}
+
+}  // namespace trocar::runtime

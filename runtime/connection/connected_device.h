@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Makes a pose device of a connection whose calls may wait. A thread of its own exchanges wrench and pose with the
+// connection again and again. The haptic thread takes the newest pose and leaves its wrench, and never waits.
+//
+// Contract (tests/runtime/connection/connected_device_test.cpp):
+//  1. read() and write() do not allocate, lock or wait, whatever the connection does.
+//  2. If the haptic thread has written nothing for kStaleCommand_s, the connection gets no force until it writes again.
+//  3. After an error of the connection read() returns kLinkLost, and the error is said in one line. restore() makes
+//     the thread connect again; the first wrench after that is zero.
+//  4. close() ends without force. It waits for a call that is under way, at most for the connection's own limits.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "formats/base/result.h"
+#include "runtime/connection/pose_connection.h"
+#include "runtime/device/pose_device.h"
+#include "runtime/realtime/triple_buffer.h"
+
+namespace trocar::runtime {
+
+/// Age of the last write() from which on the connection gets no force.
+inline constexpr double kStaleCommand_s = 0.01;
+
+/// Realtime priority of the connection's thread, if it may have one; less than the haptic thread's.
+inline constexpr int kConnectionPriority = 75;
+
+class ConnectedDevice final : public PoseDevice {
+ public:
+  /// `period_s`: shortest time from one exchange to the next. `say` takes each error while the session runs; it is
+  /// called on the connection's thread.
+  ConnectedDevice(std::unique_ptr<PoseConnection> connection, double period_s, SayLine say);
+  ~ConnectedDevice() override;
+
+  /// Opens the connection. Blocks up to kOpenTimeout_s. Errors: those of PoseConnection::open().
+  Result<void> start() override;
+  DeviceStatus read(PoseReading& reading) noexcept override;
+  DeviceStatus write(const HandleWrench& wrench) noexcept override;
+  void restore() noexcept override;
+  void close() override;
+
+ private:
+  enum class State : std::uint8_t { kConnected, kLost, kRestoring };
+  struct Command {
+    HandleWrench wrench{};
+    std::int64_t at_ns = 0;
+  };
+  void run();
+  void exchange_once();
+  void lose(const Error& error);
+
+  std::unique_ptr<PoseConnection> connection_;
+  std::int64_t period_ns_;
+  SayLine say_;
+  TripleBuffer<PoseReading> readings_;
+  TripleBuffer<Command> commands_;
+  std::atomic<State> state_{State::kLost};
+  std::atomic<bool> closing_{false};
+  std::thread thread_;
+  // The following members belong to the connection's thread.
+  Command command_;
+  std::string
+      said_;  ///< the last error, which is not repeated while restoring fails for the same reason
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/connection/force_dimension.h"
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "formats/base/text_line.h"
+#include "runtime/connection/force_dimension_library.h"
+#include "runtime/connection/foreign_text.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr int kMaxDeviceIndex = 15;
+constexpr double kMaxOriginDistance_m = 10;
+constexpr double kOrthonormalTolerance = 1e-3;
+constexpr double kOpenCallTimeout_s =
+    kOpenTimeout_s - CallThread::kPatience_s;  // the rest is for close()
+
+using OrientationFrame = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+/// The SDK's message for a function of this thread that has returned `code`.
+Error failed_call(const ForceDimensionLibrary& sdk, const char* function, int code) {
+  return sdk_error(text_line("%s failed: %s (%d)", function,
+                             foreign_text(sdk.error_get_last_str()).c_str(), code));
+}
+
+bool is_rotation(const OrientationFrame& frame) {
+  return frame.allFinite() && frame.determinant() > 0 &&
+         (frame.transpose() * frame - OrientationFrame::Identity()).cwiseAbs().maxCoeff() <=
+             kOrthonormalTolerance;
+}
+
+/// The result of opening a device.
+struct FoundDevice {
+  std::vector<std::string> lines;  ///< tell the operator what was found
+  bool senses_rotation = false;
+  bool renders_moment = false;
+};
+
+}  // namespace
+
+struct ForceDimension::Device {
+  std::optional<ForceDimensionLibrary> sdk;
+  std::optional<char> id;  ///< the open device
+  bool senses_rotation = false;
+  bool renders_moment = false;
+  bool has_active_wrist = false;
+
+  Result<FoundDevice> open(int index, bool wants_rotation, bool wants_moment);
+  Result<PoseReading> exchange(const HandleWrench& wrench) const;
+  void close();
+
+ private:
+  Result<FoundDevice> open_device(int index, bool wants_rotation, bool wants_moment);
+  Result<void> command(const HandleWrench& wrench, bool with_moment) const;
+};
+
+Result<FoundDevice> ForceDimension::Device::open(int index, bool wants_rotation,
+                                                 bool wants_moment) {
+  close();  // an open() whose caller has given up may have opened it
+  Result<ForceDimensionLibrary> library = load_force_dimension_library();
+  if (!library) return library.error();
+  sdk = *library;
+  Result<FoundDevice> found = open_device(index, wants_rotation, wants_moment);
+  if (!found) close();
+  return found;
+}
+
+Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_rotation,
+                                                        bool wants_moment) {
+  const int count = sdk->get_device_count();
+  if (count < 0) return failed_call(*sdk, "dhdGetDeviceCount", count);
+  if (count == 0) {
+    return sdk_error(
+        "no device is connected; check its power and its USB cable, and that you may use the USB "
+        "device (a udev rule for vendor 1451)");
+  }
+  if (index >= count) {
+    return sdk_error(
+        text_line("there is no device %d; %d connected, counted from 0", index, count));
+  }
+  const int opened = index < 0 ? sdk->open() : sdk->open_id(static_cast<char>(index));
+  if (opened < 0) return failed_call(*sdk, index < 0 ? "dhdOpen" : "dhdOpenID", opened);
+  id = static_cast<char>(opened);
+
+  has_active_wrist = sdk->has_active_wrist(*id);
+  senses_rotation = wants_rotation && sdk->has_wrist(*id);
+  renders_moment = wants_moment && has_active_wrist;
+  std::array<int, kStatusRoom> status{};
+  if (const int code = sdk->get_status(status.data(), *id); code < 0) {
+    return failed_call(*sdk, "dhdGetStatus", code);
+  }
+  if (const int code = sdk->enable_force(1, *id); code < 0) {
+    return failed_call(*sdk, "dhdEnableForce", code);
+  }
+  if (Result<void> none = command({}, has_active_wrist); !none) return none.error();
+
+  FoundDevice found{{}, senses_rotation, renders_moment};
+  found.lines.push_back(foreign_text(sdk->get_system_name(*id)) + " found" +
+                        (senses_rotation ? "" : "; its orientation is not measured") +
+                        (renders_moment ? "" : "; moments are not rendered"));
+  if (index < 0 && count > 1) {
+    found.lines.push_back(text_line(
+        "%d devices are connected; the first free one is used, and an index in the URI names one",
+        count));
+  }
+  if (status[kStatusReset] != 0) {
+    found.lines.push_back(
+        "the device is not calibrated; put its handle to the rest position, as its manual says, "
+        "before the session");
+  }
+  return found;
+}
+
+Result<void> ForceDimension::Device::command(const HandleWrench& wrench, bool with_moment) const {
+  const auto& [fx, fy, fz, tx, ty, tz] = wrench;
+  const int code = with_moment ? sdk->set_force_and_torque(fx, fy, fz, tx, ty, tz, *id)
+                               : sdk->set_force(fx, fy, fz, *id);
+  if (code < 0)
+    return failed_call(*sdk, with_moment ? "dhdSetForceAndTorque" : "dhdSetForce", code);
+  return {};
+}
+
+Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench) const {
+  if (!id) return sdk_error("the device is not open");
+  for (const double value : wrench) {
+    if (!std::isfinite(value)) return sdk_error("a command that is not finite was not sent");
+  }
+  if (Result<void> sent = command(wrench, renders_moment); !sent) return sent.error();
+
+  PoseReading reading;
+  OrientationFrame frame = OrientationFrame::Identity();
+  auto& [x, y, z] = reading.p_m;
+  const char* function = "dhdGetPosition";
+  int code = 0;
+  if (senses_rotation) {
+    double rows[3][3] = {};
+    function = "dhdGetPositionAndOrientationFrame";
+    code = sdk->get_position_and_orientation_frame(&x, &y, &z, rows, *id);
+    frame = Eigen::Map<const OrientationFrame>(&rows[0][0]);
+  } else {
+    code = sdk->get_position(&x, &y, &z, *id);
+  }
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();
+  reading.t_s = std::chrono::duration<double>(now).count();
+  if (code < 0) return failed_call(*sdk, function, code);
+  // Written so that NaN fails.
+  if (!(std::hypot(x, y, z) <= kMaxOriginDistance_m)) {
+    return sdk_error(text_line("%s returned no usable position: %g %g %g m", function, x, y, z));
+  }
+  if (!is_rotation(frame)) {
+    return sdk_error(text_line("%s returned an orientation frame that is no rotation", function));
+  }
+  const Eigen::Quaterniond q = Eigen::Quaterniond(Eigen::Matrix3d(frame)).normalized();
+  reading.q = {q.w(), q.x(), q.y(), q.z()};
+  reading.buttons = sdk->get_button_mask(*id);
+  return reading;
+}
+
+void ForceDimension::Device::close() {
+  if (!id) return;
+  // Each of them even if the one before has failed. Nobody can do more about an error here.
+  (void)command({}, has_active_wrist);
+  (void)sdk->enable_force(0, *id);
+  (void)sdk->close(*id);
+  id.reset();
+}
+
+Result<int> parse_force_dimension_address(std::string_view address) {
+  if (address.empty()) return -1;
+  int id = -1;
+  const char* const end = address.data() + address.size();
+  const auto [stop, error] = std::from_chars(address.data(), end, id);
+  if (error != std::errc() || stop != end || address.front() == '-' || id > kMaxDeviceIndex) {
+    return usage("forcedimension:" + foreign_text(address, 40) +
+                 ": after the colon stands nothing, or the index of a device, 0 to " +
+                 std::to_string(kMaxDeviceIndex));
+  }
+  return id;
+}
+
+ForceDimension::ForceDimension(ForceDimensionOptions options)
+    : options_(std::move(options)),
+      uri_("forcedimension:" + (options_.id < 0 ? "" : std::to_string(options_.id) + ":")),
+      device_(std::make_shared<Device>()) {}
+
+ForceDimension::~ForceDimension() {
+  close();
+}
+
+Error ForceDimension::fault(const std::string& message) const {
+  return {ExitCode::kDeviceFault, uri_ + " " + message};
+}
+
+Result<void> ForceDimension::open() {
+  const auto found = calls_.call(
+      [device = device_, index = options_.id, rotation = options_.wants_rotation,
+       moment = options_.wants_moment] { return device->open(index, rotation, moment); },
+      kOpenCallTimeout_s);
+  if (!found) {
+    close();  // at last, if a call returns later
+    return fault(text_line("the SDK has not answered for %g s; switch the device off and on",
+                           kOpenCallTimeout_s));
+  }
+  if (!*found) return fault(found->error().message);
+  senses_rotation_ = (*found)->senses_rotation;
+  renders_moment_ = (*found)->renders_moment;
+  for (const std::string& line : (*found)->lines) {
+    if (options_.say) options_.say(uri_ + " " + line);
+  }
+  const bool lacks_rotation = options_.wants_rotation && !senses_rotation_;
+  if (options_.needs_all && (lacks_rotation || (options_.wants_moment && !renders_moment_))) {
+    return fault(lacks_rotation
+                     ? "the device does not measure the orientation of its handle, and its "
+                       "description says that it does (senses_rotation)"
+                     : "the device renders no moment, and its description says that it does "
+                       "(moment_max_Nm)");
+  }
+  return {};
+}
+
+Result<PoseReading> ForceDimension::exchange(const HandleWrench& wrench) {
+  auto reading = calls_.call([device = device_, wrench] { return device->exchange(wrench); },
+                             kExchangeTimeout_s);
+  if (!reading) {
+    return fault(text_line("the SDK has not answered for %g ms", 1e3 * kExchangeTimeout_s));
+  }
+  if (!*reading) return fault(reading->error().message);
+  return **reading;
+}
+
+void ForceDimension::close() noexcept {
+  calls_.call_at_last([device = device_] { device->close(); });
+}
+
+}  // namespace trocar::runtime

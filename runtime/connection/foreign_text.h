@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Text from a device or a library, made fit for one line of a message.
+// Tests: tests/runtime/connection/foreign_text_test.cpp
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace trocar::runtime {
+
+/// At most `max_chars` characters of `text`, with "?" for each one that is not printable ASCII. An empty text becomes
+/// "(no text)".
+inline std::string foreign_text(std::string_view text, std::size_t max_chars = 300) {
+  if (text.empty()) return "(no text)";
+  std::string line(text.substr(0, max_chars));
+  for (char& c : line)
+    c = c >= ' ' && c <= '~' ? c : '?';
+  if (text.size() > max_chars) line += "...";
+  return line;
+}
+
+/// The same for a null-terminated text. A null pointer counts as empty.
+inline std::string foreign_text(const char* text) {
+  return foreign_text(text == nullptr ? std::string_view() : std::string_view(text));
+}
+
+}  // namespace trocar::runtime

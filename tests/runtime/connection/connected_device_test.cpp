@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// The contract of ConnectedDevice, with connections that wait, fail and come back. Bounds on times are wide, because the machine
+// may stall.
+#include "runtime/connection/connected_device.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <mutex>
+#include <vector>
+
+#include "tests/support/counted_allocations.h"
+
+namespace trocar::runtime {
+namespace {
+
+using namespace std::chrono_literals;
+
+/// Behaviour of a connection. The test changes it while the device's thread uses it.
+struct Script {
+  std::atomic<bool> opens{true}, fails{false};
+  std::atomic<int> wait_ms{0}, opened{0}, closed{0};
+  std::mutex mutex;
+  std::vector<HandleWrench> wrenches;  ///< under the mutex
+  double t_s = 0;
+
+  std::vector<HandleWrench> taken() {
+    const std::scoped_lock lock(mutex);
+    return std::exchange(wrenches, {});
+  }
+};
+
+class ScriptedConnection final : public PoseConnection {
+ public:
+  explicit ScriptedConnection(Script& script) : script_(script) {}
+  Result<void> open() override {
+    ++script_.opened;
+    if (!script_.opens) return Error{ExitCode::kDeviceFault, "test: nothing there"};
+    return {};
+  }
+  Result<PoseReading> exchange(const HandleWrench& wrench) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(script_.wait_ms.load()));
+    const std::scoped_lock lock(script_.mutex);
+    script_.wrenches.push_back(wrench);
+    if (script_.fails) return Error{ExitCode::kDeviceFault, "test: broken"};
+    PoseReading reading;
+    reading.t_s = script_.t_s += 1e-3;
+    reading.p_m[2] = wrench[2];
+    return reading;
+  }
+  void close() noexcept override { ++script_.closed; }
+
+ private:
+  Script& script_;
+};
+
+class ConnectedDeviceTest : public testing::Test {
+ protected:
+  template <typename Done>
+  static bool within(std::chrono::milliseconds longest, const Done& done) {
+    const auto end = std::chrono::steady_clock::now() + longest;
+    while (!done()) {
+      if (std::chrono::steady_clock::now() > end) return false;
+      std::this_thread::sleep_for(200us);
+    }
+    return true;
+  }
+  bool reads(DeviceStatus wanted) {
+    return within(5s, [&] { return device_.read(reading_) == wanted; });
+  }
+  /// Writes again and again, as a loop does, until a reading has this force.
+  bool gets(double force_N) {
+    return within(5s, [&] {
+      device_.write({0, 0, force_N, 0, 0, 0});
+      return device_.read(reading_) == DeviceStatus::kOk && reading_.p_m[2] == force_N;
+    });
+  }
+
+  Script script_;
+  std::mutex said_mutex_;
+  std::vector<std::string> said_;
+  PoseReading reading_;
+  ConnectedDevice device_{std::make_unique<ScriptedConnection>(script_), 5e-4,
+                          [this](const std::string& line) {
+                            const std::scoped_lock lock(said_mutex_);
+                            said_.push_back(line);
+                          }};
+};
+
+TEST_F(ConnectedDeviceTest, NewestWrenchAndPoseGoThrough) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(gets(1.25));
+  EXPECT_TRUE(gets(-3.5));
+  device_.close();
+  EXPECT_EQ(script_.closed, 1);
+  EXPECT_EQ(device_.read(reading_), DeviceStatus::kLinkLost);
+}
+
+TEST_F(ConnectedDeviceTest, FailedOpenIsAnErrorOfStart) {
+  script_.opens = false;
+  const auto started = device_.start();
+  ASSERT_FALSE(started);
+  EXPECT_EQ(started.error().message, "test: nothing there");
+}
+
+TEST_F(ConnectedDeviceTest, ReadAndWriteNeitherWaitNorAllocate) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  script_.wait_ms = 50;
+  ASSERT_TRUE(device_.start());
+  std::this_thread::sleep_for(10ms);
+  int exchanged = 0;
+  const std::uint64_t before = allocations_in_scopes();
+  {
+    const NoAllocationScope scope;
+    for (int i = 0; i < 1000; ++i) {
+      device_.write({0, 0, 1, 0, 0, 0});
+      exchanged += device_.read(reading_) == DeviceStatus::kOk ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(allocations_in_scopes() - before, 0U);
+  // A thousand calls are done before the connection answers a second time.
+  EXPECT_LE(exchanged, 2);
+}
+
+TEST_F(ConnectedDeviceTest, SilentLoopGivesNoForce) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(gets(4));
+  EXPECT_TRUE(within(5s, [&] {
+    const auto wrenches = script_.taken();
+    return !wrenches.empty() && wrenches.back() == HandleWrench{};
+  }));
+  EXPECT_TRUE(gets(2)) << "and force again when the loop goes on";
+}
+
+TEST_F(ConnectedDeviceTest, ErrorIsLinkLostAtOnceAndSaidOnce) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(gets(4));
+  script_.fails = true;
+  EXPECT_TRUE(reads(DeviceStatus::kLinkLost));
+  std::this_thread::sleep_for(20ms);
+  EXPECT_EQ(device_.read(reading_), DeviceStatus::kLinkLost) << "until it is restored";
+  const std::scoped_lock lock(said_mutex_);
+  EXPECT_EQ(said_, std::vector<std::string>{"test: broken"});
+  EXPECT_EQ(script_.closed, 1);
+}
+
+TEST_F(ConnectedDeviceTest, RestoresWithoutForce) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(gets(4));
+  script_.fails = true;
+  script_.opens = false;
+  EXPECT_TRUE(reads(DeviceStatus::kLinkLost));
+  device_.write({0, 0, 7, 0, 0, 0});
+  device_.restore();
+  EXPECT_TRUE(within(5s, [&] { return script_.opened >= 2; }));
+  script_.fails = false;
+  script_.opens = true;
+  script_.taken();
+  EXPECT_TRUE(within(5s, [&] {
+    device_.restore();
+    return device_.read(reading_) == DeviceStatus::kOk;
+  }));
+  EXPECT_EQ(script_.taken().front(), HandleWrench{}) << "not the force from before";
+  EXPECT_TRUE(gets(1));
+}
+
+}  // namespace
+}  // namespace trocar::runtime
