@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/stand_ins/force_dimension/simulated_arm.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace stand_in {
+namespace {
+
+constexpr double kStep_s = 1e-4;
+constexpr double kMaxGap_s = 1;
+
+Eigen::Quaterniond rotation(const Eigen::Vector3d& vector_rad) {
+  const double angle = vector_rad.norm();
+  if (angle == 0) return Eigen::Quaterniond::Identity();
+  return Eigen::Quaterniond(Eigen::AngleAxisd(angle, vector_rad / angle));
+}
+
+Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) {
+  const Eigen::AngleAxisd turn(q);
+  return turn.angle() * turn.axis();
+}
+
+}  // namespace
+
+SimulatedArm::SimulatedArm(std::vector<Keyframe> path)
+    : path_(std::move(path)),
+      position_m_(target(0).position_m),
+      orientation_(rotation(target(0).rotation_vector_rad)) {}
+
+Keyframe SimulatedArm::target(double t_s) const {
+  if (path_.empty()) return {};
+  const auto next = std::upper_bound(path_.begin(), path_.end(), t_s,
+                                     [](double t, const Keyframe& k) { return t < k.t_s; });
+  if (next == path_.begin()) return path_.front();
+  if (next == path_.end()) return path_.back();
+  Keyframe between = *(next - 1);
+  const double part = (t_s - between.t_s) / (next->t_s - between.t_s);
+  between.position_m += part * (next->position_m - between.position_m);
+  between.rotation_vector_rad += part * (next->rotation_vector_rad - between.rotation_vector_rad);
+  return between;
+}
+
+void SimulatedArm::advance(double t_s, const Eigen::Vector3d& force,
+                           const Eigen::Vector3d& moment) {
+  t_s_ = std::max(t_s_, t_s - kMaxGap_s);
+  while (t_s_ < t_s) {
+    const double dt_s = std::min(kStep_s, t_s - t_s_);
+    step(dt_s, force, moment);
+    t_s_ = dt_s < kStep_s ? t_s : t_s_ + dt_s;
+  }
+}
+
+void SimulatedArm::step(double dt_s, const Eigen::Vector3d& force, const Eigen::Vector3d& moment) {
+  const Keyframe here = target(t_s_);
+  const Keyframe there = target(t_s_ + kStep_s);
+  const Eigen::Vector3d wanted_velocity = (there.position_m - here.position_m) / kStep_s;
+  velocity_ += dt_s / kMass_kg *
+               (force + kStiffness_N_per_m * (here.position_m - position_m_) +
+                kDamping_N_s_per_m * (wanted_velocity - velocity_));
+  position_m_ += dt_s * velocity_;
+
+  const Eigen::Quaterniond wanted = rotation(here.rotation_vector_rad);
+  const Eigen::Vector3d wanted_rate =
+      rotation_vector(rotation(there.rotation_vector_rad) * wanted.conjugate()) / kStep_s;
+  rate_ += dt_s / kInertia_kg_m2 *
+           (moment + kStiffness_Nm_per_rad * rotation_vector(wanted * orientation_.conjugate()) +
+            kDamping_Nm_s_per_rad * (wanted_rate - rate_));
+  orientation_ = (rotation(dt_s * rate_) * orientation_).normalized();
+}
+
+}  // namespace stand_in

@@ -1,0 +1,338 @@
+// SPDX-License-Identifier: Apache-2.0
+// A library with the functions of Force Dimension's SDK that Trocar calls, written from the public list of
+// functions. Behind them is a simulated device that a simulated hand holds, in real time, with faults on demand.
+// README.md says how to use it. Tests: stand_in_test.cpp
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "tests/stand_ins/force_dimension/settings.h"
+
+#define DHD_FUNCTION extern "C" __attribute__((visibility("default")))
+
+namespace stand_in {
+namespace {
+
+constexpr double kLate_s = 0.03;
+constexpr double kJump_m = 0.05;
+constexpr double kSkew = 0.01;
+
+// Error numbers of the SDK.
+constexpr int kErrorCom = 2;
+constexpr int kErrorNoDevice = 5;
+constexpr int kErrorTimeout = 7;
+constexpr int kErrorConfiguration = 14;
+constexpr int kErrorInvalidIndex = 15;
+constexpr int kErrorNull = 17;
+constexpr int kErrorInUse = 20;
+constexpr std::array kErrorTexts{
+    "no error",
+    "undocumented error",
+    "communication error",
+    "the device controller is busy",
+    "no driver found",
+    "no device found",
+    "the command is not available for this device",
+    "the command timed out",
+    "the device geometry does not allow it",
+    "the command needs expert mode",
+    "the command is not implemented",
+    "out of memory",
+    "the device is not ready",
+    "a file is missing",
+    "the configuration cannot be read",
+    "invalid device index",
+    "the command is deprecated",
+    "the function was called with a null pointer",
+    "the redundant encoders disagree",
+    "the feature is not enabled",
+    "the device is in use",
+    "invalid parameter",
+    "regulation is not running",
+};
+
+thread_local int last_error = 0;
+
+int fail(int error) {
+  last_error = error;
+  return -1;
+}
+
+/// The device and its state since the settings have changed last.
+struct Device {
+  std::string environment;
+  Settings settings;
+  SimulatedArm arm{{}};
+  std::chrono::steady_clock::time_point start;
+  char id =
+      0;  ///< differs for each change of the settings, so that a call that hung before finds no device
+  bool open = false;
+  bool enabled = false;
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+  Eigen::Vector3d last_position = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond last_orientation = Eigen::Quaterniond::Identity();
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> log{nullptr, std::fclose};
+
+  double now_s() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  const Fault* fault(FaultKind kind) const;
+  void move();
+  void write(const char* call, const Eigen::Vector3d& f, const Eigen::Vector3d& t);
+};
+
+std::mutex mutex;              // guards `device`
+Device& device = *new Device;  // never destroyed: a call that hangs may outlive the end of main()
+
+const Fault* Device::fault(FaultKind kind) const {
+  const double t_s = now_s();
+  const auto found = std::find_if(
+      settings.faults.begin(), settings.faults.end(),
+      [&](const Fault& f) { return f.kind == kind && t_s >= f.start_s && t_s < f.end_s; });
+  return found == settings.faults.end() ? nullptr : &*found;
+}
+
+void Device::move() {
+  const Eigen::Vector3d none = Eigen::Vector3d::Zero();
+  arm.advance(now_s(), enabled ? force : none,
+              enabled && settings.has_active_wrist ? moment : none);
+}
+
+void Device::write(const char* call, const Eigen::Vector3d& f, const Eigen::Vector3d& t) {
+  if (log == nullptr) return;
+  std::fprintf(log.get(), "%.6f,%s,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", now_s(), call, f.x(),
+               f.y(), f.z(), t.x(), t.y(), t.z());
+  std::fflush(log.get());
+}
+
+/// Reads the settings if they have changed, and then begins anew: time 0, the hand at its first keyframe, an empty log.
+void renew() {
+  std::string now = environment();
+  if (now == device.environment) return;
+  const char id = static_cast<char>((device.id + 1) % 16);
+  device = {};
+  device.id = id;
+  device.environment = std::move(now);
+  device.settings = read_settings();
+  device.arm = SimulatedArm(device.settings.path);
+  device.start = std::chrono::steady_clock::now();
+  if (!device.settings.log.empty()) {
+    device.log.reset(std::fopen(device.settings.log.c_str(), "we"));
+    if (device.log == nullptr) device.settings.error = "TROCAR_DHD_LOG cannot be written";
+  }
+  if (device.log != nullptr) {
+    std::fprintf(device.log.get(), "t_s,call,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm\n");
+  }
+  if (!device.settings.error.empty()) {
+    std::fprintf(stderr, "libdhd_stand_in: %s\n", device.settings.error.c_str());
+  }
+}
+
+/// Waits while the device is silent, and for the delay if `may_be_late`.
+void wait(bool may_be_late) {
+  for (;;) {
+    {
+      const std::lock_guard lock(mutex);
+      if (device.fault(FaultKind::kSilence) == nullptr) {
+        if (!may_be_late || device.fault(FaultKind::kLate) == nullptr) return;
+        break;
+      }
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  std::this_thread::sleep_for(std::chrono::duration<double>(kLate_s));
+}
+
+/// The error of a call for device `id`: 0 if there is none.
+int error_of(char id) {
+  if (id == device.id && device.fault(FaultKind::kDisconnect) != nullptr) {
+    device.open = false;  // it has to be opened again when it is back
+    device.enabled = false;
+    return kErrorCom;
+  }
+  if (!device.open || id != device.id) return kErrorInvalidIndex;
+  const Fault* const error = device.fault(FaultKind::kError);
+  return error == nullptr ? 0 : error->code;
+}
+
+int open() {
+  renew();
+  if (!device.settings.error.empty()) return fail(kErrorConfiguration);
+  if (device.fault(FaultKind::kDisconnect) != nullptr) return fail(kErrorCom);
+  if (device.fault(FaultKind::kNoDevice) != nullptr) return fail(kErrorNoDevice);
+  if (device.fault(FaultKind::kOpenFails) != nullptr) return fail(kErrorInUse);
+  device.open = true;
+  device.write("open", Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
+  return device.id;
+}
+
+int set(const char* call, char id, const Eigen::Vector3d& force, const Eigen::Vector3d& moment) {
+  wait(true);
+  const std::lock_guard lock(mutex);
+  if (const int error = error_of(id)) return fail(error);
+  device.move();
+  device.force = force;
+  device.moment = moment;
+  device.write(call, force, moment);
+  return 0;
+}
+
+/// The pose as it is measured, with the faults that change it.
+struct Pose {
+  Eigen::Vector3d position;
+  Eigen::Matrix3d frame;
+};
+
+Pose measure() {
+  device.move();
+  if (device.fault(FaultKind::kFrozen) == nullptr) {
+    device.last_position = device.arm.position_m();
+    device.last_orientation = device.arm.orientation();
+  }
+  Pose pose{device.last_position, Eigen::Matrix3d::Identity()};
+  if (device.settings.has_wrist) pose.frame = device.last_orientation.toRotationMatrix();
+  if (device.fault(FaultKind::kJump) != nullptr) pose.position.x() += kJump_m;
+  if (device.fault(FaultKind::kSkew) != nullptr) pose.frame(0, 1) += kSkew;
+  if (device.fault(FaultKind::kNan) != nullptr) {
+    pose.position.y() = std::numeric_limits<double>::quiet_NaN();
+  }
+  return pose;
+}
+
+bool flag_of(char id, bool Settings::*flag) {
+  const std::lock_guard lock(mutex);
+  return error_of(id) == 0 && device.settings.*flag;
+}
+
+int get(char id, double* x, double* y, double* z, double (*frame)[3]) {
+  wait(false);
+  if (x == nullptr || y == nullptr || z == nullptr) return fail(kErrorNull);
+  const std::lock_guard lock(mutex);
+  if (const int error = error_of(id)) return fail(error);
+  if (device.fault(FaultKind::kReadError) != nullptr) return fail(kErrorCom);
+  const Pose pose = measure();
+  *x = pose.position.x();
+  *y = pose.position.y();
+  *z = pose.position.z();
+  for (int row = 0; frame != nullptr && row < 3; ++row) {
+    for (int column = 0; column < 3; ++column)
+      frame[row][column] = pose.frame(row, column);
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace stand_in
+
+using stand_in::device;
+
+DHD_FUNCTION int dhdErrorGetLast() {
+  return stand_in::last_error;
+}
+
+DHD_FUNCTION const char* dhdErrorGetStr(int error) {
+  const bool known = error >= 0 && error < static_cast<int>(stand_in::kErrorTexts.size());
+  return known ? stand_in::kErrorTexts.at(static_cast<std::size_t>(error)) : "unknown error";
+}
+
+DHD_FUNCTION const char* dhdErrorGetLastStr() {
+  return dhdErrorGetStr(stand_in::last_error);
+}
+
+DHD_FUNCTION int dhdGetDeviceCount() {
+  const std::lock_guard lock(stand_in::mutex);
+  stand_in::renew();
+  return device.fault(stand_in::FaultKind::kNoDevice) == nullptr &&
+                 device.fault(stand_in::FaultKind::kDisconnect) == nullptr
+             ? 1
+             : 0;
+}
+
+DHD_FUNCTION int dhdOpenID(char index) {
+  const std::lock_guard lock(stand_in::mutex);
+  return index == 0 ? stand_in::open() : stand_in::fail(stand_in::kErrorInvalidIndex);
+}
+
+DHD_FUNCTION int dhdOpen() {
+  return dhdOpenID(0);
+}
+
+DHD_FUNCTION int dhdClose(char id) {
+  stand_in::wait(false);
+  const std::lock_guard lock(stand_in::mutex);
+  if (!device.open || id != device.id) return stand_in::fail(stand_in::kErrorInvalidIndex);
+  device.move();
+  device.write("close", Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
+  device.open = false;
+  device.enabled = false;
+  device.force.setZero();
+  device.moment.setZero();
+  return 0;
+}
+
+DHD_FUNCTION const char* dhdGetSystemName(char id) {
+  const std::lock_guard lock(stand_in::mutex);
+  return stand_in::error_of(id) == 0 ? device.settings.model.c_str() : nullptr;
+}
+
+DHD_FUNCTION int dhdGetStatus(int* status, char id) {
+  const std::lock_guard lock(stand_in::mutex);
+  if (const int error = stand_in::error_of(id)) return stand_in::fail(error);
+  // power, connected, started, reset, idle, force, brake, torque, wrist, error, gravity, time guard, wrist initialised
+  const int wrist = device.settings.has_wrist ? 1 : 0;
+  const int on = device.enabled ? 1 : 0;
+  const std::array<int, 17> values{1, 1, 1, 0, 0, on, 1 - on, on, wrist, 0, 1, 1, wrist};
+  std::copy(values.begin(), values.end(), status);
+  return 0;
+}
+
+DHD_FUNCTION bool dhdHasWrist(char id) {
+  return stand_in::flag_of(id, &stand_in::Settings::has_wrist);
+}
+
+DHD_FUNCTION bool dhdHasActiveWrist(char id) {
+  return stand_in::flag_of(id, &stand_in::Settings::has_active_wrist);
+}
+
+DHD_FUNCTION int dhdEnableForce(unsigned char enable, char id) {
+  const std::lock_guard lock(stand_in::mutex);
+  if (const int error = stand_in::error_of(id)) return stand_in::fail(error);
+  device.move();
+  device.enabled = enable != 0;
+  device.write(device.enabled ? "enable_force" : "disable_force", device.force, device.moment);
+  return 0;
+}
+
+#ifndef TROCAR_DHD_INCOMPLETE
+DHD_FUNCTION int dhdGetPosition(double* x, double* y, double* z, char id) {
+  return stand_in::get(id, x, y, z, nullptr);
+}
+#endif
+
+DHD_FUNCTION int dhdGetPositionAndOrientationFrame(double* x, double* y, double* z,
+                                                   double (*frame)[3], char id) {
+  return stand_in::get(id, x, y, z, frame);
+}
+
+DHD_FUNCTION unsigned dhdGetButtonMask(char id) {
+  const std::lock_guard lock(stand_in::mutex);
+  return stand_in::error_of(id) == 0 ? device.arm.buttons() : 0;
+}
+
+DHD_FUNCTION int dhdSetForce(double x, double y, double z, char id) {
+  return stand_in::set("set_force", id, {x, y, z}, Eigen::Vector3d::Zero());
+}
+
+DHD_FUNCTION int dhdSetForceAndTorque(double x, double y, double z, double tx, double ty, double tz,
+                                      char id) {
+  return stand_in::set("set_force_and_torque", id, {x, y, z}, {tx, ty, tz});
+}
