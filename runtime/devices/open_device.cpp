@@ -3,10 +3,16 @@
 
 #include <utility>
 
+#include "runtime/connection/connected_device.h"
+#include "runtime/connection/force_dimension.h"
+#include "runtime/connection/haply_connection.h"
+#include "runtime/devices/pose_session.h"
 #include "runtime/devices/simulated_hand.h"
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_device.h"
+#include "runtime/link/udp_pose_device.h"
 #include "runtime/mechanism/four_legs.h"
+#include "runtime/pose_device/pose_hand.h"
 
 namespace trocar::runtime {
 namespace {
@@ -17,17 +23,30 @@ constexpr double kSimulatedNoState_s = 0.25;
 Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& options) {
   if (options.scene.hand.live != (options.hand != nullptr))
     return bug("the simulated device needs exactly one hand");
+  const auto in_scene = [&](const Error& error) {
+    return Error{error.code, options.scene_name + ": " + error.message};
+  };
+  if (const auto* device = std::get_if<PoseDeviceDescription>(&options.description)) {
+    auto made = make_simulated_pose_device(options.scene, *device, options.hand);
+    if (!made) return in_scene(made.error());
+    return make_pose_hand(*device, options.scene,
+                          std::make_unique<SimulatedPoseDevice>(std::move(*made)));
+  }
+  const auto& description = *std::get_if<DeviceDescription>(&options.description);
   Result<SimulatedDevice> made =
-      options.hand == nullptr
-          ? make_simulated_device(options.scene, options.description)
-          : make_simulated_device(options.scene, options.description, *options.hand);
-  if (!made) return Error{made.error().code, options.scene_name + ": " + made.error().message};
-  return make_four_legs(options.description, std::make_unique<SimulatedDevice>(std::move(*made)));
+      options.hand == nullptr ? make_simulated_device(options.scene, description)
+                              : make_simulated_device(options.scene, description, *options.hand);
+  if (!made) return in_scene(made.error());
+  return make_four_legs(description, std::make_unique<SimulatedDevice>(std::move(*made)));
 }
 
-Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions& options) {
+/// Returns the options of the link to a device process.
+Result<UdpDeviceOptions> link_options(const char* scheme, std::string_view address,
+                                      const OpenDeviceOptions& options) {
   const Result<Endpoint> peer = parse_endpoint(address, 1);
-  if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
+  if (!peer)
+    return Error{peer.error().code,
+                 std::string("--device ") + scheme + ": " + peer.error().message};
   const Result<LinkKey> key = read_link_key(options.key_file);
   if (!key) return key.error();
   UdpDeviceOptions link;
@@ -36,21 +55,108 @@ Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions&
   link.period_s = 1 / options.rate_Hz;
   if (options.is_simulated) link.no_state_s = kSimulatedNoState_s;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
-  Result<std::unique_ptr<UdpDevice>> made = UdpDevice::make(link);
+  return link;
+}
+
+Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions& options) {
+  const Result<UdpDeviceOptions> link = link_options("udp", address, options);
+  if (!link) return link.error();
+  Result<std::unique_ptr<UdpDevice>> made = UdpDevice::make(*link);
   if (!made) return made.error();
-  return make_four_legs(options.description, std::move(*made));
+  return make_four_legs(*std::get_if<DeviceDescription>(&options.description), std::move(*made));
+}
+
+Result<OpenedDevice> open_pose_drive(std::string_view address, const OpenDeviceOptions& options) {
+  const Result<UdpDeviceOptions> link = link_options("pose", address, options);
+  if (!link) return link.error();
+  Result<std::unique_ptr<UdpPoseDevice>> made = UdpPoseDevice::make(*link);
+  if (!made) return made.error();
+  return make_pose_hand(*std::get_if<PoseDeviceDescription>(&options.description), options.scene,
+                        std::move(*made));
+}
+
+/// Makes a hand device of a connection, which exchanges twice in each tick so that no state is older than a tick.
+OpenedDevice make_connected(std::unique_ptr<PoseConnection> connection,
+                            const OpenDeviceOptions& options) {
+  return make_pose_hand(
+      *std::get_if<PoseDeviceDescription>(&options.description), options.scene,
+      std::make_unique<ConnectedDevice>(std::move(connection), 0.5 / options.rate_Hz, options.say));
+}
+
+Result<void> needs_real_clock(const char* uri, const OpenDeviceOptions& options) {
+  if (options.clock == Clock::kReal) return {};
+  return usage(std::string("--clock virtual: ") + uri + " runs by its own clock; use --clock real");
+}
+
+Result<OpenedDevice> open_haply(std::string_view address, const OpenDeviceOptions& options) {
+  if (auto real = needs_real_clock("haply:", options); !real) return real.error();
+  const Result<HaplyAddress> parsed = parse_haply_address(address);
+  if (!parsed) return parsed.error();
+  const auto& description = *std::get_if<PoseDeviceDescription>(&options.description);
+  return make_connected(std::make_unique<HaplyConnection>(
+                            HaplyOptions{*parsed, options.say, description.senses_rotation}),
+                        options);
+}
+
+Result<OpenedDevice> open_force_dimension(std::string_view address,
+                                          const OpenDeviceOptions& options) {
+  if (auto real = needs_real_clock("forcedimension:", options); !real) return real.error();
+  const Result<int> id = parse_force_dimension_address(address);
+  if (!id) return id.error();
+  const auto& description = *std::get_if<PoseDeviceDescription>(&options.description);
+  return make_connected(
+      std::make_unique<ForceDimension>(ForceDimensionOptions{
+          *id, options.say, description.senses_rotation, description.moment_max_Nm > 0, true}),
+      options);
+}
+
+/// Opens a connection and asks whether it measures the orientation of its handle.
+template <typename Connection>
+Result<bool> senses_rotation(Connection& connection) {
+  const Result<void> opened = connection.open();
+  const bool senses = opened && connection.senses_rotation();
+  connection.close();
+  if (!opened) return opened.error();
+  return senses;
+}
+
+Result<bool> haply_senses_rotation(std::string_view address) {
+  const Result<HaplyAddress> parsed = parse_haply_address(address);
+  if (!parsed) return parsed.error();
+  HaplyConnection connection(HaplyOptions{*parsed, {}, false});
+  return senses_rotation(connection);
+}
+
+Result<bool> force_dimension_senses_rotation(std::string_view address) {
+  const Result<int> id = parse_force_dimension_address(address);
+  if (!id) return id.error();
+  ForceDimension connection(ForceDimensionOptions{*id, {}, true, false, false});
+  return senses_rotation(connection);
 }
 
 struct DeviceKind {
   std::string_view uri;  ///< SCHEME or SCHEME:ADDRESS, as shown in the help text
   std::string_view help;
   bool needs_key_file, may_have_motors;
+  DescriptionKind description;
+  std::string_view built_in;  ///< name of the description of a pose device
+  /// Asks the device whether it measures the orientation of its handle; null: no built-in description depends on it.
+  Result<bool> (*senses_rotation)(std::string_view address);
   Result<OpenedDevice> (*open)(std::string_view address, const OpenDeviceOptions& options);
 };
 
 constexpr DeviceKind kDevices[] = {
-    {"inproc", "simulated in the process", false, false, open_simulated},
-    {"udp:HOST:PORT", "a device process, such as\ntrocar-device-sim", true, true, open_udp},
+    {"inproc", "simulated in the process", false, false, DescriptionKind::kAny, "", nullptr,
+     open_simulated},
+    {"udp:HOST:PORT", "a device process, such as\ntrocar-device-sim", true, true,
+     DescriptionKind::kFourLegs, "", nullptr, open_udp},
+    {"pose:HOST:PORT", "a process for a device that\nmeasures its own pose", true, true,
+     DescriptionKind::kPoseDevice, "", nullptr, open_pose_drive},
+    {"haply:[HOST[:PORT]]", "a Haply Inverse3 through\nthe Haply Inverse service", false, true,
+     DescriptionKind::kPoseDevice, "haply_inverse3", haply_senses_rotation, open_haply},
+    {"forcedimension:[ID]", "a device of Force Dimension through\nits installed SDK", false, true,
+     DescriptionKind::kPoseDevice, "force_dimension", force_dimension_senses_rotation,
+     open_force_dimension},
 };
 
 struct UriParts {
@@ -116,11 +222,69 @@ OpenedDevice make_four_legs(const DeviceDescription& description,
   return opened;
 }
 
+OpenedDevice make_pose_hand(const PoseDeviceDescription& description, const Scene& scene,
+                            std::unique_ptr<PoseDevice> pose_device) {
+  OpenedDevice opened;
+  opened.pose_device = std::move(pose_device);
+  opened.device =
+      std::make_unique<PoseHand>(description, pose_frame(description, scene), *opened.pose_device);
+  return opened;
+}
+
+Result<std::shared_ptr<HandDevice>> simulate_device(const Scene& scene,
+                                                    const AnyDeviceDescription& description) {
+  const OpenDeviceOptions options{.scene = scene,
+                                  .scene_name = "the simulated device",
+                                  .description = description,
+                                  .key_file = {},
+                                  .say = {}};
+  Result<OpenedDevice> made = open_simulated("", options);
+  if (!made) return made.error();
+  const auto opened = std::make_shared<OpenedDevice>(std::move(*made));
+  return std::shared_ptr<HandDevice>(opened, opened->device.get());
+}
+
+std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescription& description,
+                                                        const Scene& scene) {
+  if (const auto* device = std::get_if<PoseDeviceDescription>(&description))
+    return std::make_unique<PoseSpecification>(*device, pose_frame(*device, scene));
+  return std::make_unique<FourLegsSpecification>(*std::get_if<DeviceDescription>(&description));
+}
+
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options) {
   if (auto checked = check_device_uri(uri, !options.key_file.empty()); !checked) {
     return checked.error();
   }
-  return find_device(uri)->open(split(uri).address, options);
+  const DeviceKind& kind = *find_device(uri);
+  const bool is_pose_device = std::holds_alternative<PoseDeviceDescription>(options.description);
+  if (kind.description != DescriptionKind::kAny &&
+      (kind.description == DescriptionKind::kPoseDevice) != is_pose_device) {
+    return usage("--device " + std::string(uri) + ": " +
+                 (is_pose_device
+                      ? "has encoders and motors, and the device description is that of a "
+                        "device that measures its own pose"
+                      : "measures its own pose; give its --device-description "
+                        "(docs/add-your-device.md)"));
+  }
+  return kind.open(split(uri).address, options);
+}
+
+std::string_view built_in_description(std::string_view uri) {
+  const DeviceKind* kind = find_device(uri);
+  return kind != nullptr ? kind->built_in : std::string_view();
+}
+
+Result<std::string> find_built_in_description(std::string_view uri) {
+  const DeviceKind* kind = find_device(uri);
+  if (kind == nullptr || kind->built_in.empty()) return std::string();
+  const Result<bool> turns = kind->senses_rotation(split(uri).address);
+  if (!turns) return turns.error();
+  return std::string(kind->built_in) + (*turns ? std::string(kWithRotation) : "");
+}
+
+DescriptionKind description_kind(std::string_view uri) {
+  const DeviceKind* kind = find_device(uri);
+  return kind != nullptr ? kind->description : DescriptionKind::kAny;
 }
 
 std::string device_uri_help() {

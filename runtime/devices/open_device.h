@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that a session can use, and their URIs. A new device is one class derived from
-// HandDevice, in a file of its own, and one entry in the table of open_device.cpp.
+// The devices that a session can use, and their URIs. A new device is one class derived from PoseConnection,
+// PoseDevice or HandDevice, in a file of its own, and one entry in the table of open_device.cpp.
+// Tests: tests/runtime/devices/open_device_test.cpp
 #pragma once
 
 #include <filesystem>
@@ -9,10 +10,12 @@
 #include <string_view>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
+#include "formats/session/pose_device_description.h"
 #include "formats/session/scene.h"
+#include "runtime/connection/pose_connection.h"
 #include "runtime/device/device.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/device/pose_device.h"
 #include "runtime/session/session_options.h"
 #include "runtime/simulation/hand.h"
 
@@ -23,13 +26,15 @@ inline constexpr std::string_view kDefaultDevice = "inproc";
 struct OpenDeviceOptions {
   const Scene& scene;      ///< the scene's hand holds a simulated device
   std::string scene_name;  ///< name of the scene in error messages
-  const DeviceDescription& description;
+  const AnyDeviceDescription& description;
   std::filesystem::path key_file;  ///< key of the link to a device process
-  bool is_simulated = false;       ///< a device process is known to have no motors
+  bool is_simulated = false;       ///< a device process or a service is known to have no motors
   Clock clock = Clock::kReal;      ///< the session's clock
   double rate_Hz = 1000;           ///< the session's rate
   UnscriptedHand* hand =
       nullptr;  ///< moves the scene's hand, if that is live; must outlive the device
+  SayLine
+      say;  ///< takes what a device of another maker has to say, one line each; not on the haptic thread
 };
 
 /// True if the device may have motors. Only the device in the process is known to be simulated; a device process is
@@ -40,18 +45,47 @@ bool may_have_motors(std::string_view uri);
 /// but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
+/// Returns the name of the built-in description of a pose device (pose_session.h) that belongs to a URI; empty: the URI is that of
+/// the four-legged device, or its description must be given.
+std::string_view built_in_description(std::string_view uri);
+/// Like built_in_description(), but asks the device, so that the description says whether its handle's orientation is measured.
+/// Blocks up to kOpenTimeout_s. Errors: those of the device's PoseConnection::open().
+Result<std::string> find_built_in_description(std::string_view uri);
+/// The kinds of description that a URI needs.
+enum class DescriptionKind : std::uint8_t {
+  kAny,        ///< the simulated device in the process is either
+  kFourLegs,   ///< encoders and motors
+  kPoseDevice  ///< a device that measures its own pose
+};
+DescriptionKind description_kind(std::string_view uri);
+
 /// A device ready for start(), or for the first tick of a replay.
 struct OpenedDevice {
-  std::unique_ptr<Device> encoders_and_motors;
-  std::unique_ptr<HandDevice> device;  ///< uses the encoders and motors
+  std::unique_ptr<Device> encoders_and_motors;  ///< set for the four-legged device
+  std::unique_ptr<PoseDevice> pose_device;      ///< set for a device that measures its own pose
+  std::unique_ptr<HandDevice> device;           ///< uses one of these two
 };
 
 /// Makes the four-legged device of these encoders and motors.
 OpenedDevice make_four_legs(const DeviceDescription& description,
                             std::unique_ptr<Device> encoders_and_motors);
 
+/// Makes the hand device of this pose device, which lies in the scene as pose_frame() says.
+OpenedDevice make_pose_hand(const PoseDeviceDescription& description, const Scene& scene,
+                            std::unique_ptr<PoseDevice> pose_device);
+
+/// Makes the simulated device of this description, held by the scene's hand, which is not live. Errors: (refused) the
+/// device cannot be where the hand begins.
+Result<std::shared_ptr<HandDevice>> simulate_device(const Scene& scene,
+                                                    const AnyDeviceDescription& description);
+
+/// Makes the specification of a device of this description, lying in the scene.
+std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescription& description,
+                                                        const Scene& scene);
+
 /// Opens the device of a URI. Errors: those of check_device_uri() and
-/// of the device; (bug) the scene's hand is live, and there is no OpenDeviceOptions::hand, or the reverse.
+/// of the device; (usage) the description is not of the device's kind; (bug) the scene's hand is live, and there is no
+/// OpenDeviceOptions::hand, or the reverse.
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// Returns the help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT:

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/devices/simulated_hand.h"
 
-#include <numbers>
+#include <Eigen/Geometry>
+#include <functional>
+#include <vector>
+
+#include "runtime/contact/tool.h"
+#include "runtime/devices/scene_hand.h"
 
 namespace trocar::runtime {
 namespace {
@@ -17,34 +22,6 @@ Result<SimulatedDevice> make(const Scene& scene, const DeviceDescription& descri
 
 }  // namespace
 
-HandTrajectory hand_trajectory(const Scene& scene) {
-  HandTrajectory trajectory;
-  for (const TipKeyframe& keyframe : scene.hand.trajectory) {
-    HandKeyframe frame;
-    frame.t_s = keyframe.t_s;
-    frame.T_device_tool.p_m = Eigen::Vector3d(keyframe.tip_m.data());
-    frame.T_device_tool.q = from_rotation_vector(Eigen::Vector3d(keyframe.rotation_deg.data()) *
-                                                 (std::numbers::pi / 180));
-    trajectory.keyframes.push_back(frame);
-  }
-  return trajectory;
-}
-
-HandImpedance hand_impedance(const SceneHand& hand) {
-  HandImpedance impedance = hand.grip == HandGrip::kLight   ? light_grip()
-                            : hand.grip == HandGrip::kStiff ? stiff_grip()
-                                                            : HandImpedance{};
-  impedance.stiffness_N_per_m = hand.stiffness_N_per_m.value_or(impedance.stiffness_N_per_m);
-  impedance.damping_Ns_per_m = hand.damping_N_s_per_m.value_or(impedance.damping_Ns_per_m);
-  impedance.rotational_stiffness_Nm_per_rad =
-      hand.rotation_stiffness_Nm_per_rad.value_or(impedance.rotational_stiffness_Nm_per_rad);
-  impedance.rotational_damping_Nms_per_rad =
-      hand.rotation_damping_Nm_s_per_rad.value_or(impedance.rotational_damping_Nms_per_rad);
-  impedance.mass_kg = hand.mass_kg.value_or(impedance.mass_kg);
-  impedance.let_go_t_s = hand.let_go_t_s.value_or(impedance.let_go_t_s);
-  return impedance;
-}
-
 Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description,
                                               const std::optional<MechanicsOptions>& mechanics) {
@@ -55,6 +32,27 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description,
                                               UnscriptedHand& hand) {
   return make(scene, description, std::ref(hand), std::nullopt);
+}
+
+PoseFrame pose_frame(const PoseDeviceDescription& description, const Scene& scene) {
+  const std::vector<HandKeyframe> path = hand_trajectory(scene).keyframes;
+  if (path.empty()) return {description, Pose{}};
+  const Tool tool = make_tool(scene.tool);
+  Eigen::AlignedBox3d box;
+  for (const HandKeyframe& each : path)
+    box.extend(each.T_device_tool.p_m - each.T_device_tool.q * tool.tip_plate_m);
+  return {description, Pose{box.center(), path.front().T_device_tool.q}};
+}
+
+Result<SimulatedPoseDevice> make_simulated_pose_device(const Scene& scene,
+                                                       const PoseDeviceDescription& description,
+                                                       UnscriptedHand* hand) {
+  Pose T_plate_tool;
+  T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
+  const HandMotion motion =
+      hand != nullptr ? HandMotion(std::ref(*hand)) : HandMotion(hand_trajectory(scene));
+  return SimulatedPoseDevice::make(description, pose_frame(description, scene), motion,
+                                   hand_impedance(scene.hand), T_plate_tool);
 }
 
 }  // namespace trocar::runtime

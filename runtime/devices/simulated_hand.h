@@ -6,17 +6,12 @@
 #include <optional>
 
 #include "formats/base/result.h"
-#include "formats/session/device_description.h"
+#include "formats/session/pose_device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/simulation/simulated_device.h"
+#include "runtime/simulation/simulated_pose_device.h"
 
 namespace trocar::runtime {
-
-/// Returns the path along which the scene's hand pulls the tool's tip.
-HandTrajectory hand_trajectory(const Scene& scene);
-
-/// Returns the impedance of the scene's hand.
-HandImpedance hand_impedance(const SceneHand& hand);
 
 /// Makes the simulated device, held by the scene's hand at the hand's first keyframe. If there are
 /// no `mechanics`, the light model is used.
@@ -28,5 +23,14 @@ Result<SimulatedDevice> make_simulated_device(
 Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description,
                                               UnscriptedHand& hand);
+
+/// Returns where a pose device lies in a scene: the middle of its workspace is the middle of the box around the plate's path by
+/// the scene's hand.
+PoseFrame pose_frame(const PoseDeviceDescription& description, const Scene& scene);
+
+/// Makes a simulated pose device, held by the scene's hand, or moved by `hand` if that is not null. `hand` must outlive the device.
+Result<SimulatedPoseDevice> make_simulated_pose_device(const Scene& scene,
+                                                       const PoseDeviceDescription& description,
+                                                       UnscriptedHand* hand);
 
 }  // namespace trocar::runtime

@@ -55,7 +55,7 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option("--record", a.record,
                    "write a recording: CSV, one row per tick; its name ends in .partial until it\n"
                    "is complete");
-  recording.option("--summary", a.summary, "write a summary of the session: JSON");
+  recording.option("--summary", a.summary, "write a summary of the session, or of --test: JSON");
   recording.option(
       "--session-report", a.session_report,
       "write a report for the debriefing, NAME.html, and the same figures, NAME.json:\n"
@@ -76,6 +76,12 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   safety.option("--stiffness-limit", a.stiffness_limit_N_per_m,
                 "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
                 "with the force law cutting (default: what the device states)");
+  safety.option("--force-limit", a.force_limit_N,
+                "largest force that a device that measures its own pose gets, 0.01 to 1000 N\n"
+                "(default: its description's)");
+  safety.option("--force-scale", a.force_scale,
+                "factor on the tissue's forces, 0.001 to 10, instead of the scene's (default for\n"
+                "a device that is weaker than the scene's tissue: what fits it)");
   safety.option("--late-ticks-in-row", a.late_ticks_in_row,
                 "raise a fault after this many consecutive missed deadlines; 0: never\n"
                 "(default: 3 for a device with motors; a simulated device is not harmed by late\n"
@@ -229,6 +235,10 @@ Result<void> check_run_arguments(const RunArguments& a) {
   if (a.stiffness_limit_N_per_m &&
       !(*a.stiffness_limit_N_per_m >= 10 && *a.stiffness_limit_N_per_m <= 1e8))
     return usage("--stiffness-limit: must be within 10 and 100000000 N/m");
+  if (a.force_limit_N && !(*a.force_limit_N >= 0.01 && *a.force_limit_N <= 1000))
+    return usage("--force-limit: must be within 0.01 and 1000 N");
+  if (a.force_scale && !(*a.force_scale >= 1e-3 && *a.force_scale <= 10))
+    return usage("--force-scale: must be within 0.001 and 10");
   if (a.simulated && !may_have_motors(a.device))
     return usage("--simulated: is for a device process; " + a.device + " is always simulated");
   if (a.strict && !a.check) return usage("--strict: is for --check");

@@ -35,6 +35,7 @@ struct RunArguments {
   std::string record, summary, session_report, meshes, frames, hand_path;
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
+  std::optional<double> force_limit_N, force_scale;
   /// None: the default for the device, kDefaultLateTicks or any number.
   std::optional<int> late_ticks_in_row;
   int cpu = -1;

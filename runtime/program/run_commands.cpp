@@ -5,6 +5,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
@@ -12,12 +13,14 @@
 #include "formats/asset/one_sheet.h"
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 #include "formats/session/procedures.h"
 #include "runtime/checking/device_trial.h"
 #include "runtime/checking/new_scene.h"
 #include "runtime/checking/scene_check.h"
 #include "runtime/devices/live_hand.h"
 #include "runtime/devices/open_device.h"
+#include "runtime/devices/pose_session.h"
 #include "runtime/devices/replay_device.h"
 #include "runtime/program/session_inputs.h"
 #include "runtime/program/session_messages.h"
@@ -29,24 +32,34 @@
 namespace trocar::runtime {
 namespace {
 
+/// Prints what a device of another maker has to say, also while the session runs.
+void say_line(const std::string& line) {
+  std::fprintf(stderr, "trocar-run: %s\n", line.c_str());
+}
+
 /// Runs the session. `hand`: the scene's live hand, or null. `link` receives the report of the device's link, if there is one.
 Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& inputs,
                           Remesher& remesher, LiveHand* hand, SessionOptions& options,
                           std::optional<LinkReport>& link) {
   if (!inputs.replay.empty()) {
     const OpenedDevice replayed =
-        make_four_legs(inputs.description, std::make_unique<ReplayDevice>(inputs.replay));
+        inputs.pose_device
+            ? make_pose_hand(*inputs.pose_device, inputs.scene,
+                             std::make_unique<ReplayPoseDevice>(inputs.replay))
+            : make_four_legs(inputs.description, std::make_unique<ReplayDevice>(inputs.replay));
     return run_session(
-        inputs.scene, inputs.description, remesher, *replayed.device, [](double) {}, options);
+        inputs.scene, remesher, *replayed.device, [](double) {}, options);
   }
+  const AnyDeviceDescription description = inputs.device();
   Result<OpenedDevice> opened = open_device(arguments.device, {.scene = inputs.scene,
                                                                .scene_name = arguments.scene,
-                                                               .description = inputs.description,
+                                                               .description = description,
                                                                .key_file = arguments.key_file,
                                                                .is_simulated = arguments.simulated,
                                                                .clock = options.clock,
                                                                .rate_Hz = options.rate_Hz,
-                                                               .hand = hand});
+                                                               .hand = hand,
+                                                               .say = say_line});
   if (!opened) return opened.error();
   HandDevice& device = *opened->device;
   // A lock-step drive waits for the loop.
@@ -54,7 +67,7 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
   // Workers are made before start(), because a drive behind a link ends a session in which
   // no tick comes.
   Result<SessionWorkers> workers =
-      make_workers(inputs.scene, inputs.description, device.specification(), remesher, options);
+      make_workers(inputs.scene, device.specification(), remesher, options);
   if (!workers) return workers.error();
   if (Result<void> started = device.start(); !started) return started.error();
   std::optional<Progress> progress;
@@ -92,16 +105,16 @@ Result<void> check_hand_options(const RunArguments& arguments, const Scene& scen
   return {};
 }
 
-/// Makes the scene's hand, if it is live.
+/// Makes the scene's hand, if it is live. `device` must outlive it.
 Result<std::unique_ptr<LiveHand>> make_live_hand(const RunArguments& arguments,
                                                  const SessionInputs& inputs,
+                                                 const DeviceSpecification& device,
                                                  const SessionOptions& options) {
   if (!inputs.scene.hand.live || !options.replay.empty()) return std::unique_ptr<LiveHand>();
-  const Result<LiveHandLimits> limits =
-      live_hand_limits(inputs.scene, inputs.description, options.limits);
+  const Result<LiveHandLimits> limits = live_hand_limits(inputs.scene, device, options.limits);
   if (!limits) return Error{limits.error().code, arguments.scene + ": " + limits.error().message};
   return std::make_unique<LiveHand>(
-      *limits, make_tool(inputs.scene.tool), inputs.description, options.limits,
+      *limits, make_tool(inputs.scene.tool), device, options.limits,
       TargetPath(arguments.hand_path.empty() ? 0 : options.duration_s));
 }
 
@@ -146,6 +159,11 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
     options.stiffness.margin = stated_stiffness_margin(inputs.replay_origin);
     if (allows_any_state_gap(inputs.replay_origin)) options.limits.gap_max_s = 0;
   }
+  if (inputs.pose_device) {
+    if (const auto stated = stated_pose_device(inputs.replay_origin))
+      options.stiffness.margin = stated->stiffness_margin;
+    set_pose_device_options(*inputs.pose_device, inputs.scene, options);
+  }
   return options;
 }
 
@@ -161,6 +179,11 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
     options.origin.entries.emplace_back(
         "procedure",
         arguments.procedure + "/" + (arguments.strength.empty() ? "median" : arguments.strength));
+  if (inputs.pose_device)
+    state_pose_device(inputs.pose_device_origin, *inputs.pose_device, inputs.scene, options,
+                      options.origin);
+  else if (arguments.force_scale)
+    options.origin.entries.emplace_back("force-scale", origin_number(*arguments.force_scale));
   if (inputs.replay.empty()) return {};
   const Result<std::string> warning =
       check_replay(inputs.replay_origin, options.origin, arguments.replay);
@@ -180,10 +203,35 @@ TelemetryOptions telemetry_options(const RunArguments& arguments, const SessionI
   return telemetry;
 }
 
+/// Height of the tip at which a scene for a pose device is proposed.
+constexpr double kProposedMiddle_m = 0.15;
+
+/// Returns the device for checks of a scene. The arguments must outlive the result.
+DeviceToCheck to_check(const DeviceSpecification& specification,
+                       const AnyDeviceDescription& description) {
+  return {specification,
+          [&description](const Scene& scene) { return simulate_device(scene, description); }};
+}
+
+/// Returns the document of formats/session/device_test.schema.json.
+std::string summarize(const DeviceVerdict& verdict, const std::string& sentence,
+                      const std::string& device) {
+  const nlohmann::json summary = {{"schema", "trocar.device-test/1"},
+                                  {"program", "trocar-run " TROCAR_VERSION},
+                                  {"device", device},
+                                  {"holds", verdict.troubles.empty()},
+                                  {"verdict", sentence},
+                                  {"troubles", verdict.troubles},
+                                  {"numbers", verdict.text}};
+  return json_text(summary, 2) + "\n";
+}
+
 int check_inputs(const RunArguments& arguments, const SessionInputs& inputs,
-                 const SessionOptions& options) {
-  const Result<SceneCheck> checked = check_scene(inputs.scene, inputs.description, inputs.sheets,
-                                                 inputs.tissues, inputs.bytes, options);
+                 const DeviceSpecification& device, const SessionOptions& options) {
+  const AnyDeviceDescription description = inputs.device();
+  const Result<SceneCheck> checked =
+      check_scene(inputs.scene, to_check(device, description), inputs.sheets, inputs.tissues,
+                  inputs.bytes, options);
   if (!checked) return fail(checked.error());
   if (!arguments.quiet) std::fputs(checked->text.c_str(), stdout);
   for (const std::string& warning : checked->warnings)
@@ -204,13 +252,16 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
     return fail(good.error());
   Result<SessionOptions> options = session_options(arguments, *inputs, recover);
   if (!options) return fail(options.error());
-  if (arguments.check) return check_inputs(arguments, *inputs, *options);
+  const auto specification = make_specification(inputs->device(), inputs->scene);
+  const DeviceSpecification& device = *specification;
+  if (arguments.check) return check_inputs(arguments, *inputs, device, *options);
   const std::optional<std::string> unfitting = warn_of_unfitting(inputs->scene, inputs->tissues);
   if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
   if (const auto done = set_origin(arguments, *inputs, *options); !done) return fail(done.error());
   if (!arguments.live.empty()) options->telemetry = telemetry_options(arguments, *inputs);
 
-  const Result<std::unique_ptr<LiveHand>> hand = make_live_hand(arguments, *inputs, *options);
+  const Result<std::unique_ptr<LiveHand>> hand =
+      make_live_hand(arguments, *inputs, device, *options);
   if (!hand) return fail(hand.error());
   options->hand = hand->get();
   if (*hand && options->telemetry)
@@ -242,19 +293,27 @@ int explain_procedures(const RunArguments& arguments) {
 }
 
 int test_device(const RunArguments& arguments) {
-  const Result<DeviceDescription> description = read_description(arguments.description);
+  const OutputFile outputs[] = {{"--summary", arguments.summary}};
+  const std::filesystem::path inputs[] = {arguments.key_file, arguments.description};
+  if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
+  const Result<AnyDeviceDescription> description =
+      read_description(arguments.description, arguments.device);
   if (!description) return fail(description.error());
   DeviceTrialOptions options;
   options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
   options.duration_s = arguments.duration_s.value_or(options.duration_s);
   options.cpu = arguments.cpu;
+  options.is_simulated = arguments.simulated;
   options.stop = &stop_requested;
   const Scene no_scene;
-  const Result<OpenedDevice> opened = open_device(arguments.device, {.scene = no_scene,
-                                                                     .scene_name = "--test",
-                                                                     .description = *description,
-                                                                     .key_file = arguments.key_file,
-                                                                     .rate_Hz = options.rate_Hz});
+  const Result<OpenedDevice> opened =
+      open_device(arguments.device, {.scene = no_scene,
+                                     .scene_name = "--test",
+                                     .description = *description,
+                                     .key_file = arguments.key_file,
+                                     .is_simulated = arguments.simulated,
+                                     .rate_Hz = options.rate_Hz,
+                                     .say = say_line});
   if (!opened) return fail(opened.error());
   std::printf(
       "The device gets no force for %.3g s. Hold the tool if the device does not carry itself.\n",
@@ -263,11 +322,18 @@ int test_device(const RunArguments& arguments) {
   const Result<DeviceTrial> trial = try_device(*opened->device, options);
   if (!trial) return fail(trial.error());
   const DeviceVerdict verdict = describe(*trial, options, opened->device->specification());
+  const std::string sentence = verdict.troubles.empty()
+                                   ? "A session at this rate should hold."
+                                   : "A session at this rate will not hold well.";
   std::fputs(verdict.text.c_str(), stdout);
   for (const std::string& trouble : verdict.troubles)
     std::printf("trouble: %s\n", trouble.c_str());
-  std::printf("%s\n", verdict.troubles.empty() ? "A session at this rate should hold."
-                                               : "A session at this rate will not hold well.");
+  std::printf("%s\n", sentence.c_str());
+  if (!arguments.summary.empty()) {
+    const auto written =
+        write_file_atomically(arguments.summary, summarize(verdict, sentence, arguments.device));
+    if (!written) return fail(written.error());
+  }
   return verdict.troubles.empty() ? 0 : static_cast<int>(ExitCode::kDeviceFault);
 }
 
@@ -275,7 +341,8 @@ int make_new_scene(const RunArguments& arguments) {
   const OutputFile outputs[] = {{"-o", arguments.output}};
   const std::filesystem::path inputs[] = {arguments.new_scene, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
-  const Result<DeviceDescription> description = read_description(arguments.description);
+  const Result<AnyDeviceDescription> description =
+      read_description(arguments.description, arguments.device);
   if (!description) return fail(description.error());
   Result<Asset> asset = read_asset(arguments.new_scene);
   if (!asset) return fail(asset.error());
@@ -285,8 +352,21 @@ int make_new_scene(const RunArguments& arguments) {
   options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
+  Scene
+      middle;  // a pose device lies around the middle of the scene's path, which is proposed around this place
+  middle.hand.trajectory = {{0, {0, 0, kProposedMiddle_m}, {}}};
+  const auto specification = make_specification(*description, middle);
+  DeviceToCheck device = to_check(*specification, *description);
+  if (const auto* pose_device = std::get_if<PoseDeviceDescription>(&*description)) {
+    device.set_options = [pose_device, initial = options](const Scene& scene, SessionOptions& set) {
+      set.coupling = initial.coupling;
+      set_pose_device_options(*pose_device, scene, set);
+    };
+    device.set_options(middle, options);
+    options.coupling.on = arguments.coupling_N_per_m.has_value();
+  }
   const Result<NewScene> made =
-      propose_scene(*asset, arguments.new_scene, arguments.output, *description, options,
+      propose_scene(*asset, arguments.new_scene, arguments.output, device, options,
                     arguments.live_hand ? NewSceneHand::kLive : NewSceneHand::kScripted);
   if (!made) return fail(made.error());
   if (const auto written = write_file_atomically(arguments.output, made->json); !written)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/session_inputs.h"
 
+#include <cstdio>
 #include <filesystem>
 #include <string>
 #include <utility>
@@ -9,6 +10,8 @@
 #include "formats/asset/one_sheet.h"
 #include "formats/session/procedures.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
+#include "runtime/devices/pose_session.h"
+#include "runtime/session/origin.h"
 
 namespace trocar::runtime {
 namespace {
@@ -51,11 +54,86 @@ Result<AssetPart> load_asset(const RunArguments& arguments, const Scene& scene) 
       part.error().message + (is_missing ? " (the scene's asset; --asset names another)" : "")};
 }
 
+/// Loads the description of the session's device. A scene's own description does not replace the built-in one of a device of another
+/// maker; the command line's does.
+Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
+  std::string built_in(built_in_description(arguments.device));
+  if (const auto stated = stated_pose_device(inputs.replay_origin)) {
+    built_in = stated->built_in.value_or("");
+  } else if (!built_in.empty() && !arguments.check && arguments.description.empty()) {
+    const Result<std::string> found = find_built_in_description(arguments.device);
+    if (!found) return found.error();
+    built_in = *found;
+  }
+  const bool uses_file =
+      inputs.scene.device && (!arguments.description.empty() || built_in.empty());
+  if (uses_file) {
+    const std::string file = inputs.scene.device->string();
+    Result<AnyDeviceDescription> read = read_any_device_description(file);
+    if (!read) return read.error();
+    if (auto* legs = std::get_if<DeviceDescription>(&*read)) {
+      inputs.description = std::move(*legs);
+      return {};
+    }
+    const Result<std::string> digest = digest_of(file);
+    if (!digest) return digest.error();
+    inputs.pose_device = std::move(*std::get_if<PoseDeviceDescription>(&*read));
+    inputs.pose_device_origin = *digest;
+  } else if (!built_in.empty()) {
+    Result<PoseDeviceDescription> made = built_in_pose_device(built_in);
+    if (!made) return made.error();
+    inputs.pose_device = std::move(*made);
+    inputs.pose_device_origin = "built-in/" + built_in;
+  }
+  inputs.description = default_device_description();
+  return {};
+}
+
+/// Sets the largest force and the force scale: those of a recording that is replayed, those of the command line, or what fits the device.
+Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
+  double& scale = inputs.scene.force_law.force_scale;
+  scale = arguments.force_scale.value_or(scale);
+  if (!inputs.pose_device) {
+    if (arguments.force_limit_N)
+      return usage("--force-limit: is for a device that measures its own pose");
+    return {};
+  }
+  PoseDeviceDescription& device = *inputs.pose_device;
+  if (const auto stated = stated_pose_device(inputs.replay_origin)) {
+    scale = stated->force_scale;
+    device.force_max_N = stated->force_max_N;
+    return {};
+  }
+  if (arguments.force_limit_N) {
+    const bool is_stated = !inputs.pose_device_origin.starts_with("built-in/");
+    if (is_stated && *arguments.force_limit_N > device.force_max_N)
+      return usage("--force-limit: is above the force_max_N of the device description");
+    device.force_max_N = *arguments.force_limit_N;
+  }
+  if (arguments.force_scale) return {};
+  const double rate_Hz = arguments.rate_Hz.value_or(inputs.scene.rate_Hz.value_or(kDefaultRate_Hz));
+  const Result<double> fitting = fitting_force_scale(device, inputs.scene, inputs.sheets, rate_Hz);
+  if (!fitting) return fitting.error();
+  if (*fitting < scale && !arguments.quiet)
+    std::fprintf(stderr,
+                 "trocar-run: note: %s gets at most %.4g N, and the scene's tissue resists with up "
+                 "to %.3g N: forces "
+                 "are rendered at %.3g of their size (--force-scale)\n",
+                 device.name.c_str(), device.force_max_N, device.force_max_N / *fitting, *fitting);
+  scale = *fitting;
+  return {};
+}
+
 }  // namespace
 
-Result<DeviceDescription> read_description(const std::filesystem::path& file) {
-  if (file.empty()) return default_device_description();
-  return read_device_description(file.string());
+Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
+                                              std::string_view uri) {
+  if (!file.empty()) return read_any_device_description(file.string());
+  const std::string_view built_in = built_in_description(uri);
+  if (built_in.empty()) return AnyDeviceDescription(default_device_description());
+  Result<PoseDeviceDescription> made = built_in_pose_device(built_in);
+  if (!made) return made.error();
+  return AnyDeviceDescription(std::move(*made));
 }
 
 Result<SessionInputs> load_inputs(const RunArguments& arguments) {
@@ -66,9 +144,13 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   if (inputs.scene.force_law.kind == ForceLawKind::kCutting)
     if (const auto resolved = resolve_layers(inputs.scene); !resolved)
       return refused(arguments.scene + ": " + resolved.error().message);
-  Result<DeviceDescription> description = read_description(inputs.scene.device.value_or(""));
-  if (!description) return description.error();
-  inputs.description = std::move(*description);
+  if (!arguments.replay.empty()) {
+    Result<std::vector<RecordingRow>> rows =
+        read_recording(arguments.replay, &inputs.replay_origin);
+    if (!rows) return rows.error();
+    inputs.replay = std::move(*rows);
+  }
+  if (const auto loaded = load_device(arguments, inputs); !loaded) return loaded.error();
 
   Result<AssetPart> part = load_asset(arguments, inputs.scene);
   if (!part) return part.error();
@@ -82,12 +164,7 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   inputs.tissues = choose_tissues(inputs.scene, part->asset);
   inputs.bytes = {part->file_bytes, part->read_bytes, part->asset_slices};
 
-  if (!arguments.replay.empty()) {
-    Result<std::vector<RecordingRow>> rows =
-        read_recording(arguments.replay, &inputs.replay_origin);
-    if (!rows) return rows.error();
-    inputs.replay = std::move(*rows);
-  }
+  if (const auto fitted = fit_forces(arguments, inputs); !fitted) return fitted.error();
   return inputs;
 }
 

@@ -9,7 +9,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "runtime/devices/pose_margins.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/devices/scene_hand.h"
 #include "runtime/reporting/material_section.h"
 #include "runtime/reporting/summary.h"
 

@@ -11,11 +11,14 @@
 #include <optional>
 #include <string>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 #include "formats/base/command_line.h"
 #include "formats/base/json_text.h"
 #include "formats/base/option_range.h"
 #include "runtime/console/server.h"
+#include "runtime/devices/open_device.h"
 #include "runtime/program/library_versions.h"
 
 namespace trocar::runtime {
@@ -24,7 +27,8 @@ namespace {
 constexpr const char* kName = "trocar-console";
 
 struct Arguments {
-  std::string folder, listen = "127.0.0.1", attach, page, device = "inproc";
+  std::string folder, listen = "127.0.0.1", attach, page;
+  std::vector<std::string> devices;
   std::string recording, against, scene, start;
   int port = 4841;
   std::optional<double> stiffness_limit_N_per_m;
@@ -50,10 +54,12 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "show and command the session of trocar-run --live FILE instead of starting\n"
                  "sessions");
   app.add_option(
-         "--device", arguments.device,
-         "device of a session if the page names none. inproc: simulated in trocar-run; sim:\n"
-         "trocar-device-sim as a separate process (default: inproc)")
-      ->check(CLI::IsMember({"inproc", "sim"}));
+         "--device", arguments.devices,
+         "a device that the page may choose for a session; repeat it for several. inproc:\n"
+         "simulated in trocar-run; sim: trocar-device-sim as a separate process; or a device of\n"
+         "trocar-run --device, with its options: URI[,key-file=FILE][,device-description=FILE]\n"
+         "[,simulated]. The first is the default; if none is given, it is inproc alone")
+      ->allow_extra_args(false);
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");
   app.add_option("--page", arguments.page,
@@ -84,6 +90,37 @@ Result<void> check_arguments(const Arguments& a) {
   if (!plays && a.folder.empty())
     return usage("FOLDER is missing; or name a recording by --recording");
   return {};
+}
+
+Result<void> check_device(const DeviceChoice& device) {
+  const std::string shown = "--device " + device.name;
+  const bool has_key = device.has("--key-file");
+  if (device.name == kSimulator) {
+    if (!device.words.empty()) return usage(shown + ": takes no options");
+    return {};
+  }
+  const Result<void> known = check_device_uri(device.name, has_key);
+  if (!known && check_device_uri(device.name, !has_key))
+    return usage(shown + (has_key ? ": takes no key-file" : ": needs ,key-file=FILE"));
+  if (!known) return usage(known.error().message + " or sim");
+  if (device.has("--simulated") && !may_have_motors(device.name))
+    return usage(shown + ": is always simulated");
+  return {};
+}
+
+// Returns the devices of the command line; inproc if it names none.
+Result<std::vector<DeviceChoice>> devices_of(const Arguments& arguments) {
+  std::vector<DeviceChoice> devices;
+  for (const std::string& text : arguments.devices) {
+    Result<DeviceChoice> device = parse_device_choice(text);
+    if (!device) return device.error();
+    if (const auto good = check_device(*device); !good) return good.error();
+    for (const DeviceChoice& each : devices)
+      if (each.name == device->name) return usage("--device " + each.name + ": is given twice");
+    devices.push_back(std::move(*device));
+  }
+  if (devices.empty()) devices.emplace_back();
+  return devices;
 }
 
 // Returns the folder of the sessions; empty: sessions/ in FOLDER itself. Folders that are installed
@@ -117,7 +154,9 @@ int run_command_line(int argc, char** argv) {
   settings.port = static_cast<std::uint16_t>(arguments.port);
   std::error_code error;
   settings.session.programs = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  settings.session.device = arguments.device;
+  Result<std::vector<DeviceChoice>> devices = devices_of(arguments);
+  if (!devices) return fail(devices.error());
+  settings.session.devices = std::move(*devices);
   settings.session.stiffness_limit_N_per_m = arguments.stiffness_limit_N_per_m;
   settings.session.attach = arguments.attach;
   const bool plays = !arguments.recording.empty();

@@ -225,7 +225,7 @@ def mistakes_in_scene(document, schema):
     yield from mutations(document, schema)
     law = next(one for one in schema["properties"]["force_law"]["oneOf"]
                if one["properties"]["kind"]["const"] == document["force_law"]["kind"])
-    for reason, changed in mutations(document["force_law"], law):
+    for reason, changed in mutations(document["force_law"], {**law, "$defs": schema["$defs"]}):
         yield f"/force_law{reason}", {**document, "force_law": changed}
     yield "has both or none of slices and body", (
         {**document, "slices": [{"index": 15, "z_m": 0.12}]} if "body" in document else

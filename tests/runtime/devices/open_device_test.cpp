@@ -4,12 +4,14 @@
 
 #include <gtest/gtest.h>
 
+#include "runtime/devices/pose_session.h"
+
 namespace trocar::runtime {
 namespace {
 
 struct Opened {
   Scene scene;
-  DeviceDescription description = default_device_description();
+  AnyDeviceDescription description = default_device_description();
   Opened() {
     scene.tool.tip_in_plate_m = {0, 0, 0};
     scene.hand.trajectory = {{0, {0, 0, 0.15}, {}}};
@@ -18,7 +20,8 @@ struct Opened {
     return open_device(uri, {.scene = scene,
                              .scene_name = "scene.json",
                              .description = description,
-                             .key_file = key_file});
+                             .key_file = key_file,
+                             .say = {}});
   }
 };
 
@@ -29,15 +32,21 @@ std::string usage_error(const Result<void>& checked) {
 }
 
 TEST(OpenDevice, HelpNamesEveryUri) {
-  EXPECT_EQ(device_uri_help(),
-            "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"
-            "trocar-device-sim");
+  const std::string help = device_uri_help();
+  EXPECT_TRUE(help.starts_with(
+      "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"
+      "trocar-device-sim; pose:HOST:PORT: "))
+      << help;
+  for (const char* uri : {"haply:[HOST[:PORT]]: ", "forcedimension:[ID]: "})
+    EXPECT_NE(help.find(uri), std::string::npos) << uri;
 }
 
 TEST(OpenDevice, UnknownUrisAreUsageErrors) {
   for (const char* uri : {"", "udp", "inproc:", "inproc:x", "serial:/dev/ttyS0", "UDP:a:1"}) {
     EXPECT_EQ(usage_error(check_device_uri(uri, false)),
-              "--device " + std::string(uri) + ": must be inproc or udp:HOST:PORT");
+              "--device " + std::string(uri) +
+                  ": must be inproc or udp:HOST:PORT or pose:HOST:PORT or haply:[HOST[:PORT]] or "
+                  "forcedimension:[ID]");
     EXPECT_FALSE(Opened().open(uri));
   }
 }
@@ -48,7 +57,27 @@ TEST(OpenDevice, KeyFileIsRequiredForTheLinkOnly) {
   EXPECT_EQ(usage_error(check_device_uri("udp:127.0.0.1:4840", false)),
             "--device udp:127.0.0.1:4840: needs --key-file");
   EXPECT_EQ(usage_error(check_device_uri("inproc", true)),
-            "--key-file: is for --device udp:HOST:PORT only");
+            "--key-file: is for --device udp:HOST:PORT or pose:HOST:PORT only");
+}
+
+TEST(OpenDevice, DescriptionMustBeOfTheDevicesKind) {
+  Opened legs;
+  for (const char* uri : {"haply:", "haply:127.0.0.1:1", "forcedimension:"}) {
+    EXPECT_FALSE(built_in_description(uri).empty());
+    EXPECT_EQ(description_kind(uri), DescriptionKind::kPoseDevice);
+    EXPECT_TRUE(may_have_motors(uri));
+    const auto opened = legs.open(uri);
+    ASSERT_FALSE(opened);
+    EXPECT_EQ(opened.error().code, ExitCode::kUsage);
+    EXPECT_NE(opened.error().message.find("measures its own pose"), std::string::npos);
+  }
+  Opened pose;
+  pose.description = *built_in_pose_device("haply_inverse3");
+  const auto drive = pose.open("udp:127.0.0.1:4840", "key");
+  ASSERT_FALSE(drive);
+  EXPECT_NE(drive.error().message.find("has encoders and motors"), std::string::npos);
+  EXPECT_TRUE(pose.open("inproc"));
+  EXPECT_TRUE(built_in_description("udp:127.0.0.1:4840").empty());
 }
 
 TEST(OpenDevice, SimulatedDeviceIsPacedByTheLoop) {

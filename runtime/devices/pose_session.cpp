@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/devices/pose_session.h"
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "embedded/runtime/device/force_dimension.json.h"
+#include "embedded/runtime/device/haply_inverse3.json.h"
+#include "runtime/devices/simulated_hand.h"
+#include "runtime/force_law/force_law_table.h"
+#include "runtime/pose_device/pose_specification.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr const char* kForceScale = "force-scale";
+constexpr const char* kForceLimit = "force-limit";
+constexpr const char* kDeviceMargin = "device-margin";
+constexpr std::string_view kBuiltIn = "built-in/";
+/// In a bone volume friction on the shaft adds to the force at the tip. With the shipped scene of a vertebra the largest force is 1.39
+/// times the largest at the tip.
+constexpr double kShaftHeadroom = 1.5;
+/// Damping of the virtual coupling over its stiffness, as in CouplingOptions.
+constexpr double kCouplingDamping_s = 5e-4;
+
+struct BuiltIn {
+  std::string_view name, text;
+};
+constexpr std::array kBuiltIns = {BuiltIn{"haply_inverse3", kHaplyInverse3},
+                                  BuiltIn{"force_dimension", kForceDimension}};
+
+}  // namespace
+
+Result<PoseDeviceDescription> built_in_pose_device(std::string_view name) {
+  const bool turns = name.ends_with(kWithRotation);
+  const std::string_view base = turns ? name.substr(0, name.size() - kWithRotation.size()) : name;
+  for (const BuiltIn& each : kBuiltIns) {
+    if (each.name != base) continue;
+    auto device = parse_pose_device_description(each.text, "built-in " + std::string(name));
+    if (device) device->senses_rotation = turns;
+    return device;
+  }
+  return refused("there is no built-in device " + std::string(name));
+}
+
+void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
+                             SessionOptions& options) {
+  const PoseFrame::Box box = pose_frame(description, scene).workspace();
+  SafetyLimits& limits = options.limits;
+  for (std::size_t i = 0; i < 3; ++i) {
+    limits.workspace_min_m[i] = box.min_m[static_cast<Eigen::Index>(i)];
+    limits.workspace_max_m[i] = box.max_m[static_cast<Eigen::Index>(i)];
+  }
+  limits.timing.ramp_s = 0;
+  limits.timing.ramps_at_start = true;
+  if (options.coupling.on || traits_of(scene.force_law.kind).uses_bone_volume) return;
+  const double stated_N_per_m = description.stiffness_max_N_per_m > 0
+                                    ? description.stiffness_max_N_per_m
+                                    : options.coupling.stiffness_N_per_m;
+  const double rendered_N_per_m =
+      std::min(stated_N_per_m / options.stiffness.margin, options.stiffness.most_N_per_m);
+  options.coupling.on = true;
+  options.coupling.stiffness_N_per_m =
+      std::clamp(rendered_N_per_m / scene.force_law.force_scale, 100.0, 1e6);
+  options.coupling.damping_N_s_per_m = kCouplingDamping_s * options.coupling.stiffness_N_per_m;
+}
+
+Result<double> fitting_force_scale(const PoseDeviceDescription& description, const Scene& scene,
+                                   std::span<const std::unique_ptr<const Sheet>> sheets,
+                                   double rate_Hz) {
+  std::vector<const Sheet*> all;
+  for (const auto& sheet : sheets)
+    all.push_back(sheet.get());
+  const PoseSpecification specification(description, pose_frame(description, scene));
+  const auto law = make_force_law({scene, specification, all, rate_Hz, {}, {}});
+  if (!law) return law.error();
+  double most_N = 0;
+  for (std::size_t i = 0; i < all.size(); ++i)
+    most_N = std::max(most_N, (*law)->tip_force(i, *all[i]).threshold_N);
+  if (traits_of(scene.force_law.kind).uses_bone_volume) most_N *= kShaftHeadroom;
+  for (const SceneLayer& layer : scene.layers)
+    most_N = std::max(most_N, layer.puncture_N);
+  if (!(most_N * scene.force_law.force_scale > description.force_max_N))
+    return scene.force_law.force_scale;
+  return description.force_max_N / most_N;
+}
+
+void state_pose_device(const std::string& device, const PoseDeviceDescription& description,
+                       const Scene& scene, const SessionOptions& options, RecordingOrigin& origin) {
+  for (auto& [key, value] : origin.entries)
+    if (key == kOriginDevice) value = device;
+  origin.entries.emplace_back(kOriginDeviceKind, kPoseDeviceKind);
+  origin.entries.emplace_back(kForceLimit, origin_number(description.force_max_N));
+  origin.entries.emplace_back(kForceScale, origin_number(scene.force_law.force_scale));
+  origin.entries.emplace_back(kDeviceMargin, origin_number(options.stiffness.margin));
+}
+
+std::optional<StatedPoseDevice> stated_pose_device(const RecordingOrigin& recorded) {
+  if (!recording_kind(recorded).has_pose_device) return std::nullopt;
+  StatedPoseDevice stated;
+  const std::string* const device = recorded.find(kOriginDevice);
+  if (device != nullptr && device->starts_with(kBuiltIn))
+    stated.built_in = device->substr(kBuiltIn.size());
+  stated.force_scale = recorded.number(kForceScale).value_or(1);
+  stated.force_max_N = recorded.number(kForceLimit).value_or(0);
+  stated.stiffness_margin = recorded.number(kDeviceMargin).value_or(1);
+  return stated;
+}
+
+DeviceStatus ReplayPoseDevice::read(PoseReading& reading) noexcept {
+  if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
+  const RecordingRow& row = rows_[next_++];
+  if (row.device_read != DeviceStatus::kOk) return row.device_read;
+  reading = {row.state_t_s, row.pose_device.p_m, row.pose_device.q, row.pose_device.buttons};
+  return DeviceStatus::kOk;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sessions with devices of other makers, held by the stand-ins of tests/stand_ins: the Haply service in both versions, and Force
+Dimension's SDK.
+
+ 1. A session of each force law ends well; each force at the device is one that the recording has, in its order; the force stays within
+    the device's; the replay is identical to the last bit.
+ 2. After a fault of the device the force is zero in the tick that finds it, at most 10 ms of the loop's time after the last good state,
+    and one clear line says what happened; or the session rides it out.
+
+TROCAR_POSE_DEVICE_S: duration of the sessions of item 1 (default: 4).
+"""
+import csv
+import itertools
+import json
+import os
+import subprocess
+
+import pytest
+from haply_stand_in import StandIn
+from programs import BUILD, run
+
+SECONDS = float(os.environ.get("TROCAR_POSE_DEVICE_S", "4"))
+LAWS = {"hooke": "one_slice", "network": "network_middle", "cutting": "vertebra"}
+HAPLY_MIDDLE_M = (0.0, -0.12, 0.15)
+HAND = ("--hand-stiffness", 1500, "--hand-damping", 30)  # firm enough to break a sheet
+FORCE = ("fx_device_N", "fy_device_N", "fz_device_N")
+
+
+@pytest.fixture(name="asset", scope="module")
+def sample_asset(programs, scan, work):
+    asset = work / "sample.glb"
+    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+    return asset
+
+
+def hand_path(scene_file, seconds, turn=lambda p: p):
+    """The scene's path as keyframes of a hand in the device's frame, stretched to `seconds`: down from above the bone, and back."""
+    keys = json.loads(scene_file.read_text())["hand"]["trajectory"]
+    tips = [key["tip_m"] for key in keys]
+    middle = [(min(axis) + max(axis)) / 2 for axis in zip(*tips)]
+    stretch = 0.8 * seconds / keys[-1]["t_s"]
+    path = [{"t_s": 0.1 * seconds + key["t_s"] * stretch, "offset": turn([a - b for a, b in zip(tip, middle)])}
+            for key, tip in zip(keys, tips)]
+    path.append({"t_s": 0.98 * seconds, "offset": path[0]["offset"]})
+    return path
+
+
+def write_path(file, path, middle):
+    file.write_text(json.dumps([{"t_s": key["t_s"], "position_m": [a + b for a, b in zip(key["offset"], middle)]} for key in path]))
+    return file
+
+
+def recorded(file):
+    with open(file, encoding="ascii", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+def forces_of(row):
+    return tuple(float(row[f"f{axis}_N"]) for axis in "xyz")
+
+
+def without_repeats(forces):
+    return [force for force, _ in itertools.groupby(forces)]
+
+
+def assert_forces_are_recorded(at_device, rows):
+    """Each force that the device got was commanded by a tick, in the ticks' order; zero is also what it gets from a silent loop."""
+    commanded = iter(without_repeats(tuple(float(row[name]) for name in FORCE) for row in rows))
+    got = without_repeats(at_device)
+    missing = [force for force in got if any(force) and not any(force == each for each in commanded)]
+    assert not missing, missing[:3]
+    return len([force for force in got if any(force)])
+
+
+def session(programs, scene, asset, work, uri, *options, expect=(0,), env=None):
+    """(stderr, summary, rows) of a session in real time. With these stand-ins nothing moves, so the device counts as simulated."""
+    summary, record = work / "session.json", work / "session.csv"
+    record.unlink(missing_ok=True)
+    command = [programs / "trocar-run", scene, "--asset", asset, "--device", uri, "--simulated", "--summary", summary,
+               "--record", record, "--black-box", work, *options]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, timeout=SECONDS + 120,
+                          env=dict(os.environ, **(env or {})))
+    print(done.stdout, done.stderr)
+    assert done.returncode in expect, done.stderr
+    return done.stderr, json.loads(summary.read_text()), recorded(record)
+
+
+def steady_session(attempt):
+    """The result of attempt(), which is repeated if the machine stalled for longer than the 10 ms after which the loop stops."""
+    for _ in range(2):
+        result = attempt()
+        if not any(each["fault"] in ("no_data", "link_lost") for each in result[1]["faults"]):
+            return result
+        print("repeated, since it ended with", result[1]["faults"])
+    return attempt()
+
+
+def assert_replays(programs, scene, asset, work, *options):
+    done = run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "session.csv", *options)
+    assert "all torques identical" in done.stdout, done.stdout
+
+
+@pytest.mark.parametrize("law, version", [("hooke", "3.1"), ("network", "3.5"), ("cutting", "3.1"), ("cutting", "3.5")])
+def test_haply_session(programs, source, asset, work, law, version):
+    scene = source / "runtime" / "scenes" / f"{LAWS[law]}.json"
+    path = write_path(work / "path.json", hand_path(scene, SECONDS), HAPLY_MIDDLE_M)
+    gate = ("--force-gate", "0") if version == "3.5" else ()
+    def attempt():
+        with StandIn("--protocol", version, "--path", path, *HAND, *gate) as stand_in:
+            stderr, summary, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", SECONDS,
+                                            expect=(0, 5))
+            return (stderr, summary, rows, *stand_in.stop())
+
+    stderr, summary, rows, totals, log = steady_session(attempt)
+    assert "forces are rendered at" in stderr
+    assert summary["end"] == "done" and summary["punctures"], summary
+    assert 1 < summary["max_force_N"] <= 5 * (1 + 1e-9)
+    forces = [forces_of(row) for row in log]
+    assert assert_forces_are_recorded(forces, rows) > 100
+    assert not any(forces[-1]), "the last force is zero"
+    most = max(float(row["fz_device_N"]) for row in rows)
+    assert abs(max(force[2] for force in forces) - most) <= 0.05 * most
+    assert all(float(row[f"t{axis}_device_Nm"]) == 0 for row in rows for axis in "xyz")
+    print(law, version, totals)
+    assert_replays(programs, scene, asset, work)
+
+
+# What a fault leads to: the fault of the session, or None if it rides it out, and a part of the line that says it. A long message can
+# take so long that no state comes for 10 ms.
+HAPLY_FAULTS = {
+    "silence@0.5": ("no_data", "no data came from the device"),
+    "late@0.5:1": ("no_data", "no data came from the device"),
+    "late@0.5": ("no_data", "no data came from the device"),
+    "garbage@0.5": (None, ""),
+    "garbage@0.5:1": ("link_lost", "haply:"),
+    "truncated@0.5": (None, ""),
+    "truncated@0.5:1": ("link_lost", "haply:"),
+    "binary@0.5": (None, ""),
+    "huge@0.5": (("link_lost", "no_data"), "haply:"),
+    "deep@0.5": ((None, "no_data"), "no data came from the device"),
+    "wrong-types@0.5:1": ("link_lost", "haply:"),
+    "nan@0.5": (None, ""),
+    "nan@0.5:1": ("link_lost", "haply:"),
+    "big-number@0.5": (None, ""),
+    "jump@0.5:0.05": ("encoder_jump", "step of the measured position"),
+    "frozen@0.5:0.03": (None, ""),
+    "other-id@0.5:1": ("link_lost", "haply:"),
+    "removed@0.5:1": ("link_lost", "haply:"),
+    "no-inverse3@0.5:1": ("link_lost", "haply:"),
+    "not-ready@0.5": ("link_lost", "haply:"),
+    "disconnect@0.5": ("link_lost", "haply:"),
+    "close@0.5": ("link_lost", "haply:"),
+    "restart@0.5:0.5": ("link_lost", "haply:"),
+    "twice@0.5": (None, ""),
+}
+
+
+def assert_zero_after_fault(rows, fault):
+    """The force is zero in the tick that finds the fault and after it, at most 10 ticks after the last good state."""
+    at = next(i for i, row in enumerate(rows) if row["fault"] == fault)
+    good = max(i for i in range(at + 1) if rows[i]["device_read"] == "ok")
+    assert at - good <= 10, (good, at)
+    assert all(float(row[name]) == 0 for row in rows[at:] for name in FORCE)
+
+
+@pytest.mark.parametrize("fault", HAPLY_FAULTS)
+def test_haply_fault(programs, source, asset, work, fault):
+    allowed, line = HAPLY_FAULTS[fault]
+    allowed = allowed if isinstance(allowed, tuple) else (allowed,)
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    path = write_path(work / "path.json", hand_path(scene, 2), HAPLY_MIDDLE_M)
+    with StandIn("--force-gate", "0", "--path", path, *HAND, "--fault", fault) as stand_in:
+        stderr, summary, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", 1.5,
+                                        expect={0 if each is None else 5 for each in allowed})
+        _, log = stand_in.stop()
+    faults = [each["fault"] for each in summary["faults"]] or [None]
+    assert len(faults) == 1 and faults[0] in allowed, summary["faults"]
+    if faults[0]:
+        assert_zero_after_fault(rows, faults[0])
+        told = [each for each in stderr.splitlines() if line in each and "was found" not in each and "own filter" not in each]
+        assert len(told) == 1, stderr
+    assert_forces_are_recorded([forces_of(row) for row in log], rows)
+
+
+def test_haply_comes_back(programs, source, asset, work):
+    """With --recover auto a session goes on after a restart of the service, without force until the tool is free."""
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    path = write_path(work / "path.json", hand_path(scene, 6), HAPLY_MIDDLE_M)
+    with StandIn("--force-gate", "0", "--path", path, "--fault", "restart@0.2:0.3") as stand_in:
+        _, summary, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", 5,
+                                   "--recover", "auto")
+    assert summary["end"] == "done"
+    assert {"running", "fault", "recovering"} <= {row["safety"] for row in rows}
+    assert rows[-1]["safety"] == "running"
+    assert_replays(programs, scene, asset, work)
+
+
+def test_haply_grip_turns_the_tool(programs, source, asset, work):
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    path = write_path(work / "path.json", hand_path(scene, 2), HAPLY_MIDDLE_M)
+    with StandIn("--grip", "verse_grip", "--path", path) as stand_in:
+        stderr, _, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", 1)
+    assert "device=built-in/haply_inverse3+rotation" in rows[0]["origin"]
+    assert stderr.count("own filter force_gate") == 1, stderr
+    assert_replays(programs, scene, asset, work)
+
+
+def test_nothing_listens(programs, source, asset, work):
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    done = run(programs / "trocar-run", scene, "--asset", asset, "--device", "haply:127.0.0.1:9", expect=5)
+    assert len(done.stderr.splitlines()) == 1 and "haply:127.0.0.1:9" in done.stderr, done.stderr
+
+
+SDK = BUILD / "stand_ins" / "libdhd_stand_in.so"
+
+
+def sdk(work, **settings):
+    """The environment with which trocar-run finds the stand-in of Force Dimension's SDK."""
+    return {"TROCAR_FORCEDIMENSION_LIBRARY": str(SDK), "TROCAR_DHD_LOG": str(work / "dhd.csv"), **settings}
+
+
+def sdk_path(work, scene, seconds):
+    # The device's x axis lies along the scene's y axis: its frame is turned by 90 degrees.
+    return str(write_path(work / "path.json", hand_path(scene, seconds, lambda p: [p[1], -p[0], p[2]]), (0, 0, 0)))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_force_dimension_session(programs, source, asset, work, law):
+    scene = source / "runtime" / "scenes" / f"{LAWS[law]}.json"
+    env = sdk(work, TROCAR_DHD_PATH=sdk_path(work, scene, SECONDS))
+    _, summary, rows = steady_session(lambda: session(programs, scene, asset, work, "forcedimension:", "--duration", SECONDS,
+                                                      expect=(0, 5), env=env))
+    assert summary["end"] == "done" and summary["punctures"], summary
+    assert 2 < summary["max_force_N"] <= 12 * (1 + 1e-9)
+    log = recorded(work / "dhd.csv")
+    forces = [forces_of(row) for row in log if row["call"].startswith("set_force")]
+    assert assert_forces_are_recorded(forces, rows) > 100
+    assert not any(forces[-1])
+    assert_replays(programs, scene, asset, work)
+
+
+@pytest.mark.parametrize("fault, ends_in", [("silence@0.5", "no_data"), ("late@0.5:1", "no_data"), ("error=6@0.5", "link_lost"),
+                                            ("nan@0.5", "link_lost"), ("jump@0.5", "encoder_jump"),
+                                            ("disconnect@0.5", "link_lost")])
+def test_force_dimension_fault(programs, source, asset, work, fault, ends_in):
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    env = sdk(work, TROCAR_DHD_PATH=sdk_path(work, scene, 2), TROCAR_DHD_FAULT=fault)
+    _, summary, rows = session(programs, scene, asset, work, "forcedimension:", "--duration", 1.5,
+                               expect=(5,), env=env)
+    assert [each["fault"] for each in summary["faults"]] == [ends_in], summary["faults"]
+    assert_zero_after_fault(rows, ends_in)
+
+
+@pytest.mark.parametrize("settings, words", [
+    ({"TROCAR_FORCEDIMENSION_LIBRARY": "/no/such/library.so"}, "TROCAR_FORCEDIMENSION_LIBRARY"),
+    ({"TROCAR_DHD_FAULT": "no_device@0"}, "forcedimension:"),
+    ({"TROCAR_DHD_FAULT": "open_fails@0"}, "forcedimension:"),
+])
+def test_force_dimension_is_not_there(programs, source, asset, work, settings, words):
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    done = run(programs / "trocar-run", scene, "--asset", asset, "--device", "forcedimension:", expect=5,
+               env=dict(os.environ, **sdk(work, **settings)))
+    assert len(done.stderr.splitlines()) == 1 and words in done.stderr, done.stderr

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sessions with a simulated pose device: what it gets, what is recorded, and that a replay gives the same bits.
+#include "runtime/devices/pose_session.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "runtime/devices/open_device.h"
+#include "runtime/devices/simulated_hand.h"
+#include "runtime/pose_device/pose_specification.h"
+#include "runtime/session/session.h"
+#include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+PoseDeviceDescription arm() {
+  PoseDeviceDescription device;
+  device.name = "arm";
+  device.force_max_N = 5;
+  device.stiffness_max_N_per_m = 1000;
+  device.mass_kg = 0.3;
+  device.damping_N_s_per_m = 1;
+  device.position_resolution_m = 1e-5;
+  device.workspace_min_m = {-0.08, -0.08, -0.08};
+  device.workspace_max_m = {0.08, 0.08, 0.08};
+  return device;
+}
+
+Scene scene_of(ForceLawKind kind) {
+  Scene scene;
+  scene.name = "test";
+  scene.slices = {{0, 0.12, {}}};
+  scene.tissue.threshold_N = 20;
+  scene.force_law.kind = kind;
+  scene.hand.trajectory = {{0, {0, 0, 0.14}, {}}, {1.5, {0, 0, 0.1}, {}}, {2, {0, 0, 0.14}, {}}};
+  scene.duration_s = 2;
+  return scene;
+}
+
+TEST(PoseSession, BuiltInDescriptionsAreValid) {
+  for (const char* name : {"haply_inverse3", "force_dimension"}) {
+    const auto device = built_in_pose_device(name);
+    ASSERT_TRUE(device) << device.error().message;
+    EXPECT_FALSE(device->senses_rotation);
+  }
+  EXPECT_EQ(built_in_pose_device("haply_inverse3")->force_max_N, 5);
+  EXPECT_FALSE(built_in_pose_device("other"));
+}
+
+TEST(PoseSession, MiddleOfThePathIsTheMiddleOfTheWorkspace) {
+  Scene scene = scene_of(ForceLawKind::kHooke);
+  scene.tool.tip_in_plate_m = {0, 0, -0.02};
+  PoseReading middle;
+  const Pose plate = pose_frame(arm(), scene).plate(middle);
+  EXPECT_NEAR((plate.p_m - Eigen::Vector3d(0, 0, 0.12 + 0.02)).norm(), 0, 1e-15);
+}
+
+TEST(PoseSession, OptionsAreThoseOfTheDevice) {
+  const Scene scene = scene_of(ForceLawKind::kHooke);
+  SessionOptions options;
+  options.stiffness.margin = kHardwareMargin;
+  set_pose_device_options(arm(), scene, options);
+  EXPECT_EQ(options.limits.timing.ramp_s, 0);
+  EXPECT_TRUE(options.limits.timing.ramps_at_start);
+  EXPECT_NEAR(options.limits.workspace_max_m[2] - options.limits.workspace_min_m[2], 0.16, 1e-15);
+  EXPECT_TRUE(options.coupling.on);
+  EXPECT_NEAR(options.coupling.stiffness_N_per_m, 500, 1e-9) << "half of what is stated";
+  SessionOptions chosen;
+  chosen.coupling = {true, 3000, 4};
+  set_pose_device_options(arm(), scene, chosen);
+  EXPECT_EQ(chosen.coupling.stiffness_N_per_m, 3000) << "the operator's choice stays";
+}
+
+TEST(PoseSession, OriginStatesTheDeviceAndIsReadBack) {
+  const Scene scene = scene_of(ForceLawKind::kHooke);
+  SessionOptions options;
+  options.stiffness.margin = 2;
+  RecordingOrigin origin;
+  origin.entries = {{kOriginDevice, "built-in"}, {"force-law", "hooke"}};
+  EXPECT_FALSE(stated_pose_device(origin));
+  Scene scaled = scene;
+  scaled.force_law.force_scale = 0.1 + 0.2;
+  state_pose_device("built-in/haply_inverse3", arm(), scaled, options, origin);
+  const auto parsed = parse_origin(to_text(origin));
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  const auto stated = stated_pose_device(*parsed);
+  ASSERT_TRUE(stated);
+  EXPECT_EQ(stated->built_in, "haply_inverse3");
+  EXPECT_EQ(stated->force_scale, 0.1 + 0.2);
+  EXPECT_EQ(stated->force_max_N, 5);
+  EXPECT_EQ(stated->stiffness_margin, 2);
+  EXPECT_TRUE(recording_kind(*parsed).has_pose_device);
+}
+
+class PoseSessionTest : public testing::TestWithParam<ForceLawKind> {};
+
+TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
+  Scene scene = scene_of(GetParam());
+  const Asset asset = test::asset_of(test::square_mesh({-5120, -5120}, 1024, 10), 1);
+  auto sheets = place_slices(scene, asset, "test.glb");
+  ASSERT_TRUE(sheets) << sheets.error().message;
+  const auto scale = fitting_force_scale(arm(), scene, *sheets, 1000);
+  ASSERT_TRUE(scale) << scale.error().message;
+  EXPECT_NEAR(*scale, 5.0 / 20, 1e-12);
+  scene.force_law.force_scale = *scale;
+
+  const test::TemporaryFolder folder;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = scene.duration_s;
+  options.record = folder.path() / "session.csv";
+  set_pose_device_options(arm(), scene, options);
+  options.origin.entries = {{kOriginDevice, "built-in"}};
+  state_pose_device("digest", arm(), scene, options, options.origin);
+  const auto run = [&](OpenedDevice opened) {
+    Remesher remesher(*sheets);
+    const PoseSpecification specification(arm(), pose_frame(arm(), scene));
+    auto workers = make_workers(scene, specification, remesher, options);
+    EXPECT_TRUE(workers);
+    HandDevice& device = *opened.device;
+    return run_session(
+        scene, remesher, device, [&](double dt_s) { device.advance(dt_s); }, options,
+        std::move(*workers));
+  };
+  auto simulated = make_simulated_pose_device(scene, arm(), nullptr);
+  ASSERT_TRUE(simulated);
+  const SessionReport report = run(
+      make_pose_hand(arm(), scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated))));
+  EXPECT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
+  EXPECT_EQ(report.punctures.size(), 1U);
+  EXPECT_GT(report.max_force_N, 4);
+  EXPECT_LE(report.max_force_N, 5 * (1 + 1e-12));
+
+  RecordingOrigin origin;
+  const auto rows = read_recording(*options.record, &origin);
+  ASSERT_TRUE(rows) << rows.error().message;
+  EXPECT_TRUE(recording_kind(origin).has_pose_device);
+  double most_N = 0;
+  for (const RecordingRow& row : *rows) {
+    for (std::size_t i = 0; i < 6; ++i) {
+      EXPECT_EQ(row.wrench_delivered[i], row.pose_device.wrench[i]) << "the frames are parallel";
+      EXPECT_TRUE(i < 3 || row.pose_device.wrench[i] == 0);
+    }
+    most_N = std::max(most_N, row.pose_device.wrench[2]);
+  }
+  EXPECT_EQ(most_N, report.max_force_N);
+  // The force rises from zero at the beginning.
+  EXPECT_LT((*rows)[5].authority, 0.1);
+
+  options.record.reset();
+  options.replay = *rows;
+  const SessionReport again =
+      run(make_pose_hand(arm(), scene, std::make_unique<ReplayPoseDevice>(*rows)));
+  EXPECT_EQ(again.ticks, report.ticks);
+  EXPECT_EQ(again.replay_first_difference, -1);
+  // A replay that differs is found.
+  std::vector<RecordingRow> changed = *rows;
+  changed[1000].pose_device.wrench[2] = std::nextafter(changed[1000].pose_device.wrench[2], 100);
+  options.replay = changed;
+  EXPECT_EQ(run(make_pose_hand(arm(), scene, std::make_unique<ReplayPoseDevice>(changed)))
+                .replay_first_difference,
+            1000);
+}
+
+INSTANTIATE_TEST_SUITE_P(SheetLaws, PoseSessionTest,
+                         testing::Values(ForceLawKind::kHooke, ForceLawKind::kNetwork));
+
+/// Fails in one way from a tick on.
+class FailingDevice final : public PoseDevice {
+ public:
+  FailingDevice(SimulatedPoseDevice device, int from,
+                const std::function<DeviceStatus(PoseReading&)>& fail)
+      : device_(std::move(device)), from_(from), fail_(fail) {}
+  DeviceStatus read(PoseReading& reading) noexcept override {
+    const DeviceStatus status = device_.read(reading);
+    return ++tick_ > from_ ? fail_(reading) : status;
+  }
+  DeviceStatus write(const HandleWrench& wrench) noexcept override {
+    written.push_back(wrench);
+    return device_.write(wrench);
+  }
+  void advance(double dt_s) noexcept override { device_.advance(dt_s); }
+  bool is_paced_by_loop() const noexcept override { return true; }
+  std::vector<HandleWrench> written;
+
+ private:
+  SimulatedPoseDevice device_;
+  int from_, tick_ = 0;
+  std::function<DeviceStatus(PoseReading&)> fail_;
+};
+
+TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
+  const Scene scene = [] {
+    Scene made = scene_of(ForceLawKind::kHooke);
+    made.force_law.force_scale = 0.25;
+    return made;
+  }();
+  const Asset asset = test::asset_of(test::square_mesh({-25600, -25600}, 5120, 10), 1);
+  const auto sheets = place_slices(scene, asset, "test.glb");
+  ASSERT_TRUE(sheets);
+  const std::pair<Fault, std::function<DeviceStatus(PoseReading&)>> failures[] = {
+      {Fault::kLinkLost, [](PoseReading&) { return DeviceStatus::kLinkLost; }},
+      {Fault::kNoData, [](PoseReading&) { return DeviceStatus::kNoData; }},
+      {Fault::kEmergencyStop, [](PoseReading&) { return DeviceStatus::kEmergencyStop; }},
+      {Fault::kMotorFault, [](PoseReading&) { return DeviceStatus::kMotorFault; }},
+      {Fault::kEncoderNotFinite,
+       [](PoseReading& r) {
+         r.p_m[0] = NAN;
+         return DeviceStatus::kOk;
+       }},
+      {Fault::kEncoderJump,
+       [](PoseReading& r) {
+         r.p_m[0] += 0.05;
+         return DeviceStatus::kOk;
+       }},
+      {Fault::kWorkspace, [at = 0.0](PoseReading& r) mutable {
+         r.p_m[0] += at += 1e-3;
+         return DeviceStatus::kOk;
+       }}};
+  for (const auto& [fault, fail] : failures) {
+    SessionOptions options;
+    options.clock = Clock::kVirtual;
+    options.duration_s = 2;
+    set_pose_device_options(arm(), scene, options);
+    auto simulated = make_simulated_pose_device(scene, arm(), nullptr);
+    ASSERT_TRUE(simulated);
+    auto failing = std::make_unique<FailingDevice>(std::move(*simulated), 1100, fail);
+    FailingDevice& device = *failing;
+    const OpenedDevice opened = make_pose_hand(arm(), scene, std::move(failing));
+    Remesher remesher(*sheets);
+    int found = -1;
+    auto workers = make_workers(scene, opened.device->specification(), remesher, options);
+    ASSERT_TRUE(workers);
+    const SessionReport report = run_session(
+        scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); },
+        options, std::move(*workers));
+    EXPECT_EQ(report.fault, fault) << to_string(report.fault);
+    for (std::size_t i = 1100; i < device.written.size() && found < 0; ++i)
+      if (std::abs(device.written[i][2]) == 0) found = static_cast<int>(i);
+    ASSERT_GE(found, 0) << to_string(fault);
+    EXPECT_GT(device.written[1099][2], 1) << "there was a force before";
+    const auto at = static_cast<std::size_t>(std::lround(report.fault_t_s * 1000));
+    EXPECT_EQ(device.written.at(at), HandleWrench{}) << to_string(fault);
+    EXPECT_EQ(device.written.back(), HandleWrench{});
+    // On its way out of the workspace the tool leaves the bone.
+    if (fault == Fault::kWorkspace) continue;
+    EXPECT_EQ(static_cast<std::size_t>(found), at) << to_string(fault);
+    EXPECT_LE(found - 1100, 10) << to_string(fault);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime
