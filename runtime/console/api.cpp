@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/api.h"
 
-#include <algorithm>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -11,6 +9,7 @@
 #include "formats/base/strict_json.h"
 #include "formats/session/scene.h"
 #include "runtime/console/bone.h"
+#include "runtime/console/programs/session_files.h"
 #include "runtime/console/rows.h"
 
 namespace trocar::runtime {
@@ -24,7 +23,7 @@ Answer binary(std::string body) {
 
 Answer result_of(ConsoleState& console, const Result<void>& result) {
   if (console.poll_soon) console.poll_soon();
-  if (!result) return failure(kConflict, result.error().message);
+  if (!result) return failure(kConflict, console.supervisor.hidden().hide(result.error().message));
   return {200, "application/json", R"({"ok":true})"};
 }
 
@@ -42,6 +41,34 @@ Answer command(ConsoleState& console, const json& body) {
   return failure(kBadRequest, "body: /command: must be stop, pause, resume, zero or recover");
 }
 
+/// Reads the device: the name or the index of one that the console offers. Without one it is the first. Nothing else is
+/// accepted, because only the person who starts the console may name a device or its files.
+DeviceChoice device(const ConsoleState& console, StrictObject& object) {
+  const std::vector<DeviceChoice>& offered = console.supervisor.devices();
+  const json* const value = object.optional_value("device");
+  if (value == nullptr) return offered.front();
+  if (value->is_number_unsigned() && value->get<std::uint64_t>() < offered.size())
+    return offered[value->get<std::size_t>()];
+  if (value->is_string()) {
+    const auto& name = value->get_ref<const std::string&>();
+    for (const DeviceChoice& each : offered)
+      if (each.name == name) return each;
+    // These have no motors, and pages could always choose them.
+    if (name == kInProcess || name == kSimulator) return {name, {}};
+  }
+  object.error("device", "must be the name or the index of a device that this console offers");
+  return {};
+}
+
+Answer test_device(ConsoleState& console, const json& body) {
+  JsonErrors errors{"body", {}};
+  StrictObject object(body, "", errors);
+  const DeviceChoice chosen = device(console, object);
+  object.finish();
+  if (errors.first) return failure(kBadRequest, errors.first->message);
+  return result_of(console, console.supervisor.test_device(chosen));
+}
+
 Answer start(ConsoleState& console, const json& body) {
   JsonErrors errors{"body", {}};
   StrictObject object(body, "", errors);
@@ -52,14 +79,11 @@ Answer start(ConsoleState& console, const json& body) {
   if (object.has("asset")) asset = object.string("asset");
   if (object.has("duration_s"))
     request.duration_s = object.number("duration_s", kMin_s, kMaxDuration_s);
-  if (object.has("device")) request.device = object.string("device");
+  request.device = device(console, object);
   if (object.has("clock")) request.clock = object.string("clock");
   if (object.has("force_law")) request.force_law = object.string("force_law");
   object.finish();
   if (errors.first) return failure(kBadRequest, errors.first->message);
-  // Only the person who starts the console may choose another device; a page may not.
-  if (!request.device.empty() && request.device != "inproc" && request.device != "sim")
-    return failure(kBadRequest, "body: /device: must be inproc or sim");
   if (request.clock != "real" && request.clock != "virtual")
     return failure(kBadRequest, "body: /clock: must be real or virtual");
   if (!request.force_law.empty() && !force_law_from_string(request.force_law))
@@ -80,6 +104,12 @@ Reply get_folder(ConsoleState& console, Role role) {
   std::string rest = ",\"session\":" + (about.empty() ? "null" : about) + ",\"state\":\"" +
                      to_string(console.supervisor.state()) + "\",\"role\":\"" + to_string(role) +
                      "\"";
+  json devices = json::array();
+  for (const DeviceChoice& each : console.supervisor.devices())
+    devices.push_back({{"name", each.name},
+                       {"simulated", each.is_simulated()},
+                       {"can_be_tested", each.can_be_tested()}});
+  rest += ",\"devices\":" + json_text(devices);
   if (!console.settings.start.empty() && role == Role::kOperator)
     rest += ",\"start\":" + console.settings.start;
   if (!console.settings.playback.empty()) rest += ",\"playback\":" + console.settings.playback;
@@ -153,19 +183,16 @@ Reply get_report(const ConsoleState& console, const RequestTarget& target) {
 }
 
 Reply get_log(const ConsoleState& console) {
-  return [file = console.supervisor.log_file()]() -> Answer {
-    constexpr std::streamoff kMaxShown = 64 << 10;
-    std::ifstream in(file, std::ios::binary | std::ios::ate);
-    std::string text;
-    if (in) {
-      const std::streamoff size = in.tellg();
-      in.seekg(std::max<std::streamoff>(0, size - kMaxShown));
-      text.resize(static_cast<std::size_t>(std::min(size, kMaxShown)));
-      in.read(text.data(), static_cast<std::streamsize>(text.size()));
-      text.resize(static_cast<std::size_t>(in.gcount()));
-    }
-    return {200, "text/plain; charset=utf-8", std::move(text)};
+  return [file = console.supervisor.log_file(), hidden = console.supervisor.hidden()]() -> Answer {
+    return {200, "text/plain; charset=utf-8", hidden.hide(tail_of(file))};
   };
+}
+
+Reply get_test(const ConsoleState& console) {
+  return
+      [answer = console.supervisor.test().answer(console.supervisor.hidden())]() mutable -> Answer {
+        return {200, "application/json", answer()};
+      };
 }
 
 Answer post(ConsoleState& console, const ApiRequest& request) {
@@ -177,7 +204,9 @@ Answer post(ConsoleState& console, const ApiRequest& request) {
   const Result<json> body = parse_strict_json(request.body, "body");
   if (!body) return failure(kBadRequest, body.error().message);
   if (!body->is_object()) return failure(kBadRequest, "body: must be an object");
-  return request.target.path == "/api/start" ? start(console, *body) : command(console, *body);
+  const std::string& path = request.target.path;
+  if (path == "/api/start") return start(console, *body);
+  return path == "/api/test" ? test_device(console, *body) : command(console, *body);
 }
 
 }  // namespace
@@ -196,13 +225,15 @@ Answer answer_emergency_stop(ConsoleState& console) {
 
 Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   const std::string& path = request.target.path;
-  if (path == "/api/start" || path == "/api/command") return post(console, request);
+  if (path == "/api/start" || path == "/api/command" || (path == "/api/test" && !request.is_get))
+    return post(console, request);
   if (!request.is_get) return method_not_allowed();
   if (path == "/api/folder") return get_folder(console, request.role);
   if (path == "/api/bone") return get_bone(console, request.target);
   if (path == "/api/recording") return get_recording(console, request.target);
   if (path == "/api/report") return get_report(console, request.target);
   if (path == "/api/log") return get_log(console);
+  if (path == "/api/test") return get_test(console);
   return failure(kNotFound, "there is no such path");
 }
 

@@ -22,6 +22,7 @@
 #include "formats/session/recording_origin.h"
 #include "formats/session/scene.h"
 #include "runtime/console/access.h"
+#include "runtime/console/programs/session_about.h"
 
 namespace trocar::runtime {
 namespace {
@@ -326,6 +327,11 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
         std::string_view(begin.data(), begin.size()) != kBegin)
       return known;
     shown("recordings", describe_recording(**source, name, known.digest));
+    // The console's note beside a session's recording names the device.
+    if (const std::size_t slash = name.rfind('/'); slash != std::string::npos) {
+      if (const auto note = find(name.substr(0, slash + 1) + "console.json"))
+        known.device = noted_device(*note);
+    }
   }
   return known;
 }
@@ -402,6 +408,7 @@ std::string Files::list() {
       // The report of a session has the same name as its recording.
       std::string report = name.substr(0, name.size() - 4) + ".html";
       if (find(report)) entry["report"] = std::move(report);
+      if (!known.device.empty()) entry["device"] = known.device;
     }
     out[known.kind].push_back(std::move(entry));
   }

@@ -47,6 +47,7 @@ class Files {
     std::string kind;    ///< key in the list; empty: the file is not listed
     std::string json;    ///< entry in the list
     std::string digest;  ///< digest of the scene, or of the scene that a recording names
+    std::string device;  ///< the device of a session's recording, if it is known
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 

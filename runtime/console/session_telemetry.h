@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "formats/session/telemetry.h"
-#include "runtime/console/session_about.h"
+#include "runtime/console/programs/session_about.h"
 
 namespace trocar::runtime {
 

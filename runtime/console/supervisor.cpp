@@ -10,8 +10,8 @@
 
 #include "formats/base/json_text.h"
 #include "formats/base/text_line.h"
-#include "runtime/console/session_about.h"
-#include "runtime/console/session_files.h"
+#include "runtime/console/programs/session_about.h"
+#include "runtime/console/programs/session_files.h"
 
 namespace trocar::runtime {
 namespace {
@@ -33,6 +33,13 @@ const char* to_string(RunState state) noexcept {
 }
 
 Supervisor::Supervisor(Settings settings) : settings_(std::move(settings)) {
+  for (const auto& [folder, shown] :
+       {std::pair(settings_.folder, ""), std::pair(settings_.programs, ""),
+        std::pair(settings_.sessions, "sessions/")}) {
+    if (folder.has_relative_path()) hidden_.add((folder / "").string(), shown);
+  }
+  for (const DeviceChoice& device : settings_.devices)
+    hidden_.add(device);
   set_state(RunState::kIdle, "no session");
 }
 
@@ -44,11 +51,13 @@ std::filesystem::path Supervisor::log_file() const {
   return session_folder_.empty() ? std::filesystem::path() : session_folder_ / "log.txt";
 }
 
-void Supervisor::set_state(RunState state, const std::string& message) {
+void Supervisor::set_state(RunState state, const std::string& said) {
+  const std::string message = hidden_.hide(said);
   if (state == state_ && message == message_ && !state_json_.empty()) return;
   state_ = state;
   message_ = message;
   json out = {{"state", to_string(state)}, {"message", message}};
+  if (state != RunState::kIdle) out["device"] = request_.device.name;
   if (state == RunState::kEnded || state == RunState::kLost) {
     if (run_ && run_->exit_code()) out["exit_code"] = *run_->exit_code();
     std::error_code ignored;
@@ -62,16 +71,30 @@ void Supervisor::set_state(RunState state, const std::string& message) {
   ++state_version_;
 }
 
-Result<void> Supervisor::start(const StartRequest& request) {
+Result<void> Supervisor::check_free() {
   if (settings_.folder.empty()) return refused("this console plays recordings");
-  if (!is_ours()) return refused("this console only watches " + settings_.attach.string());
+  if (!is_ours())
+    return refused("this console only watches " + settings_.attach.filename().string());
   if (is_live() || (run_ && !run_->has_ended()))
     return refused("a session runs already; stop it first");
+  if (test_.is_running()) return refused("a device is being tested; wait for that, or stop it");
+  return {};
+}
+
+Result<void> Supervisor::test_device(const DeviceChoice& device) {
+  if (auto free = check_free(); !free) return free;
+  if (!device.can_be_tested())
+    return refused(device.name +
+                   " is a simulated device of the console's own: there is nothing to test");
+  return test_.start(device, settings_.programs, settings_.sessions);
+}
+
+Result<void> Supervisor::start(const StartRequest& request) {
+  if (auto free = check_free(); !free) return free;
   auto folder = create_session_folder(settings_.sessions, request.scene);
   if (!folder) return folder.error();
   session_folder_ = std::move(*folder);
   request_ = request;
-  if (request_.device.empty()) request_.device = settings_.device;
   scene_file_ = request.scene;
   asset_file_ = request.asset;
   run_.reset();
@@ -79,7 +102,7 @@ Result<void> Supervisor::start(const StartRequest& request) {
   telemetry_.detach();
   device_endpoint_.clear();
   started_at_ = Clock::now();
-  waits_for_device_ = request_.device == "sim";
+  waits_for_device_ = request_.device.name == kSimulator;
   Result<void> started = waits_for_device_ ? start_device(kAnyPort) : start_run();
   if (!started) {
     waits_for_device_ = false;
@@ -139,12 +162,13 @@ Result<void> Supervisor::start_run() {
   if (!request_.force_law.empty()) add("--force-law", request_.force_law);
   if (settings_.stiffness_limit_N_per_m)
     add("--stiffness-limit", text_line("%.9g", *settings_.stiffness_limit_N_per_m));
-  if (request_.device == "sim") {
+  if (request_.device.name == kSimulator) {
     add("--device", "udp:" + device_endpoint_);
     add("--key-file", file / "key");
     words.emplace_back("--simulated");
-  } else if (request_.device != "inproc") {
-    add("--device", request_.device);
+  } else {
+    add("--device", request_.device.name);
+    words.insert(words.end(), request_.device.words.begin(), request_.device.words.end());
   }
   Result<Process> process = Process::start(words, log_file());
   if (!process) return process.error();
@@ -155,7 +179,7 @@ Result<void> Supervisor::start_run() {
 Result<void> Supervisor::note_device() {
   std::optional<DeviceNote> note;
   if (device_) note = DeviceNote{device_->pid(), device_->start_ticks(), device_endpoint_};
-  return write_device_note(session_folder_ / "console.json", request_.device, note);
+  return write_device_note(session_folder_ / "console.json", request_.device.name, note);
 }
 
 void Supervisor::release_device(int signal) {
@@ -176,6 +200,8 @@ void Supervisor::adopt_device() {
 void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader> reader) {
   const pid_t pid = process.pid();
   run_ = std::move(process);
+  request_ = {};
+  request_.device.name.clear();
   attach(std::move(reader));
   const SessionAbout& about = telemetry_.about();
   // Relative names are relative to the folder in which the session was started.
@@ -190,7 +216,6 @@ void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader>
   const std::filesystem::path record = resolved(about.record);
   session_folder_.clear();
   release_device(SIGTERM);
-  request_ = {};
   request_.clock = about.clock;
   if (is_ours() && record.parent_path().parent_path() == settings_.sessions) {
     session_folder_ = record.parent_path();
@@ -218,14 +243,18 @@ void Supervisor::search_session(Clock::time_point now) {
 
 void Supervisor::attach(std::unique_ptr<TelemetryReader> reader) {
   telemetry_.attach(std::move(reader));
+  if (request_.device.name.empty()) request_.device.name = telemetry_.about().device;
   ending_since_.reset();
   stop_check_.reset();
   set_state(RunState::kRunning, "runs");
 }
 
 Result<void> Supervisor::command(TelemetryCommand command) {
+  // A session that this console has not started may run beside a test.
+  const bool ends_test = command == TelemetryCommand::kStop && test_.is_running();
+  if (ends_test) test_.stop(Clock::now());
   if (!telemetry_.is_attached() || telemetry_.has_ended() || !run_ || run_->has_ended())
-    return refused("no session runs");
+    return ends_test ? Result<void>{} : refused("no session runs");
   if (command == TelemetryCommand::kRecover && device_ && device_->has_ended()) {
     // The drive is started first; the command follows when it is ready.
     if (auto ok = start_device(device_endpoint_); !ok) return ok;
@@ -241,6 +270,10 @@ Result<void> Supervisor::command(TelemetryCommand command) {
 }
 
 Result<void> Supervisor::emergency_stop() {
+  if (test_.is_running()) {
+    test_.stop(Clock::now());
+    if (!is_live()) return {};
+  }
   recover_when_ready_ = false;
   if (run_ && !run_->has_ended() && !telemetry_.is_attached()) {
     run_->signal(SIGKILL);  // the session renders no torques yet, and must not begin to
@@ -294,6 +327,7 @@ void Supervisor::poll_device(Clock::time_point now) {
 
 void Supervisor::poll(Clock::time_point now) {
   poll_device(now);
+  test_.poll(now);
   if (!telemetry_.is_attached() || (run_ && run_->has_ended() && !is_live())) search_session(now);
   const bool is_over = run_ && run_->has_ended();
   if (telemetry_.is_attached()) {
@@ -329,6 +363,7 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
     waits_for_device_ = false;
     if (telemetry_.is_attached() && is_ours()) telemetry_.command(TelemetryCommand::kStop);
     if (run_ && is_ours()) run_->signal(SIGINT);
+    test_.stop(now);
   }
   const bool is_late = now - *ending_since_ > patience;
   if (run_ && is_ours() && !run_->has_ended()) {
@@ -340,7 +375,7 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
   for (const Process& process : ending_devices_) {
     if (is_late) process.signal(SIGKILL);
   }
-  return all && ending_devices_.empty();
+  return all && ending_devices_.empty() && !test_.is_running();
 }
 
 }  // namespace trocar::runtime

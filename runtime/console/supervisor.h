@@ -15,7 +15,9 @@
 
 #include "formats/base/result.h"
 #include "formats/session/telemetry.h"
-#include "runtime/console/process.h"
+#include "runtime/console/programs/device_choice.h"
+#include "runtime/console/programs/device_test.h"
+#include "runtime/console/programs/process.h"
 #include "runtime/console/session_telemetry.h"
 
 namespace trocar::runtime {
@@ -27,7 +29,7 @@ struct StartRequest {
   std::filesystem::path scene;
   std::filesystem::path asset;  ///< empty: the scene's own
   std::optional<double> duration_s;
-  std::string device;          ///< "inproc", "sim" or a device URI
+  DeviceChoice device;
   std::string clock = "real";  ///< "real" or "virtual"
   std::string force_law;       ///< empty: the scene's own
 };
@@ -40,14 +42,23 @@ class Supervisor {
     std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
     std::filesystem::path attach;    ///< telemetry link to follow instead of starting sessions
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
-    std::string device = "inproc";   ///< default for requests without a device
+    /// The devices that pages may choose; there is at least one, and the first is the default.
+    std::vector<DeviceChoice> devices = {DeviceChoice{}};
     std::optional<double> stiffness_limit_N_per_m;  ///< the operator's limit for all sessions
   };
   explicit Supervisor(Settings settings);
 
-  /// Starts a session. Errors: (refused) a session already runs, or a program cannot be started.
+  /// Starts a session. Errors: (refused) a session or a test already runs, or a program cannot be
+  /// started.
   Result<void> start(const StartRequest& request);
-  /// Passes a command on. Errors: (refused) there is no session.
+  /// Tests a device without force. Errors: (refused) as for start(), or it is a simulated device of
+  /// the console's own.
+  Result<void> test_device(const DeviceChoice& device);
+  const DeviceTest& test() const noexcept { return test_; }
+  const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
+  /// Hides what pages must not see: absolute paths and the files of the devices' options.
+  const HiddenTexts& hidden() const noexcept { return hidden_; }
+  /// Passes a command on; `stop` also ends a test. Errors: (refused) there is no session.
   Result<void> command(TelemetryCommand command);
   /// True if a session runs whose live hand can be moved.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
@@ -86,6 +97,8 @@ class Supervisor {
     double ticks = 0;
   };
 
+  /// Errors: (refused) this console starts nothing, or something runs already.
+  Result<void> check_free();
   Result<void> start_run();
   Result<void> start_device(const std::string& endpoint);
   /// Writes a note about the device process into the session's folder, so that a later
@@ -104,6 +117,8 @@ class Supervisor {
   bool is_ours() const noexcept { return settings_.attach.empty(); }
 
   Settings settings_;
+  HiddenTexts hidden_;
+  DeviceTest test_;
   StartRequest request_;  ///< the present or last request
   SessionTelemetry telemetry_;
   std::optional<Process> run_, device_;

@@ -138,7 +138,7 @@ def main():
     scenes = make_folder(WORK / "folder")
     share = share_of_processors()
     with (WORK / "console.log").open("w") as log:
-        console, links = start_console(WORK / "folder", log)
+        console, links = start_console(WORK / "folder", log, "--device", "inproc", "--device", "sim")
     try:
         given = {"link": links[0], "view_link": links[1], "console_pid": console.pid, "out": str(pictures), "chromium": CHROMIUM, "scenes": scenes,
                 "has_report": "--session-report" in run(PROGRAMS / "trocar-run", "--help").stdout}

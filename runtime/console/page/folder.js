@@ -36,7 +36,7 @@ const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : bo
 const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
 
 export class Folder {
-  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording)}.
+  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording), device_words(name)}.
   constructor(act) {
     this.act = act;
     this.data = { scenes: [], assets: [], recordings: [] };
@@ -62,14 +62,11 @@ export class Folder {
     this.list();
   }
 
-  /// A needle that is held from this page needs the simulated device in the session's process, and real time.
+  /// A needle that is held from this page needs real time.
   limit_choices() {
-    const is_live = Boolean(this.scene(this.chosen)?.live_hand);
-    for (const [id, value] of [["start-device", "inproc"], ["start-clock", ""]]) {
-      const select = by_id(id);
-      if (select.disabled !== is_live) select.value = is_live ? value : "";
-      select.disabled = is_live;
-    }
+    const is_live = Boolean(this.scene(this.chosen)?.live_hand), clock = by_id("start-clock");
+    if (clock.disabled !== is_live) clock.value = "";
+    clock.disabled = is_live;
   }
 
   choose(file) {
@@ -96,7 +93,8 @@ export class Folder {
       if (recording.error) return item(recording, []);
       const buttons = [["Play", () => this.act.play(recording)], ["Compare", () => this.act.compare(recording)]];
       if (recording.report !== undefined) buttons.push(["Report", () => this.act.report(recording)]);
-      return item(recording, [`${seconds(recording.duration_s)}, ${recording.ticks} ticks`, recording.scene ? `scene ${recording.scene}` : "its scene is not in this folder"], buttons);
+      return item(recording, [`${seconds(recording.duration_s)}, ${recording.ticks} ticks`, recording.scene ? `scene ${recording.scene}` : "its scene is not in this folder",
+        recording.device ? `device: ${this.act.device_words(recording.device)}` : ""], buttons);
     }));
     by_id("assets").replaceChildren(...assets.map((asset) => (asset.error ? item(asset, []) :
       item(asset, [`${slices_of(asset.slices)}, ${(asset.extent_mm ?? []).map((mm) => mm.toFixed(0)).join(" x ")} mm`, asset.surface_triangles ? `surface of ${asset.surface_triangles} triangles` : "no surface"]))));

@@ -24,6 +24,11 @@ function joint_margin(shown) {
   return Math.min(...Array.from(angles, (angle, k) => Math.min(angle - limits[k % 4][0], limits[k % 4][1] - angle)));
 }
 
+/// False if the facts of a session, or the columns of a recording, say that the device has no motors of its own. True: not known.
+const has_motors = ({ is_recording, columns, about }) => (is_recording ? columns.has("tau_Nm") : about.motor_peak_torque_Nm !== null);
+/// The same for limits of joints.
+const has_joints = ({ is_recording, columns, about }) => (is_recording ? columns.has("motor_angle_rad") : about.joint_limits_rad?.length !== 0);
+
 class Row {
   constructor(box, name, kind) {
     this.gauge = element("span", `gauge ${kind}`);
@@ -31,7 +36,11 @@ class Row {
     this.gauge.append(this.bar);
     this.value = element("span", "value", "–");
     this.limit = element("span", "limit");
-    box.append(element("span", "name", name), this.gauge, this.value, this.limit);
+    this.parts = [element("span", "name", name), this.gauge, this.value, this.limit];
+    box.append(...this.parts);
+  }
+  hide(is_hidden) {
+    for (const part of this.parts) part.hidden = is_hidden;
   }
   text(value, limit = "") {
     if (this.value.textContent !== value) this.value.textContent = value;
@@ -57,6 +66,7 @@ class Row {
 
 export class Gauges {
   constructor() {
+    this.torques_panel = document.getElementById("torques");
     const torques = document.querySelector("#torques .rows"), limits = document.querySelector("#limits .rows");
     this.torques = [];
     for (let leg = 1; leg <= 4; ++leg) for (const joint of [1, 4]) this.torques.push(new Row(torques, `Leg ${leg} θ${joint}`, "centred"));
@@ -74,6 +84,9 @@ export class Gauges {
   }
 
   update(shown) {
+    this.torques_panel.hidden = !has_motors(shown);
+    this.heat.hide(!has_motors(shown));
+    this.joint.hide(!has_joints(shown));
     const torques = shown.values("tau_Nm"), now = shown.values("tau_limit_Nm");
     const peak = shown.about.motor_peak_torque_Nm;
     for (const [k, row] of this.torques.entries()) {

@@ -4,6 +4,7 @@
 import { emergency_stop, file_query, get_blob, get_container, get_json, post } from "./api.js";
 import { Charts } from "./charts.js";
 import { Shown, read_bone } from "./data.js";
+import { Devices } from "./devices.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
 import { Hand } from "./hand/hand.js";
@@ -117,16 +118,22 @@ const preview = guarded(async (scene, asset) => {
   app.live = null;
   if (app.tab !== "playback") show_bone();
 });
+const devices = new Devices({ changed: () => (notice(""), changed()), error: notice });
 const folder = new Folder({
-  choose: (scene, asset) => preview(scene, asset),
+  device_words: (name) => devices.words(name),
+  choose: (scene, asset) => {
+    changed();
+    return preview(scene, asset);
+  },
   play: (recording) => play(recording),
   compare: (recording) => compare(recording),
-  report: (recording) => open_report(recording.report ?? recording.file),
+  report: (recording) => open_report(recording.report ?? recording.file, recording.device),
 });
 const refresh = guarded(async () => {
   const data = await get_json("/api/folder");
   set_role(data.role);
   app.folder = data;
+  devices.show(data.devices);
   folder.show(data);
   const options = [new Option("none", ""), ...data.recordings.filter(({ error }) => !error).map(({ file }) => new Option(short(file), file))];
   const against = by_id("against").value;
@@ -230,6 +237,8 @@ const start = guarded(async (what) => {
 });
 by_id("start-form").addEventListener("submit", (event) => {
   event.preventDefault();
+  const why = devices.why_not(folder.scene(folder.chosen));
+  if (why) return notice(why);
   const what = { scene: by_id("start-scene").value };
   for (const [name, id] of [["asset", "start-asset"], ["device", "start-device"], ["clock", "start-clock"]]) if (by_id(id).value) what[name] = by_id(id).value;
   if (by_id("start-duration").value) what.duration_s = Number(by_id("start-duration").value);
@@ -266,6 +275,8 @@ addEventListener("keydown", (event) => {
   event.preventDefault();
   if (is_running()) {
     if (app.role === "operator") command("stop");
+  } else if (devices.is_testing) {
+    devices.stop_test();
   } else if (app.tab === "playback") toggle_play();
 }, true);
 // Without this, a button that has the focus would be pressed when the space key is released.
@@ -310,20 +321,21 @@ by_id("against").addEventListener("change", (event) => {
   compare(app.folder?.recordings.find((recording) => recording.file === file) ?? { file: "" });
 });
 
-const open_report = guarded(async (file) => {
+const open_report = guarded(async (file, device) => {
   const blob = new Blob([await get_blob(file_query("/api/report", { file }))], { type: "text/html" });
   if (app.report_url) URL.revokeObjectURL(app.report_url);
   app.report_url = URL.createObjectURL(blob);
   by_id("report-frame").src = app.report_url;
+  by_id("report-device").textContent = device ? `, device: ${devices.words(device)}` : "";
   by_id("report-save").href = app.report_url;
   by_id("report-box").show();  // not modal, so that the emergency stop can still be pressed
 });
 by_id("report-close").addEventListener("click", () => by_id("report-box").close());
 by_id("player-report").addEventListener("click", () => {
   const recording = app.folder?.recordings.find(({ file }) => file === app.playback.file);
-  open_report(recording?.report ?? app.playback.file);
+  open_report(recording?.report ?? app.playback.file, recording?.device);
 });
-by_id("ended-report").addEventListener("click", () => open_report(app.state.report));
+by_id("ended-report").addEventListener("click", () => open_report(app.state.report, app.state.device));
 by_id("ended-play").addEventListener("click", () => {
   const found = app.folder?.recordings.find(({ file }) => file === app.state.recording);
   play(found ?? { file: app.state.recording, scene: app.live?.about.scene?.file });
@@ -351,6 +363,7 @@ function draw_status() {
   by_id("recover").disabled = !running || paused || !(safety === kFault || safety === kRecovering || app.live?.value("fault", 0));
   by_id("restart").disabled = !app.last_start && !app.live;
   by_id("start").disabled = running || !folder.chosen;
+  devices.draw(running, folder.scene(folder.chosen));
   return said;
 }
 
@@ -359,7 +372,8 @@ function draw_overlay(source) {
   const lines = caption.children.length ? caption.children : (caption.append(...[0, 1, 2].map(() => document.createElement("div"))), caption.children);
   const about = source?.about ?? {};
   const scene = app.tab === "playback" ? (app.playback.scene ?? "") : about.scene?.name ?? folder.scene(folder.chosen)?.name ?? "";
-  lines[0].textContent = source ? scene : "";
+  const device = app.tab !== "playback" && source && source === app.live ? app.state.device : "";
+  lines[0].textContent = source ? scene + (device ? `; device: ${devices.words(device)}` : "") : "";
   const slice = view?.slices[view.section_slice(source)];
   lines[1].textContent = app.tab === "playback" && source && !source.bone ? "The scene of this recording is not in the folder: there is no bone to show."
     : !source || !slice ? "" : view.view === "section" ? `Slice ${slice.slice} at z = ${(1000 * slice.z_m).toFixed(1)} mm, viewed from above; line: contour of the CT${slice.is_lost ? " (its holes cannot be shown)" : ""}`

@@ -35,7 +35,7 @@ const picture = (page, name) => browser.picture(page, name);
 async function start(page, scene, options = {}) {
   await page.click("[data-to=folder]");
   await page.selectOption("#start-scene", scene);
-  await page.selectOption("#start-device", options.device ?? "");
+  await page.selectOption("#start-device", options.device ?? "inproc");
   await page.selectOption("#start-clock", options.clock ?? "");
   const before = await get(page, "trocar.session");
   await page.click("#start");
@@ -251,6 +251,23 @@ async function open_report() {
   check(/\bN\b/.test(report) && /Times, path and force/.test(report) && report.length > 1000, `the report did not open: "${report.slice(0, 80)}", ${await get(page, "trocar.words")}`);
   await page.screenshot({ path: `${given.out}/report.png` });
 }
+
+// ---- a device without motors and joints of its own ----
+const shown_rows = await page.evaluate(async () => {
+  const [{ Gauges }, { Shown }] = await Promise.all([import("/gauges.js"), import("/data.js")]);
+  for (const rows of document.querySelectorAll("#torques .rows, #limits .rows")) rows.replaceChildren();
+  const gauges = new Gauges();
+  const count = (about, recorded) => {
+    const columns = (recorded ?? ["p_m", "tau_Nm", "motor_angle_rad"]).map((name) => ({ name, count: 16 }));
+    gauges.update(Object.assign(new Shown(columns, about), { is_recording: Boolean(recorded) }));
+    const names = [...document.querySelectorAll("#torques:not([hidden]) h2, #limits .name:not([hidden])")].map((name) => name.textContent);
+    return ["Joint torques, N m", "Joint limit", "Motor heat", "Plate x"].filter((name) => names.includes(name)).length;
+  };
+  const legs = { motor_peak_torque_Nm: 6, joint_limits_rad: [[3, 5], [-3, 0], [-1, 1], [-1, 0]] }, none = { motor_peak_torque_Nm: null, joint_limits_rad: [] };
+  return { legs: count(legs), none: count(none), unknown: count({}), recorded_legs: count(none, ["tau_Nm", "motor_angle_rad"]), recorded_none: count(legs, ["device_x_m"]) };
+});
+for (const [name, wanted] of Object.entries({ legs: 4, none: 1, unknown: 4, recorded_legs: 4, recorded_none: 1 }))
+  check(shown_rows[name] === wanted, `the rows of motors, joints and the plate: ${shown_rows[name]} of ${wanted} are shown (${name})`);
 
 await browser.close();
 writeFileSync(`${given.out}/figures.json`, JSON.stringify(figures, null, 1));

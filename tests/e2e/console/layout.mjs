@@ -3,7 +3,8 @@
 export function layout_faults() {
   const kSlack_px = 2;
   const found = [], boxes = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  // An open dialog covers what is behind it.
+  const walker = document.createTreeWalker(document.querySelector("dialog[open]") ?? document.body, NodeFilter.SHOW_TEXT);
   for (let node = walker.nextNode(); node; node = walker.nextNode()) {
     const parent = node.parentElement;
     if (!node.data.trim() || parent.closest("script, style, option, select, dialog:not([open])")) continue;

@@ -16,7 +16,7 @@
 #include "runtime/console/container.h"
 #include "runtime/console/files.h"
 #include "runtime/console/page_files.h"
-#include "runtime/console/process.h"
+#include "runtime/console/programs/process.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {

@@ -27,6 +27,9 @@ std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from)
 /// Returns the last line with text in the first 64 KiB of a log, shortened to 400 bytes.
 std::string last_line(const std::filesystem::path& log);
 
+/// Returns the last 64 KiB of a log; empty if there is no such file.
+std::string tail_of(const std::filesystem::path& log);
+
 /// Returns the process that a link to /proc/PID/fd/N names; 0: it is not such a link.
 pid_t pid_of_link(const std::filesystem::path& link);
 

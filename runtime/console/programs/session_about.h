@@ -21,7 +21,7 @@ struct SessionAbout {
   std::string json;                  ///< the whole description; "{}" if the text is no JSON object
   std::string id;                    ///< process and time of the start
   std::string scene, asset, record;  ///< names of files as given to the session
-  std::string clock;
+  std::string clock, device;
   bool has_live_hand = false;
   std::string columns;  ///< JSON with those `columns` that fit into a snapshot
   std::vector<std::pair<std::string, std::size_t>> column_at;  ///< name, index of its first value
@@ -37,6 +37,8 @@ struct DeviceNote {
 };
 Result<void> write_device_note(const std::filesystem::path& file, const std::string& device,
                                const std::optional<DeviceNote>& process);
+/// Reads the name of the session's device from the note; empty if there is none.
+std::string noted_device(const std::filesystem::path& file);
 /// Reads the note. None: no device process is noted.
 std::optional<DeviceNote> read_device_note(const std::filesystem::path& file);
 

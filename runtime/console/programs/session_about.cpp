@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/session_about.h"
+#include "runtime/console/programs/session_about.h"
 
 #include <nlohmann/json.hpp>
 
@@ -26,6 +26,13 @@ std::int64_t whole_of(const json& object, const char* key) {
   return found != object.end() && found->is_number_integer() ? found->get<std::int64_t>() : 0;
 }
 
+json read_note(const std::filesystem::path& file) {
+  constexpr std::uint64_t kMaxNoteBytes = std::uint64_t{64} << 10;
+  const auto bytes = read_file(file, kMaxNoteBytes);
+  if (!bytes) return json::object();
+  return object_of({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+}
+
 }  // namespace
 
 SessionAbout parse_about(std::string_view text, std::size_t snapshot_values) {
@@ -38,6 +45,7 @@ SessionAbout parse_about(std::string_view text, std::size_t snapshot_values) {
   out.asset = text_of(about, "asset");
   out.record = text_of(about, "record");
   out.clock = text_of(about, "clock");
+  out.device = text_of(about, "device");
   out.has_live_hand = about.contains("hand") && about["hand"].is_object();
   std::size_t at = 0;
   json columns = json::array();
@@ -70,11 +78,13 @@ Result<void> write_device_note(const std::filesystem::path& file, const std::str
   return write_file_atomically(file, json_text(note, 2) + "\n");
 }
 
+std::string noted_device(const std::filesystem::path& file) {
+  constexpr std::size_t kMaxShown = 200;
+  return text_of(read_note(file), "device").substr(0, kMaxShown);
+}
+
 std::optional<DeviceNote> read_device_note(const std::filesystem::path& file) {
-  constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 10;
-  const auto bytes = read_file(file, kMaxBytes);
-  if (!bytes) return std::nullopt;
-  const json note = object_of({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+  const json note = read_note(file);
   if (!note.contains("device_pid")) return std::nullopt;
   return DeviceNote{whole_of(note, "device_pid"),
                     static_cast<std::uint64_t>(whole_of(note, "device_start_ticks")),

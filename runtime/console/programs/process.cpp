@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/process.h"
+#include "runtime/console/programs/process.h"
 
 #include <fcntl.h>
 #include <poll.h>

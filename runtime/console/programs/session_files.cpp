@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/session_files.h"
+#include "runtime/console/programs/session_files.h"
 
 #include <algorithm>
 #include <array>
@@ -70,6 +70,19 @@ std::string last_line(const std::filesystem::path& log) {
     if (!line.empty()) last = line;
   }
   return last.substr(0, kMaxShown);
+}
+
+std::string tail_of(const std::filesystem::path& log) {
+  constexpr std::streamoff kMaxShown = 64 << 10;
+  std::ifstream in(log, std::ios::binary | std::ios::ate);
+  std::string text;
+  if (!in) return text;
+  const std::streamoff size = in.tellg();
+  in.seekg(std::max<std::streamoff>(0, size - kMaxShown));
+  text.resize(static_cast<std::size_t>(std::min(size, kMaxShown)));
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return text;
 }
 
 pid_t pid_of_link(const std::filesystem::path& link) {

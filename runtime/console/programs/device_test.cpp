@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/programs/device_test.h"
+
+#include <csignal>
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
+
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "runtime/console/programs/session_files.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+constexpr auto kKillAfter = std::chrono::seconds(1);
+constexpr const char *kTestLog = "log.txt", *kTestResult = "test.json";
+
+/// Returns the result that trocar-run has written; null if it has written none.
+json result_in(const std::filesystem::path& file) {
+  constexpr std::uint64_t kMaxResultBytes = std::uint64_t{64} << 10;
+  const auto bytes = read_file(file, kMaxResultBytes);
+  if (!bytes) return nullptr;
+  json result = json::parse(bytes->begin(), bytes->end(), nullptr, false);
+  return result.is_object() ? result : json(nullptr);
+}
+
+}  // namespace
+
+Result<void> DeviceTest::start(const DeviceChoice& device, const std::filesystem::path& programs,
+                               const std::filesystem::path& sessions) {
+  auto folder = create_session_folder(sessions, "device-test");
+  if (!folder) return folder.error();
+  std::vector<std::string> words = {
+      programs / "trocar-run", "--device", device.name, "--test", "--summary",
+      *folder / kTestResult};
+  words.insert(words.end(), device.words.begin(), device.words.end());
+  Result<Process> process = Process::start(words, *folder / kTestLog);
+  if (!process) return process.error();
+  process_ = std::move(*process);
+  folder_ = std::move(*folder);
+  device_ = device.name;
+  stopped_at_.reset();
+  has_ended_ = false;
+  return {};
+}
+
+void DeviceTest::stop(Clock::time_point now) {
+  if (!is_running() || stopped_at_) return;
+  stopped_at_ = now;
+  process_->signal(SIGINT);
+}
+
+void DeviceTest::poll(Clock::time_point now) {
+  if (!is_running()) return;
+  if (stopped_at_ && now - *stopped_at_ > kKillAfter) process_->signal(SIGKILL);
+  has_ended_ = process_->has_ended();
+}
+
+std::function<std::string()> DeviceTest::answer(const HiddenTexts& hidden) const {
+  json out = {{"state", is_running() ? "running" : process_ ? "ended" : "none"}};
+  if (process_) out["device"] = device_;
+  if (stopped_at_) out["stopped"] = true;
+  if (has_ended_ && process_->exit_code()) out["exit_code"] = *process_->exit_code();
+  return [out = std::move(out), folder = folder_, hidden]() mutable {
+    if (folder.empty()) return json_text(out);
+    out["text"] = hidden.hide(tail_of(folder / kTestLog));
+    if (json result = result_in(folder / kTestResult); !result.is_null())
+      out["result"] = std::move(result);
+    return json_text(out);
+  };
+}
+
+}  // namespace trocar::runtime

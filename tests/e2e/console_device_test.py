@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""console_device_test.py SOURCE PROGRAMS ASSET WORK: the devices that the console's command line lists: a page chooses one by its name or
+index, and only so; a test of one before a session; sessions on a device process. The devices are trocar-device-sim with key files."""
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import jsonschema
+from console_client import Console
+from console_server_test import make_folder, newest, start
+from device_link_e2e_test import Simulator
+from e2e import check, outcome
+
+DEAD = "udp:127.0.0.1:9"  # nobody answers there
+TEST_WITHIN_s, STOP_WITHIN_s = 30, 4
+
+
+def children(console):
+    """{process id: its words} of the console's children."""
+    found = {}
+    for name in pathlib.Path(f"/proc/{console.process.pid}/task/{console.process.pid}/children").read_text(encoding="ascii").split():
+        try:
+            found[int(name)] = pathlib.Path(f"/proc/{name}/cmdline").read_text(encoding="utf-8").split("\0")[:-1]
+        except OSError:
+            pass
+    return found
+
+
+def words_of_test(console):
+    """The words of the only child. Between fork and exec a process has none."""
+    for _ in range(200):
+        words = next(iter(children(console).values()), [])
+        if "--test" in words:
+            break
+        time.sleep(0.01)
+    return words
+
+
+def after_test(console, within_s=TEST_WITHIN_s):
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        told = console.get("/api/test")[1]
+        if told["state"] != "running":
+            return told
+        time.sleep(0.05)
+    return check(False, f"the test has not ended: {told}") or told
+
+
+def test_usage(programs, folder):
+    for words, said in (
+            (["motor"], "--device motor: must be "), (["udp:127.0.0.1:1"], "needs ,key-file=FILE"),
+            (["inproc,key-file=x"], "--device inproc: takes no key-file"), (["sim,simulated"], "--device sim: takes no options"),
+            (["inproc,simulated"], "--device inproc: is always simulated"), (["inproc", "inproc"], "--device inproc: is given twice"),
+            *(([f"udp:127.0.0.1:1,{wrong}"], "after the device may follow ,key-file=FILE")
+              for wrong in ("key-file=", "key-file", "simulated=1", "live=x", "", "key-file=x,", "test")),
+            (["udp:127.0.0.1:1,key-file=x,key-file=y"], "key-file is given twice")):
+        command = [programs / "trocar-console", folder, "--port", "0"]
+        for word in words:
+            command += ["--device", word]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=20)
+        check(done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done.returncode} {done.stderr}")
+
+
+def test_default(programs, page, folder):
+    console = Console(programs / "trocar-console", folder, page=page)
+    devices = console.get("/api/folder")[1]["devices"]
+    check(devices == [{"name": "inproc", "simulated": True, "can_be_tested": False}], f"without --device: {devices}")
+    check(console.get("/api/test") == (200, {"state": "none"}), "a test before any")
+    check(console.stop() == 0, "the end of a console")
+
+
+def test_refused(console, name):
+    for wrong in (7, -1, 0.0, 1e300, "", name + ",simulated", "udp:127.0.0.1:2", "haply:", "Inproc", None, True, [0], {"name": name}):
+        for path, body in (("/api/test", {"device": wrong}), ("/api/start", {"scene": "scenes/one_slice.json", "device": wrong})):
+            status, answer = console.post(path, body)
+            check(status == 400 and "\n" not in answer["error"], f"{path} {wrong}: {status} {answer}")
+    for body in ("[]", "{", '{"device": 0, "key_file": "/etc/passwd"}', '{"device": 0, "device": 1}', '"inproc"'):
+        check(console.post("/api/test", body)[0] == 400, f"/api/test {body}")
+    check(console.post("/api/test", '{"device": "' + 5000 * "x" + '"}')[0] == 413, "a body of 5 kB")
+    for what, keys, status in (("an audience", {"token": console.view}, 403), ("nobody", {"token": None}, 401),
+                               ("a foreign page", {"headers": {"Origin": "http://evil.example"}}, 403)):
+        check(console.post("/api/test", {"device": name}, **keys)[0] == status, f"{what} tests a device")
+    check(console.get("/api/test", token=console.view)[0] == 200 and console.get("/api/test", token=None)[0] == 401, "who may read a test")
+    check(console.request("PUT", "/api/test", {"device": name})[0] == 405, "PUT /api/test")
+    for simulated in ("inproc", 0, "sim"):
+        status, answer = console.post("/api/test", {"device": simulated})
+        check(status == 409 and "nothing to test" in answer["error"], f"a test of {simulated}: {status} {answer}")
+    check(not children(console) and console.get("/api/test")[1] == {"state": "none"}, f"a refused request started {children(console)}")
+
+
+def test_trial(console, name, source, hidden):
+    check(console.post("/api/test", {"device": name}) == (200, {"ok": True}), "the start of a test")
+    words = words_of_test(console)
+    check({"--test", "--simulated", "--key-file"} <= set(words) and name in words, f"the test's process: {words}")
+    for path, body in (("/api/test", {"device": name}), ("/api/start", {"scene": "scenes/one_slice.json"})):
+        status, answer = console.post(path, body)
+        check(status == 409 and "being tested" in answer["error"], f"{path} during a test: {status} {answer}")
+    told = console.get("/api/test")[1]
+    check(told["state"] == "running" and told["device"] == name and "result" not in told, f"a test that runs: {told}")
+    told = after_test(console)
+    schema = json.loads((source / "formats/session/device_test.schema.json").read_text(encoding="utf-8"))
+    schema.pop("$id")
+    jsonschema.validate(told["result"], schema)
+    result = told["result"]
+    check(told["exit_code"] == (0 if result["holds"] else 5) and result["holds"] == (not result["troubles"]), f"{told}")
+    check(result["device"] == name and "round trip" in result["numbers"] and result["verdict"] in told["text"], f"{told}")
+    check("stopped" not in told and not any(path in json.dumps(told) for path in hidden), f"a path is told: {told}")
+
+
+def test_stop(console, name):
+    for what, stop in (("stop", lambda: console.post("/api/command", {"command": "stop"})),
+                       ("the emergency stop", lambda: console.post("/api/emergency_stop", token=None))):
+        check(console.post("/api/test", {"device": 1})[0] == 200, f"a test before {what}")
+        time.sleep(0.5)
+        check(stop() == (200, {"ok": True}), f"{what} of a test")
+        told = after_test(console, STOP_WITHIN_s)
+        check(told["stopped"] and told["device"] == name and not children(console), f"after {what}: {told}, {children(console)}")
+    check(console.post("/api/command", {"command": "stop"})[0] == 409, "stop of nothing")
+
+
+def test_stop_beside_a_session(programs, console, folder, name):
+    """An emergency stop reaches the test and a session that somebody else has started meanwhile."""
+    live = console.live()
+    check(console.post("/api/test", {"device": name})[0] == 200, "a test before a foreign session")
+    with subprocess.Popen([programs / "trocar-run", folder / "scenes/outside.json", "--live", folder / "sessions/live", "--duration", "60",
+                           "--recover", "signal", "--quiet"], stderr=subprocess.DEVNULL) as session:
+        check(live.until(lambda l: l.state() == "running" and l.values and l.value("t_s") > 0.1, 4), f"{live.states}")
+        check(console.get("/api/test")[1]["state"] == "running", "the test has ended before the emergency stop")
+        check(console.post("/api/emergency_stop", token=None)[0] == 200, "an emergency stop of both")
+        check(live.until(lambda l: any(e.get("fault") == "emergency_stop" for e in l.events), 5), f"{live.events}")
+        check(after_test(console, STOP_WITHIN_s)["stopped"], "the test goes on after an emergency stop")
+        check(console.post("/api/command", {"command": "stop"})[0] == 200 and live.until(lambda l: l.state() == "ended", 10), f"{live.states}")
+        session.wait(20)
+    live.close()
+
+
+def test_dead(console, hidden):
+    """A device that does not answer, and one whose key file is missing: trocar-run's own line, without the file's folder."""
+    for name, said in ((DEAD, "127.0.0.1:9"), ("udp:127.0.0.1:10", "the file of key-file")):
+        check(console.post("/api/test", {"device": name})[0] == 200, f"a test of {name}")
+        told = after_test(console)
+        last = told["text"].strip().splitlines()[-1]
+        check(told["exit_code"] not in (0, 1) and "result" not in told and last.startswith("trocar-run: ") and said in last, f"{name}: {told}")
+        check(not any(path in json.dumps(told) for path in hidden), f"a path is told: {told}")
+    check(console.post("/api/test", {"device": DEAD})[0] == 200, "another test of a dead device")
+    console.post("/api/command", {"command": "stop"})
+    check(after_test(console, STOP_WITHIN_s)["stopped"], "the stop of a test that waits for its device")
+
+
+def test_session(console, folder, name, hidden):
+    live = console.live()
+    start(console, live, scene="scenes/outside.json", device=1, duration_s=60)
+    check(live.until(lambda l: l.state() == "running" and l.values and l.value("t_s") > 0.2), f"{live.states}")
+    check(live.hello["device"] == name and live.states[-1]["device"] == name, f"{live.states}")
+    words = children(console)[live.hello["pid"]]
+    check({"--simulated", "--key-file", name} <= set(words) and "--late-ticks-in-row" not in words, f"the session's process: {words}")
+    status, answer = console.post("/api/test", {"device": name})
+    check(status == 409 and "session runs" in answer["error"], f"a test during a session: {status} {answer}")
+    check(console.post("/api/command", {"command": "stop"})[0] == 200 and live.until(lambda l: l.state() == "ended", 10), f"{live.states}")
+    recording = str((newest(folder) / "session.csv").relative_to(folder))
+    listed = [r for r in console.get("/api/folder")[1]["recordings"] if r["file"] == recording]
+    check(listed and listed[0]["device"] == name, f"the device of a session in the list: {listed}")
+    # A scene whose hand is live: trocar-run says why not.
+    check(console.post("/api/start", {"scene": "scenes/live.json", "device": name})[0] == 200, "a live hand's start")
+    why = "its hand is live, which is for the simulated device inproc"
+    check(live.until(lambda l: why in l.states[-1]["message"], 10), f"a live hand on a device: {live.states[-1]}")
+    log = console.get("/api/log", raw=True)[1].decode()
+    check(why in log and not any(path in log + json.dumps(live.states) for path in hidden), f"a path is told: {log} {live.states}")
+    live.close()
+
+
+def test_killed_test(programs, page, folder, name, option, how):
+    """A test ends with its console."""
+    console = Console(programs / "trocar-console", folder, "--device", option, page=page)
+    check([d["name"] for d in console.get("/api/folder")[1]["devices"]] == [name], "a list without inproc")
+    check(console.post("/api/test", {})[0] == 200, "a test of the first device")
+    tested = list(children(console))
+    time.sleep(0.5)
+    console.stop(how)
+    end = time.monotonic() + TEST_WITHIN_s  # it ends by itself if the console could not end it
+    while time.monotonic() < end and any(os.path.exists(f"/proc/{pid}") for pid in tested):
+        time.sleep(0.05)
+    check(tested and not any(os.path.exists(f"/proc/{pid}") for pid in tested), f"{how}: the test goes on")
+
+
+def main():
+    source, programs, asset, work = map(pathlib.Path, sys.argv[1:])
+    page = source / "runtime/console/page"
+    folder = make_folder(source, asset, work)
+    scene = json.loads((folder / "scenes/one_slice.json").read_text(encoding="utf-8"))
+    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone
+    (folder / "scenes/outside.json").write_text(json.dumps(scene), encoding="utf-8")
+    scene["hand"] = {"live": True, "trajectory": scene["hand"]["trajectory"][:1]}
+    (folder / "scenes/live.json").write_text(json.dumps(scene), encoding="utf-8")
+    test_usage(programs, folder)
+    test_default(programs, page, folder)
+    keys = work / "keys"
+    keys.mkdir()
+    with Simulator(programs, keys, folder / "scenes/outside.json", "--watchdog", "0.25") as simulator:
+        name, option = f"udp:{simulator.address}", f"udp:{simulator.address},simulated,key-file={simulator.key_file}"
+        console = Console(programs / "trocar-console", folder, "--device", "inproc", "--device", option, "--device", f"{DEAD},key-file={simulator.key_file}",
+                          "--device", f"udp:127.0.0.1:10,key-file={keys / 'nowhere.key'}", page=page)
+        hidden = [str(keys), str(folder), str(programs.resolve()), "link.key", "nowhere.key"]
+        status, answer = console.request("GET", "/api/folder", raw=True)
+        devices = json.loads(answer)["devices"]
+        check([d["name"] for d in devices] == ["inproc", name, DEAD, "udp:127.0.0.1:10"], f"{devices}")
+        check([d["simulated"] for d in devices] == [True, True, False, False] and [d["can_be_tested"] for d in devices] == [False, True, True, True], f"{devices}")
+        check(status == 200 and not any(path in answer.decode() for path in hidden), "a path is told in the list")
+        test_refused(console, name)
+        test_trial(console, name, source, hidden)
+        test_stop(console, name)
+        test_stop_beside_a_session(programs, console, folder, name)
+        test_dead(console, hidden)
+        test_session(console, folder, name, hidden)
+        check(console.stop() == 0, "the end of the console")
+        for how in (signal.SIGINT, signal.SIGKILL):
+            test_killed_test(programs, page, folder, name, option, how)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
