@@ -28,7 +28,6 @@ constexpr double kSkew = 0.01;
 // Error numbers of the SDK.
 constexpr int kErrorCom = 2;
 constexpr int kErrorNoDevice = 5;
-constexpr int kErrorTimeout = 7;
 constexpr int kErrorConfiguration = 14;
 constexpr int kErrorInvalidIndex = 15;
 constexpr int kErrorNull = 17;
