@@ -45,7 +45,7 @@ Result<PoseDeviceDescription> parse_pose_device_description(std::string_view jso
   device.senses_rotation = root.boolean("senses_rotation");
   root.read("stiffness_max_N_per_m", device.stiffness_max_N_per_m, 1, 1e8);
   device.mass_kg = root.number("mass_kg", 1e-3, 1e3);
-  root.numbers("inertia_kg_m2", device.inertia_kg_m2, 1e-8, 1e3, false);
+  root.numbers("inertia_kg_m2", device.inertia_kg_m2, 1e-8, 1e3, device.moment_max_Nm > 0);
   root.read("damping_N_s_per_m", device.damping_N_s_per_m, 0, 1e4);
   root.read("rotation_damping_Nm_s_per_rad", device.rotation_damping_Nm_s_per_rad, 0, 1e3);
   root.read("position_resolution_m", device.position_resolution_m, 0, 0.01);

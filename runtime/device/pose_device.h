@@ -41,7 +41,7 @@ class PoseDevice {
   virtual DeviceStatus read(PoseReading& reading) noexcept = 0;
   /// Sets the wrench to hold until the next write. Never returns kEndOfData.
   virtual DeviceStatus write(const HandleWrench& wrench) noexcept = 0;
-  /// After a read() that returned kLinkLost, requests a new connection. Returns immediately; read() returns
+  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns immediately; read() returns
   /// kLinkLost until the connection is established.
   virtual void restore() noexcept {}
   /// Ends a tick of `dt_s`, and advances the time of a device that is paced by the loop.

@@ -134,6 +134,13 @@ Result<bool> force_dimension_senses_rotation(std::string_view address) {
   return senses_rotation(connection);
 }
 
+/// The kinds of description that a URI needs.
+enum class DescriptionKind : std::uint8_t {
+  kAny,        ///< the simulated device in the process is either
+  kFourLegs,   ///< encoders and motors
+  kPoseDevice  ///< a device that measures its own pose
+};
+
 struct DeviceKind {
   std::string_view uri;  ///< SCHEME or SCHEME:ADDRESS, as shown in the help text
   std::string_view help;
@@ -280,11 +287,6 @@ Result<std::string> find_built_in_description(std::string_view uri) {
   const Result<bool> turns = kind->senses_rotation(split(uri).address);
   if (!turns) return turns.error();
   return std::string(kind->built_in) + (*turns ? std::string(kWithRotation) : "");
-}
-
-DescriptionKind description_kind(std::string_view uri) {
-  const DeviceKind* kind = find_device(uri);
-  return kind != nullptr ? kind->description : DescriptionKind::kAny;
 }
 
 std::string device_uri_help() {

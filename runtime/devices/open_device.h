@@ -51,14 +51,6 @@ std::string_view built_in_description(std::string_view uri);
 /// Like built_in_description(), but asks the device, so that the description says whether its handle's orientation is measured.
 /// Blocks up to kOpenTimeout_s. Errors: those of the device's PoseConnection::open().
 Result<std::string> find_built_in_description(std::string_view uri);
-/// The kinds of description that a URI needs.
-enum class DescriptionKind : std::uint8_t {
-  kAny,        ///< the simulated device in the process is either
-  kFourLegs,   ///< encoders and motors
-  kPoseDevice  ///< a device that measures its own pose
-};
-DescriptionKind description_kind(std::string_view uri);
-
 /// A device ready for start(), or for the first tick of a replay.
 struct OpenedDevice {
   std::unique_ptr<Device> encoders_and_motors;  ///< set for the four-legged device

@@ -54,12 +54,15 @@ void set_pose_device_options(const PoseDeviceDescription& description, const Sce
   }
   limits.timing.ramp_s = 0;
   limits.timing.ramps_at_start = true;
+  StiffnessLimits& stiffness = options.stiffness;
+  if (description.stiffness_max_N_per_m > 0)
+    stiffness.most_N_per_m =
+        std::min(stiffness.most_N_per_m, description.stiffness_max_N_per_m / stiffness.margin);
   if (options.coupling.on || traits_of(scene.force_law.kind).uses_bone_volume) return;
-  const double stated_N_per_m = description.stiffness_max_N_per_m > 0
-                                    ? description.stiffness_max_N_per_m
-                                    : options.coupling.stiffness_N_per_m;
   const double rendered_N_per_m =
-      std::min(stated_N_per_m / options.stiffness.margin, options.stiffness.most_N_per_m);
+      description.stiffness_max_N_per_m > 0
+          ? stiffness.most_N_per_m
+          : std::min(stiffness.most_N_per_m, options.coupling.stiffness_N_per_m / stiffness.margin);
   options.coupling.on = true;
   options.coupling.stiffness_N_per_m =
       std::clamp(rendered_N_per_m / scene.force_law.force_scale, 100.0, 1e6);

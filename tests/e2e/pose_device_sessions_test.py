@@ -220,8 +220,8 @@ def sdk(work, **settings):
 
 
 def sdk_path(work, scene, seconds):
-    # The device's x axis lies along the scene's y axis: its frame is turned by 90 degrees.
-    return str(write_path(work / "path.json", hand_path(scene, seconds, lambda p: [p[1], -p[0], p[2]]), (0, 0, 0)))
+    # The device's x axis points towards the user, against the scene's y axis: its frame is turned by -90 degrees.
+    return str(write_path(work / "path.json", hand_path(scene, seconds, lambda p: [-p[1], p[0], p[2]]), (0, 0, 0)))
 
 
 @pytest.mark.parametrize("law", LAWS)

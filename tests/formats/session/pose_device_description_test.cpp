@@ -67,6 +67,7 @@ TEST(PoseDeviceDescription, WrongFieldsAreRefusedWithTheirPath) {
       {"\"workspace_max_m\": [0.1, 0.2, 0.3]", "\"workspace_max_m\": [0.1, 0.2]"},
       {"\"senses_rotation\": true", "\"senses_rotation\": 1"},
       {"\"senses_rotation\": true", "\"senses_rotation\": false"},
+      {"\"inertia_kg_m2\": [1e-4, 2e-4, 3e-4], ", ""},
       {"\"buttons\": 2", "\"buttons\": 33"},
       {"\"name\": \"arm\"", "\"name\": \"arm\", \"colour\": 1"},
       {"/mass_kg", "/weight_kg"},

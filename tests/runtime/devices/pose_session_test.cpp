@@ -58,6 +58,17 @@ TEST(PoseSession, MiddleOfThePathIsTheMiddleOfTheWorkspace) {
   EXPECT_NEAR((plate.p_m - Eigen::Vector3d(0, 0, 0.12 + 0.02)).norm(), 0, 1e-15);
 }
 
+TEST(PoseSession, HandleOfForceDimensionMovesTowardsTheUserAlongItsXAxis) {
+  const auto device = built_in_pose_device("force_dimension");
+  ASSERT_TRUE(device);
+  const PoseFrame frame = pose_frame(*device, scene_of(ForceLawKind::kHooke));
+  PoseReading moved;
+  moved.p_m = {0.01, 0.02, 0.03};
+  const Eigen::Vector3d step_m = frame.plate(moved).p_m - frame.plate({}).p_m;
+  // The scene has x to the right, y away from the user and z up; the device x to the user, y to the right and z up.
+  EXPECT_NEAR((step_m - Eigen::Vector3d(0.02, -0.01, 0.03)).norm(), 0, 1e-15);
+}
+
 TEST(PoseSession, OptionsAreThoseOfTheDevice) {
   const Scene scene = scene_of(ForceLawKind::kHooke);
   SessionOptions options;
@@ -68,6 +79,7 @@ TEST(PoseSession, OptionsAreThoseOfTheDevice) {
   EXPECT_NEAR(options.limits.workspace_max_m[2] - options.limits.workspace_min_m[2], 0.16, 1e-15);
   EXPECT_TRUE(options.coupling.on);
   EXPECT_NEAR(options.coupling.stiffness_N_per_m, 500, 1e-9) << "half of what is stated";
+  EXPECT_EQ(options.stiffness.most_N_per_m, 500) << "with every law";
   SessionOptions chosen;
   chosen.coupling = {true, 3000, 4};
   set_pose_device_options(arm(), scene, chosen);
