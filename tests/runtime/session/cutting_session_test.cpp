@@ -425,7 +425,6 @@ TEST(CuttingSession, OtherLawsAreAsTheyWere) {
     with.force_law.axis = ToolAxis::kCoupled;
     with.force_law.coupling_N_per_m = 300;
     with.force_law.prediction = PosePrediction::kOn;
-    with.force_law.force_scale = 0.1;
     const SessionOptions options = options_at(1000, plain);
     const CuttingRun a = run(plain, square_asset(2), options, description_with(0.005)),
                      b = run(with, square_asset(2), options, description_with(0.005));
