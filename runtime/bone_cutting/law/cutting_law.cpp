@@ -124,6 +124,7 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
   finish_layers(tick, e.slide[0], out);
   if (tick.front_m > tick.first_front_m) record_cut(tick, tip, axis, out);
   finish_surface(tick, tip, axis);
+  tick.state.bearing = bearing_slab(tick);
   if (tick.options.coupling.is_rigid) {
     // The wrench is the derivative of the energy stored now, at the present pose of the shaft.
     tick.start_at(e.X);
@@ -188,6 +189,7 @@ void release(CuttingState& state) noexcept {
   }
   state.has_begun = false;
   state.stretch_m = state.slid_m = 0;
+  state.bearing = -1;
   state.slope.reset();
   state.friction_N_per_m = 0;
   state.presliding_m.setZero();

@@ -161,6 +161,9 @@ struct CuttingState {
   /// Distance of the tip beyond the front, along the shaft. While it is positive, it is carried from tick to
   /// tick. It must not be recomputed from the geometry, because that would add energy.
   double stretch_m = 0;
+  /// Slab of thickness 0 on which the front rests; -1: none. The front stays there until it cuts the slab, although
+  /// the distance along the shaft is another one after the tool has been tilted.
+  int bearing = -1;
   std::optional<Eigen::Vector2d> slope;  ///< CuttingOptions::slope of the last tick
   /// Depth by which the front has sunk because the tip slid down a slope. No bone surrounds the tool there.
   double slid_m = 0;

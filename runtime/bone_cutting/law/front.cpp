@@ -15,13 +15,10 @@ constexpr double kSlabEndSlack_m = 1e-9;
 void find_front(Tick& tick) noexcept {
   const double tip_m = -tick.tip.z();
   if (tick.state.stretch_m > 0) {
-    double front_m = tip_m - tick.state.stretch_m * tick.down;
-    // Rounding must not move the front past a sheet of thickness 0 that bears the tip.
-    const int i = tick.slab_at(front_m - kSlabEndSlack_m);
-    if (i < tick.slab_count() && tick.slab(i).bottom_m <= tick.slab(i).top_m &&
-        tick.slab(i).top_m < front_m + kSlabEndSlack_m)
-      front_m = tick.slab(i).top_m;
-    tick.front_m = tick.first_front_m = front_m;
+    const int i = tick.state.bearing;
+    tick.front_m = i >= 0 && i < tick.slab_count() ? tick.slab(i).top_m
+                                                   : tip_m - tick.state.stretch_m * tick.down;
+    tick.first_front_m = tick.front_m;
     return;
   }
   tick.front_m = std::numeric_limits<double>::infinity();
@@ -93,6 +90,14 @@ Advance scan(const Tick& tick, double R, double K_s) noexcept {
     }
   }
   return to_rest(a, R, K_s);
+}
+
+int bearing_slab(const Tick& tick) noexcept {
+  if (tick.state.stretch_m <= 0 || tick.is_free) return -1;
+  const int i = tick.slab_at(tick.front_m - kSlabEndSlack_m);
+  const bool rests = i < tick.slab_count() && tick.slab(i).bottom_m <= tick.slab(i).top_m &&
+                     tick.slab(i).top_m < tick.front_m + kSlabEndSlack_m;
+  return rests ? i : -1;
 }
 
 void take(Tick& tick, const Advance& a, CuttingResult& out) noexcept {

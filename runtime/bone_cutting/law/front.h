@@ -22,6 +22,9 @@ struct Advance {
 /// `tip_N` and falls by `per_m` (N per metre of advance).
 Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 
+/// Returns CuttingState::bearing for the end of this tick.
+int bearing_slab(const Tick& tick) noexcept;
+
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 
 /// Values that a step of the front changes. They serve to undo the step.

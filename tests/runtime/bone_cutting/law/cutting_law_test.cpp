@@ -49,6 +49,36 @@ TEST(CuttingLaw, ThePapersSheet) {
   }
 }
 
+// A tool that is tilted while it presses on a sheet stays on it. The distance along the shaft from the sheet to the tip
+// grows with the tilt, and the front must not pass the sheet by that.
+TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
+  for (const bool is_rigid : {true, false}) {
+    Bench b(even_slabs(1, 0, 35));
+    b.options.coupling.is_rigid = is_rigid;
+    b.options.coupling.translation_N_per_m = 50'000;
+    b.options.coupling.rotation_Nm_per_rad = 50;
+    b.options.tip_N_per_m = 5000;
+    b.move(plate_at(0, -0.001), plate_at(0, 0.003), 1e-5);
+    const double upright_N = b.out.tip_N;
+    ASSERT_GT(upright_N, 12);
+    for (const double aim : {0.2, -0.2, 0.0}) {
+      const double from = aim == 0.2 ? 0 : aim == -0.2 ? 0.2 : -0.2;
+      for (int k = 1; k <= 500; ++k) {
+        b.tick(plate_at(0, 0.003, from + (aim - from) * k / 500));
+        ASSERT_NEAR(b.out.tip_N, upright_N, 0.04 * upright_N) << "tilt " << aim << ", " << k;
+        ASSERT_EQ(b.out.front_m, 0);
+        ASSERT_EQ(b.out.passed_from, b.out.passed_to);
+      }
+    }
+    EXPECT_NEAR(b.out.tip_N, upright_N, 1e-3 * upright_N) << "upright again";
+    double most_N = 0;
+    b.move(plate_at(0, 0.003), plate_at(0, 0.012), 1e-5,
+           [&](const CuttingResult& out, const Pose&) { most_N = std::max(most_N, out.tip_N); });
+    EXPECT_NEAR(most_N, 35, 0.06);
+    EXPECT_EQ(b.out.tip_N, 0) << "broken";
+  }
+}
+
 // The same sheet behind a coupling of 10 kN/m breaks at 10.5 mm of the device's depth; a shell of 1
 // mm holds its 35 N for that much longer.
 TEST(CuttingLaw, CouplingAndThicknessMoveTheBreak) {
