@@ -119,12 +119,12 @@ std::string times(const char* name, const Histogram& histogram) {
                    histogram.max_us() * 1e-3);
 }
 
-/// Share of the states that the link lost; 0 without a link.
+/// Share of the states that the device link lost; 0 without packets.
 double lost_share(const DeviceTrial& trial) noexcept {
-  if (!trial.link) return 0;
-  const double all =
-      static_cast<double>(trial.link->states_missed + trial.link->packets.accepted());
-  return all > 0 ? static_cast<double>(trial.link->states_missed) / all : 0;
+  if (!trial.link || !trial.link->packets) return 0;
+  const auto& [counts, missed] = *trial.link->packets;
+  const double all = static_cast<double>(missed + counts.accepted());
+  return all > 0 ? static_cast<double>(missed) / all : 0;
 }
 
 /// Angle between the plate's z axis and the scene's.
@@ -184,10 +184,11 @@ std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions&
       out += text_line("%16s up to %9.3f ms: %llu\n", "", upper_us * 1e-3,
                        static_cast<unsigned long long>(count));
     });
-    out += text_line("%-16s %llu states lost (%.2f %%), %llu packets refused\n", "link",
-                     static_cast<unsigned long long>(trial.link->states_missed),
-                     100 * lost_share(trial),
-                     static_cast<unsigned long long>(trial.link->packets.refused()));
+    if (const auto& packets = trial.link->packets)
+      out += text_line("%-16s %llu states lost (%.2f %%), %llu packets refused\n", "link",
+                       static_cast<unsigned long long>(packets->states_missed),
+                       100 * lost_share(trial),
+                       static_cast<unsigned long long>(packets->counts.refused()));
   }
   out += times("waking late", trial.realtime.wake);
   out += text_line("%-16s %llu, at most %d in a row\n", "missed deadlines",

@@ -38,13 +38,21 @@ Result<void> ConnectedDevice::start() {
     return opened.error();
   }
   state_.store(State::kConnected);
+  sessions_ = 1;
   thread_ = std::thread([this] { run(); });
   return {};
 }
 
 DeviceStatus ConnectedDevice::read(PoseReading& reading) noexcept {
   if (state_.load(std::memory_order_acquire) != State::kConnected) return DeviceStatus::kLinkLost;
-  return readings_.read(reading) ? DeviceStatus::kOk : DeviceStatus::kNoData;
+  Answer answer;
+  if (!answers_.read(answer)) return DeviceStatus::kNoData;
+  reading = answer.reading;
+  if (answer.command_ns > last_answered_ns_) {
+    last_answered_ns_ = answer.command_ns;
+    round_trip_.add(monotonic_ns() - answer.command_ns);
+  }
+  return DeviceStatus::kOk;
 }
 
 DeviceStatus ConnectedDevice::write(const HandleWrench& wrench) noexcept {
@@ -66,6 +74,10 @@ void ConnectedDevice::close() {
   state_.store(State::kLost);
 }
 
+std::optional<LinkReport> ConnectedDevice::link_report() const {
+  return LinkReport{sessions_, std::nullopt, round_trip_, std::nullopt};
+}
+
 void ConnectedDevice::lose(const Error& error) {
   state_.store(State::kLost, std::memory_order_release);
   connection_->close();
@@ -76,10 +88,11 @@ void ConnectedDevice::lose(const Error& error) {
 void ConnectedDevice::exchange_once() {
   commands_.read(command_);
   const double age_s = static_cast<double>(monotonic_ns() - command_.at_ns) * 1e-9;
+  const bool is_fresh = age_s < kStaleCommand_s;
   const Result<PoseReading> reading =
-      connection_->exchange(age_s < kStaleCommand_s ? command_.wrench : HandleWrench{});
+      connection_->exchange(is_fresh ? command_.wrench : HandleWrench{});
   if (!reading) return lose(reading.error());
-  readings_.write(*reading);
+  answers_.write({*reading, is_fresh ? command_.at_ns : 0});
   said_.clear();
 }
 
@@ -96,6 +109,7 @@ void ConnectedDevice::run() {
       case State::kRestoring:
         if (const Result<void> opened = connection_->open()) {
           commands_.read(command_);
+          ++sessions_;
           command_ = {};  // a force from before the loss is not rendered after it
           state_.store(State::kConnected, std::memory_order_release);
         } else {

@@ -7,7 +7,9 @@
 //  2. If the haptic thread has written nothing for kStaleCommand_s, the connection gets no force until it writes again.
 //  3. After an error of the connection read() returns kLinkLost, and the error is said in one line. restore() makes
 //     the thread connect again; the first wrench after that is zero.
-//  4. close() ends without force. It waits for a call that is under way, at most for the connection's own limits.
+//  4. The round trip of a wrench is the time from its write() to the read() of the first pose that the connection
+//     returned for it.
+//  5. close() ends without force. It waits for a call that is under way, at most for the connection's own limits.
 #pragma once
 
 #include <atomic>
@@ -19,6 +21,7 @@
 #include "formats/base/result.h"
 #include "runtime/connection/pose_connection.h"
 #include "runtime/device/pose_device.h"
+#include "runtime/realtime/histogram.h"
 #include "runtime/realtime/triple_buffer.h"
 
 namespace trocar::runtime {
@@ -42,12 +45,18 @@ class ConnectedDevice final : public PoseDevice {
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
   void restore() noexcept override;
   void close() override;
+  /// Sessions and round trips, after close().
+  std::optional<LinkReport> link_report() const override;
 
  private:
   enum class State : std::uint8_t { kConnected, kLost, kRestoring };
   struct Command {
     HandleWrench wrench{};
     std::int64_t at_ns = 0;
+  };
+  struct Answer {
+    PoseReading reading;
+    std::int64_t command_ns = 0;  ///< Command::at_ns of the command that it answers; 0: none
   };
   void run();
   void exchange_once();
@@ -56,13 +65,17 @@ class ConnectedDevice final : public PoseDevice {
   std::unique_ptr<PoseConnection> connection_;
   std::int64_t period_ns_;
   SayLine say_;
-  TripleBuffer<PoseReading> readings_;
+  TripleBuffer<Answer> answers_;
   TripleBuffer<Command> commands_;
   std::atomic<State> state_{State::kLost};
   std::atomic<bool> closing_{false};
   std::thread thread_;
+  // The following two members belong to the haptic thread.
+  Histogram round_trip_;
+  std::int64_t last_answered_ns_ = 0;  ///< Answer::command_ns whose round trip was counted last
   // The following members belong to the connection's thread.
   Command command_;
+  std::uint64_t sessions_ = 0;
   std::string
       said_;  ///< the last error, which is not repeated while restoring fails for the same reason
 };

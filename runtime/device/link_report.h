@@ -12,14 +12,19 @@
 
 namespace trocar::runtime {
 
-/// Counts of the link to a device.
+/// Counts of the device link's packets.
+struct LinkPackets {
+  LinkCounts counts;
+  /// Number of states that the device sent after the first torques, but that were lost or overtaken.
+  std::uint64_t states_missed = 0;
+};
+
+/// Counts of the link to a device, of all sessions with it.
 struct LinkReport {
   std::uint64_t sessions = 0;
-  LinkCounts packets;
-  /// Number of states that the device sent in these sessions after the first torques, but that were
-  /// lost or overtaken.
-  std::uint64_t states_missed = 0;
-  /// Time from a command to the first state that acknowledges it; of the real clock only.
+  std::optional<LinkPackets> packets;  ///< none through a maker's SDK or service
+  /// Time from a command to the first state that acknowledges it, or that was measured after the device took
+  /// the command; of the real clock only.
   Histogram round_trip;
   std::optional<Error> restore_error;  ///< failure of the last attempt to restore the session
 };

@@ -119,7 +119,7 @@ class UdpLink : public Kind::Interface {
   std::uint64_t states_missed() const noexcept { return states_missed_; }
   std::uint64_t sessions() const noexcept { return sessions_; }
   std::optional<LinkReport> link_report() const override {
-    return LinkReport{sessions_, counts_, states_missed_, round_trip_, restore_error_};
+    return LinkReport{sessions_, LinkPackets{counts_, states_missed_}, round_trip_, restore_error_};
   }
 
  protected:

@@ -16,17 +16,18 @@
 namespace trocar::runtime {
 namespace {
 
-/// Returns the summary's "link": the number of accepted packets, and the numbers of refused
-/// packets by reason.
+/// Returns the summary's "link": the number of sessions, and of the device link the number of accepted packets and the
+/// numbers of refused packets by reason.
 nlohmann::json describe(const LinkReport& link) {
+  nlohmann::json out = {{"sessions", link.sessions}};
+  if (!link.packets) return out;
   nlohmann::json refused = nlohmann::json::object();
-  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    refused[to_string(static_cast<LinkRefusal>(i))] = link.packets.by_refusal[i];
-  }
-  return {{"sessions", link.sessions},
-          {"packets_accepted", link.packets.accepted()},
-          {"packets_refused", refused},
-          {"states_missed", link.states_missed}};
+  for (std::size_t i = 1; i < kLinkRefusals; ++i)
+    refused[to_string(static_cast<LinkRefusal>(i))] = link.packets->counts.by_refusal[i];
+  out["packets_accepted"] = link.packets->counts.accepted();
+  out["packets_refused"] = refused;
+  out["states_missed"] = link.packets->states_missed;
+  return out;
 }
 
 /// Returns the file of the session report's figures.

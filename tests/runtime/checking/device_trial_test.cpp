@@ -25,12 +25,13 @@ DeviceTrial good_trial() {
   DeviceTrial trial;
   trial.ticks = trial.readings = 5000;
   trial.link.emplace();
+  trial.link->packets.emplace();
   for (int i = 0; i < 5000; ++i) {
     trial.state_interval.add(kMs);
     trial.without_state.add(kMs + (i % 3) * kMs / 10);
     trial.realtime.wake.add(20'000);
     trial.link->round_trip.add(kMs / 2);
-    trial.link->packets.add(LinkRefusal::kNone);
+    trial.link->packets->counts.add(LinkRefusal::kNone);
   }
   trial.position_noise_m = 2e-6;
   return trial;
@@ -63,7 +64,7 @@ TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
            t.link->round_trip.add(6 * kMs);
        }},
       {"2.0 % of the device's states were lost",
-       [](DeviceTrial& t) { t.link->states_missed = 102; }},
+       [](DeviceTrial& t) { t.link->packets->states_missed = 102; }},
       {"trembles by 0.05 mm at rest, which is 0.5 N",
        [](DeviceTrial& t) { t.position_noise_m = 5e-5; }},
       {"joint_limit", [](DeviceTrial& t) { t.fault = Fault::kJointLimit; }},

@@ -96,6 +96,22 @@ TEST_F(ConnectedDeviceTest, NewestWrenchAndPoseGoThrough) {
   EXPECT_EQ(device_.read(reading_), DeviceStatus::kLinkLost);
 }
 
+TEST_F(ConnectedDeviceTest, RoundTripIsFromAWrenchToThePoseReturnedForIt) {
+  script_.wait_ms = 20;
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(reads(DeviceStatus::kOk)) << "a pose without a command has no round trip";
+  EXPECT_TRUE(gets(1.5));
+  device_.close();
+  const std::optional<LinkReport> link = device_.link_report();
+  ASSERT_TRUE(link);
+  EXPECT_EQ(link->sessions, 1U);
+  EXPECT_FALSE(link->packets) << "an SDK has no packets that could be counted";
+  EXPECT_GE(link->round_trip.samples(), 1U);
+  EXPECT_LE(link->round_trip.samples(), script_.taken().size());
+  // A command waits for at most one exchange, and its own lasts 20 ms.
+  EXPECT_GE(link->round_trip.quantile_us(0), 19'000);
+}
+
 TEST_F(ConnectedDeviceTest, FailedOpenIsAnErrorOfStart) {
   script_.opens = false;
   const auto started = device_.start();
