@@ -58,7 +58,9 @@ void declare(CLI::App& app, Arguments& arguments) {
          "a device that the page may choose for a session; repeat it for several. inproc:\n"
          "simulated in trocar-run; sim: trocar-device-sim as a separate process; or a device of\n"
          "trocar-run --device, with its options: URI[,key-file=FILE][,device-description=FILE]\n"
-         "[,simulated]. The first is the default; if none is given, it is inproc alone")
+         "[,force-limit=N][,force-scale=F][,simulated]. The first is the default; if none is "
+         "given,\n"
+         "it is inproc alone")
       ->allow_extra_args(false);
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");

@@ -8,10 +8,13 @@ namespace {
 
 struct DeviceOption {
   std::string_view name;
-  bool has_file;
+  bool has_value;
 };
-constexpr DeviceOption kDeviceOptions[] = {
-    {"key-file", true}, {"device-description", true}, {"simulated", false}};
+constexpr DeviceOption kDeviceOptions[] = {{"key-file", true},
+                                           {"device-description", true},
+                                           {"force-limit", true},
+                                           {"force-scale", true},
+                                           {"simulated", false}};
 
 /// Returns the text before the next comma, and removes both from `rest`.
 std::string_view take_part(std::string_view& rest) {
@@ -40,16 +43,16 @@ Result<DeviceChoice> parse_device_choice(std::string_view text) {
     const auto* const option =
         std::find_if(std::begin(kDeviceOptions), std::end(kDeviceOptions),
                      [&](const DeviceOption& each) { return each.name == name; });
-    const std::string_view file = part.substr(std::min(part.size(), name.size() + 1));
-    if (option == std::end(kDeviceOptions) || option->has_file == file.empty() ||
-        (!option->has_file && part != name))
+    const std::string_view value = part.substr(std::min(part.size(), name.size() + 1));
+    if (option == std::end(kDeviceOptions) || option->has_value == value.empty() ||
+        (!option->has_value && part != name))
       return usage(shown +
-                   ": after the device may follow ,key-file=FILE ,device-description=FILE or "
-                   ",simulated");
+                   ": after the device may follow ,key-file=FILE ,device-description=FILE "
+                   ",force-limit=N ,force-scale=F or ,simulated");
     std::string word = "--" + std::string(name);
     if (choice.has(word)) return usage(shown + ": " + std::string(name) + " is given twice");
     choice.words.push_back(std::move(word));
-    if (option->has_file) choice.words.emplace_back(file);
+    if (option->has_value) choice.words.emplace_back(value);
   }
   return choice;
 }

@@ -25,8 +25,8 @@ struct DeviceChoice {
   bool can_be_tested() const { return name != kInProcess && name != kSimulator; }
 };
 
-/// Reads "URI[,key-file=FILE][,device-description=FILE][,simulated]". Errors: (usage) another or a
-/// repeated option, or an option without its value.
+/// Reads "URI[,key-file=FILE][,device-description=FILE][,force-limit=N][,force-scale=F][,simulated]". Errors: (usage)
+/// another or a repeated option, or an option without its value. trocar-run checks the values.
 Result<DeviceChoice> parse_device_choice(std::string_view text);
 
 /// Replaces texts, such as names of folders, in what is shown to pages.

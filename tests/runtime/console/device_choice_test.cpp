@@ -23,6 +23,10 @@ TEST(DeviceChoice, UriWithOptionsInAnyOrder) {
   EXPECT_EQ(full->words, (std::vector<std::string>{"--simulated", "--key-file", "/a=b/k",
                                                    "--device-description", "d.json"}));
   EXPECT_TRUE(full->is_simulated() && full->can_be_tested());
+  const auto limited = parse_device_choice("haply:,force-limit=3,force-scale=0.2");
+  ASSERT_TRUE(limited);
+  EXPECT_EQ(limited->words,
+            (std::vector<std::string>{"--force-limit", "3", "--force-scale", "0.2"}));
   for (const char* own : {"inproc", "sim"}) {
     const auto simulated = parse_device_choice(own);
     EXPECT_TRUE(simulated && simulated->is_simulated() && !simulated->can_be_tested()) << own;
@@ -31,10 +35,10 @@ TEST(DeviceChoice, UriWithOptionsInAnyOrder) {
 
 TEST(DeviceChoice, RefusesOtherOptions) {
   for (const char* wrong :
-       {"udp:a:1,", "udp:a:1,,simulated", "udp:a:1,key-file",
-        "udp:a:1,key-file=", "udp:a:1,simulated=", "udp:a:1,simulated=1", "udp:a:1,Simulated",
-        "udp:a:1,--live=x", "udp:a:1,late-ticks-in-row=0", "udp:a:1, simulated",
-        "udp:a:1,simulated,simulated", "udp:a:1,key-file=x,key-file=x"}) {
+       {"udp:a:1,", "udp:a:1,,simulated", "udp:a:1,key-file", "udp:a:1,key-file=",
+        "haply:,force-limit", "haply:,force-limit=", "udp:a:1,simulated=", "udp:a:1,simulated=1",
+        "udp:a:1,Simulated", "udp:a:1,--live=x", "udp:a:1,late-ticks-in-row=0",
+        "udp:a:1, simulated", "udp:a:1,simulated,simulated", "udp:a:1,key-file=x,key-file=x"}) {
     const auto choice = parse_device_choice(wrong);
     ASSERT_FALSE(choice) << wrong;
     EXPECT_EQ(choice.error().code, ExitCode::kUsage);
