@@ -177,6 +177,71 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
             1000);
 }
 
+// The sum of work, written again from the columns of the recording: the force at each tick is held until the next.
+TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
+  PoseDeviceDescription device = arm();
+  device.force_max_N = 80;
+  device.stiffness_max_N_per_m = 20'000;
+  device.senses_rotation = true;
+  Scene scene = scene_of(ForceLawKind::kCutting);
+  scene.tool.tip_in_plate_m = {0, 0, -0.02};
+  // The tip goes into the sheet, and the tool is tilted there by 8 degrees and back.
+  scene.hand.trajectory = {{0, {0, 0, 0.125}, {}},
+                           {0.4, {0, 0, 0.117}, {}},
+                           {0.7, {0, 0, 0.117}, {8, 0, 0}},
+                           {1, {0, 0, 0.117}, {0, 8, 0}},
+                           {1.3, {0, 0, 0.125}, {}}};
+  scene.duration_s = 1.4;
+  const Asset asset = test::asset_of(test::square_mesh({-25600, -25600}, 5120, 10), 1);
+  auto sheets = place_slices(scene, asset, "test.glb");
+  ASSERT_TRUE(sheets) << sheets.error().message;
+  const test::TemporaryFolder folder;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = scene.duration_s;
+  options.record = folder.path() / "session.csv";
+  set_pose_device_options(device, scene, options);
+  options.origin.entries = {{kOriginDevice, "built-in"}, {"force-law", "cutting"}};
+  state_pose_device("digest", device, scene, options, options.origin);
+  Remesher remesher(*sheets);
+  const PoseSpecification specification(device, pose_frame(device, scene));
+  auto workers = make_workers(scene, specification, remesher, options);
+  ASSERT_TRUE(workers) << workers.error().message;
+  auto simulated = make_simulated_pose_device(scene, device, nullptr);
+  ASSERT_TRUE(simulated);
+  const OpenedDevice opened =
+      make_pose_hand(device, scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated)));
+  const SessionReport report = run_session(
+      scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); }, options,
+      std::move(*workers));
+  ASSERT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
+  const auto rows = read_recording(*options.record);
+  ASSERT_TRUE(rows) << rows.error().message;
+
+  double dropped_J = 0;  // the work that the moments would have done
+  int compared = 0;
+  for (std::size_t k = 1; k < rows->size(); ++k) {
+    const RecordingRow &before = (*rows)[k - 1], &now = (*rows)[k];
+    if (before.passivity_J == 0 || now.passivity_J == 0) continue;  // there is no contact
+    const Eigen::Vector3d moved =
+        Eigen::Vector3d(now.p_m.data()) - Eigen::Vector3d(before.p_m.data());
+    const Eigen::Quaterniond turn =
+        Eigen::Quaterniond(now.q[0], now.q[1], now.q[2], now.q[3]) *
+        Eigen::Quaterniond(before.q[0], before.q[1], before.q[2], before.q[3]).conjugate();
+    const Eigen::Map<const Eigen::Matrix<double, 6, 1>> got(before.wrench_delivered.data()),
+        wanted(before.wrench_wanted.data());
+    EXPECT_TRUE(got.tail<3>().isZero(0));
+    const double stored_J =
+        now.authority * now.cutting.stored_J - before.authority * before.cutting.stored_J;
+    EXPECT_NEAR(now.passivity_J - before.passivity_J, -got.head<3>().dot(moved) - stored_J, 1e-12)
+        << "tick " << k;
+    dropped_J += std::abs(2 * wanted.tail<3>().dot(turn.vec()));
+    ++compared;
+  }
+  EXPECT_GT(compared, 300);
+  EXPECT_GT(dropped_J, 1e-3) << "a moment was wanted, and the handle turned";
+}
+
 INSTANTIATE_TEST_SUITE_P(SheetLaws, PoseSessionTest,
                          testing::Values(ForceLawKind::kHooke, ForceLawKind::kNetwork));
 
