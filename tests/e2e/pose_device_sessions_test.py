@@ -22,8 +22,19 @@ from programs import BUILD, run
 SECONDS = float(os.environ.get("TROCAR_POSE_DEVICE_S", "4"))
 LAWS = {"hooke": "one_slice", "network": "network_middle", "cutting": "vertebra"}
 HAPLY_MIDDLE_M = (0.0, -0.12, 0.15)
+PLANTED_S = 0.5  # time of the stand-in at which faults begin
 HAND = ("--hand-stiffness", 1500, "--hand-damping", 30)  # firm enough to break a sheet
 FORCE = ("fx_device_N", "fy_device_N", "fz_device_N")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_processor():
+    """All processes on one processor. Under a hypervisor one of several processors can stand still for more than 10 ms; a stand-in or
+    a connection's thread that stands still alone is a silent device, and ends the session."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    yield
+    os.sched_setaffinity(0, before)
 
 
 @pytest.fixture(name="asset", scope="module")
@@ -92,6 +103,16 @@ def steady_session(attempt):
         if not any(each["fault"] in ("no_data", "link_lost") for each in result[1]["faults"]):
             return result
         print("repeated, since it ended with", result[1]["faults"])
+    return attempt()
+
+
+def planted_session(attempt):
+    """The result of attempt(), which is repeated if the machine stalled before the time at which a fault was planted."""
+    for _ in range(2):
+        result = attempt()
+        if not any(each["t_s"] < PLANTED_S - 0.2 for each in result[1]["faults"]):
+            return result
+        print("repeated, since it ended before the planted fault with", result[1]["faults"])
     return attempt()
 
 
@@ -169,10 +190,13 @@ def test_haply_fault(programs, source, asset, work, fault):
     allowed = allowed if isinstance(allowed, tuple) else (allowed,)
     scene = source / "runtime" / "scenes" / "one_slice.json"
     path = write_path(work / "path.json", hand_path(scene, 2), HAPLY_MIDDLE_M)
-    with StandIn("--force-gate", "0", "--path", path, *HAND, "--fault", fault) as stand_in:
-        stderr, summary, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", 1.5,
-                                        expect={0 if each is None else 5 for each in allowed})
-        _, log = stand_in.stop()
+    def attempt():
+        with StandIn("--force-gate", "0", "--path", path, *HAND, "--fault", fault) as stand_in:
+            stderr, summary, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", 1.5,
+                                            expect=(0, 5))
+            return stderr, summary, rows, stand_in.stop()[1]
+
+    stderr, summary, rows, log = planted_session(attempt)
     faults = [each["fault"] for each in summary["faults"]] or [None]
     assert len(faults) == 1 and faults[0] in allowed, summary["faults"]
     if faults[0]:
@@ -203,6 +227,30 @@ def test_haply_grip_turns_the_tool(programs, source, asset, work):
     assert "device=built-in/haply_inverse3+rotation" in rows[0]["origin"]
     assert stderr.count("own filter force_gate") == 1, stderr
     assert_replays(programs, scene, asset, work)
+
+
+def trial(programs, uri, env=None):
+    """The numbers of a test without force; troubles of this machine are no error."""
+    command = [programs / "trocar-run", "--device", uri, "--simulated", "--test", "--duration", "2"]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, timeout=60,
+                          env=dict(os.environ, **(env or {})))
+    assert done.returncode in (0, 5), done.stderr
+    lines = done.stdout.splitlines()
+    trip = next(line.split() for line in lines if line.startswith("round trip"))
+    assert trip[2] == "median" and 0 < float(trip[3]) < 10, done.stdout
+    assert not any(line.startswith("link ") for line in lines), "a count of packets that nobody counted"
+    histogram = [int(line.split()[-1]) for line in lines if line.startswith(16 * " " + " up to")]
+    assert sum(histogram) > 500, done.stdout
+    return done.stdout
+
+
+def test_haply_trial(programs):
+    with StandIn() as stand_in:
+        print(trial(programs, f"haply:127.0.0.1:{stand_in.port}"))
+
+
+def test_force_dimension_trial(programs, work):
+    print(trial(programs, "forcedimension:", sdk(work)))
 
 
 def test_nothing_listens(programs, source, asset, work):
@@ -245,8 +293,8 @@ def test_force_dimension_session(programs, source, asset, work, law):
 def test_force_dimension_fault(programs, source, asset, work, fault, ends_in):
     scene = source / "runtime" / "scenes" / "one_slice.json"
     env = sdk(work, TROCAR_DHD_PATH=sdk_path(work, scene, 2), TROCAR_DHD_FAULT=fault)
-    _, summary, rows = session(programs, scene, asset, work, "forcedimension:", "--duration", 1.5,
-                               expect=(5,), env=env)
+    _, summary, rows = planted_session(lambda: session(programs, scene, asset, work, "forcedimension:", "--duration", 1.5,
+                                                       expect=(5,), env=env))
     assert [each["fault"] for each in summary["faults"]] == [ends_in], summary["faults"]
     assert_zero_after_fault(rows, ends_in)
 

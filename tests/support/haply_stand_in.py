@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the stand-in for the Haply service (tests/stand_ins/README.md) and reads what it wrote."""
+import contextlib
 import csv
 import json
+import os
 import signal
 import subprocess
 
@@ -22,6 +24,8 @@ class StandIn:
             file.unlink(missing_ok=True)
         words = [PROGRAM, "--port", 0, "--log", self.log, "--summary", self.summary, *options]
         self.process = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True)
+        with contextlib.suppress(PermissionError):  # a device does not wait for other processes
+            os.sched_setscheduler(self.process.pid, os.SCHED_FIFO, os.sched_param(70))
         line = self.process.stdout.readline().split()
         assert line[:2] == ["listening", "on"], line
         self.port = int(line[2])

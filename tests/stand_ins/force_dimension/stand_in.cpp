@@ -110,8 +110,10 @@ void Device::write(const char* call, const Eigen::Vector3d& f, const Eigen::Vect
   if (log == nullptr) return;
   std::fprintf(log.get(), "%.6f,%s,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", now_s(), call, f.x(),
                f.y(), f.z(), t.x(), t.y(), t.z());
-  std::fflush(log.get());
 }
+
+/// Holds the log until the device is closed: a disk can block for longer than a session waits for its device.
+std::array<char, std::size_t{64} << 20> log_buffer;
 
 /// Reads the settings if they have changed, and then begins anew: time 0, the hand at its first keyframe, an empty log.
 void renew() {
@@ -129,6 +131,7 @@ void renew() {
     if (device.log == nullptr) device.settings.error = "TROCAR_DHD_LOG cannot be written";
   }
   if (device.log != nullptr) {
+    std::setvbuf(device.log.get(), log_buffer.data(), _IOFBF, log_buffer.size());
     std::fprintf(device.log.get(), "t_s,call,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm\n");
   }
   if (!device.settings.error.empty()) {
@@ -271,6 +274,7 @@ DHD_FUNCTION int dhdClose(char id) {
   if (!device.open || id != device.id) return stand_in::fail(stand_in::kErrorInvalidIndex);
   device.move();
   device.write("close", Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
+  if (device.log != nullptr) std::fflush(device.log.get());
   device.open = false;
   device.enabled = false;
   device.force.setZero();

@@ -10,11 +10,19 @@
 
 namespace trocar::haply_stand_in {
 
+namespace {
+
+constexpr std::size_t kLogBytes = std::size_t{64} << 20;
+
+}  // namespace
+
 Journal::Journal(const std::string& log, std::string summary, double force_limit_N)
     : log_name_(log), summary_(std::move(summary)), force_limit_N_(force_limit_N) {
   if (log.empty()) return;
   log_.reset(std::fopen(log.c_str(), "w"));
   if (!log_) throw std::runtime_error(log + ": cannot be written");
+  buffer_.resize(kLogBytes);
+  std::setvbuf(log_.get(), buffer_.data(), _IOFBF, buffer_.size());
   std::fputs("message,time_s,fx_N,fy_N,fz_N,x_m,y_m,z_m,arm_time_s\n", log_.get());
 }
 

@@ -48,6 +48,8 @@ class Journal {
     void operator()(std::FILE* file) const { std::fclose(file); }
   };
   std::string log_name_, summary_;
+  /// Holds the log until finish(): a disk can block for longer than a client waits for its device.
+  std::vector<char> buffer_;
   std::unique_ptr<std::FILE, Closer> log_;
   double force_limit_N_;
   Vec3 last_force_N_{};
