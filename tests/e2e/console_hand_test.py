@@ -270,12 +270,37 @@ def rows_of(file):
         return list(csv.DictReader(lines))
 
 
-def test_replay(programs, folder, recording):
+def test_replay(programs, folder, recording, *options):
     again = folder / "again.csv"
-    done = subprocess.run([programs / "trocar-run", folder / "scenes/live.json", "--replay", recording, "--record", again],
+    done = subprocess.run([programs / "trocar-run", folder / "scenes/live.json", "--replay", recording, "--record", again, *options],
                           capture_output=True, text=True, check=False)
     check(done.returncode == 0 and "identical" in done.stdout + done.stderr, f"replay: {done.returncode}: {done.stdout}{done.stderr}")
     check(again.read_bytes() == recording.read_bytes(), "a replay has other bytes")
+
+
+ARM = {"schema": "trocar.pose_device/1", "name": "arm", "force_max_N": 8, "mass_kg": 0.3, "damping_N_s_per_m": 1, "stiffness_max_N_per_m": 2000,
+       "position_resolution_m": 2e-5, "workspace_min_m": [-0.08, -0.08, -0.08], "workspace_max_m": [0.08, 0.08, 0.08]}
+
+
+def test_pose_device(programs, folder, work):
+    """A live hand on a simulated device of another maker, which renders 8 N at most."""
+    arm = work / "arm.json"
+    arm.write_text(json.dumps(ARM))
+    console = Console(programs / "trocar-console", folder, "--device", f"inproc,device-description={arm}")
+    try:
+        watcher = start(console, "live")
+        page = Page(console)
+        check(page.wait(lambda live: live.hands[-1:] == ["yours"]) and page.push_to(2), "2 N are not reached on the arm")
+        page.close()
+        check(watcher.until(lambda live: "hand_let_go" in live.kinds() and force_of(live) < 0.2), f"the force stays: {watcher.kinds()}")
+        check("fault" not in watcher.kinds(), f"{watcher.kinds()}")
+        stop(console, watcher)
+    finally:
+        check(console.stop() == 0, "the console's exit code")
+    recording = newest(folder) / "session.csv"
+    rows = rows_of(recording)
+    check("fz_device_N" in rows[0] and max(float(row["fz_device_N"]) for row in rows) <= 8 * (1 + 1e-9), "forces of the arm")
+    test_replay(programs, folder, recording, "--device-description", arm)
 
 
 def test_killed_console_and_path(programs, folder, work):
@@ -342,6 +367,7 @@ def main():
         test_hostile(console, arguments.messages)
     finally:
         check(console.stop() == 0, "the console's exit code")
+    test_pose_device(arguments.programs, folder, arguments.work)
     test_killed_console_and_path(arguments.programs, folder, arguments.work)
     return outcome()
 
