@@ -232,7 +232,7 @@ TickReading read_and_check(const LoopModel& model, const TickInputs& inputs, Han
   if (result.end_of_data) return out;
   const FaultDetail outside = outside_fault(model.limits, inputs);
   result.row.outside_fault = outside.fault;
-  if (out.fault == Fault::kNone) out.fault = outside;
+  if (out.fault == Fault::kNone || outside == Fault::kEmergencyStop) out.fault = outside;
   result.row.recovery_asked = inputs.recover ? 1 : 0;
   if (inputs.recover) recover(state.safety, model.limits.timing, model.rate_Hz);
   out.is_known = state.has_reading || out.is_fresh;
@@ -320,6 +320,8 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   if (result.end_of_data) return;
   const std::int64_t read_ns = monotonic_ns();
   const SafetyState before = safety.state;
+  const std::uint64_t faults_before = safety.faults;
+  if (row.outside_fault == Fault::kEmergencyStop) press_stop(safety, row.t_s);
   advance_safety(model, inputs, law, device, state, reading, result);
 
   // Stage 3: prepare the command.
@@ -337,10 +339,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   write_command(device, state, reading.fault, row);
   result.law_ns = prepared_ns - read_ns;
   result.device_ns = read_ns - begin_ns + (monotonic_ns() - prepared_ns);
-  const bool is_stopped =
-      safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
-  const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
-  if (is_stopped && !was_stopped) result.new_fault = safety.fault;
+  if (safety.faults != faults_before) result.new_fault = safety.fault;
   result.found = reading.fault;
   result.at_rest = at_rest(safety, timing, model.rate_Hz);
   describe(model, device, state, result);

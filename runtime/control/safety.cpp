@@ -10,17 +10,24 @@ namespace {
 
 using enum SafetyState;
 
-// Rows: states; columns: kSeen, kFree, kFault, kRecover, kSettled.
+// Rows: states; columns: kSeen, kFree, kFault, kRecover, kSettled, kStop.
 constexpr std::array<std::array<SafetyState, kSafetyEvents>, kSafetyStates> kNext = {{
-    {kReady, kIdle, SafetyState::kFault, kIdle, kIdle},
-    {kReady, kRunning, SafetyState::kFault, kReady, kReady},
-    {kRunning, kRunning, SafetyState::kFault, kRunning, kRunning},
+    {kReady, kIdle, SafetyState::kFault, kIdle, kIdle, SafetyState::kFault},
+    {kReady, kRunning, SafetyState::kFault, kReady, kReady, SafetyState::kFault},
+    {kRunning, kRunning, SafetyState::kFault, kRunning, kRunning, SafetyState::kFault},
     {SafetyState::kFault, SafetyState::kFault, SafetyState::kFault, kRecovering,
-     SafetyState::kFault},
-    {kRecovering, kRecovering, kRecovering, kRecovering, kReady},
+     SafetyState::kFault, SafetyState::kFault},
+    {kRecovering, kRecovering, kRecovering, kRecovering, kReady, SafetyState::kFault},
 }};
 
 constexpr std::uint64_t kNoRamp = 1'000'000;  // ramp_ticks_done that is larger than any ramp
+
+void latch(Safety& safety, Fault fault, double t_s) noexcept {
+  ++safety.faults;
+  safety.fault = fault;
+  safety.fault_t_s = t_s;
+  if (safety.state == kRunning) safety.ramp_ticks_done = fault == Fault::kEnergyLimit ? kNoRamp : 0;
+}
 
 }  // namespace
 
@@ -41,16 +48,18 @@ double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept {
 
 bool raise(Safety& safety, Fault fault, double t_s) noexcept {
   const bool latches = safety.state != SafetyState::kFault && safety.state != kRecovering;
-  if (latches) {
-    safety.fault = fault;
-    safety.fault_t_s = t_s;
-    if (safety.state == kRunning) {
-      safety.ramp_ticks_done = fault == Fault::kEnergyLimit ? kNoRamp : 0;
-    }
-  }
+  if (latches) latch(safety, fault, t_s);
   safety.quiet_ticks = 0;
   safety.state = next_state(safety.state, SafetyEvent::kFault);
   return latches;
+}
+
+void press_stop(Safety& safety, double t_s) noexcept {
+  const bool is_latched =
+      safety.state == SafetyState::kFault && safety.fault == Fault::kEmergencyStop;
+  if (!is_latched) latch(safety, Fault::kEmergencyStop, t_s);
+  safety.quiet_ticks = 0;
+  safety.state = next_state(safety.state, SafetyEvent::kStop);
 }
 
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {

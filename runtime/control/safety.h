@@ -4,7 +4,8 @@
 //
 // Contract (tests/runtime/control/safety_test.cpp):
 //  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request
-//     for recovery leaves that state.
+//     for recovery leaves that state. The operator's emergency stop leads to `fault` from every state, and takes the place
+//     of the fault that was kept.
 //  2. When a fault ends `running`, torques are ramped down, from the tick in which the fault is found: they
 //     are the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks, and is below 1 in
 //     the first of them. At 250 Hz and more this takes at most kRampMax_s; at lower rates torques are zero
@@ -40,8 +41,9 @@ enum class SafetyEvent : std::uint8_t {
   kFault,    ///< a fault was found
   kRecover,  ///< the operator asks for recovery
   kSettled,  ///< the time of item 3 is over
+  kStop,     ///< the operator's emergency stop is pressed
 };
-inline constexpr int kSafetyEvents = 5;
+inline constexpr int kSafetyEvents = 6;
 
 /// Returns the state that follows an event. An event without a transition leaves the state unchanged.
 SafetyState next_state(SafetyState state, SafetyEvent event) noexcept;
@@ -51,6 +53,7 @@ struct Safety {
   SafetyState state = SafetyState::kIdle;
   Fault fault = Fault::kNone;  ///< latched fault; none except in `fault` and `recovering`
   double fault_t_s = 0;
+  std::uint64_t faults = 0;           ///< number of faults that were latched
   std::uint64_t ramp_ticks_done = 0;  ///< number of ticks of the ramp since `running` was left
   std::uint64_t quiet_ticks = 0;      ///< number of ticks without fault (item 3)
   bool recovered = false;             ///< item 4 applies to the next `running`
@@ -65,6 +68,9 @@ double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Call this when a fault is found at `t_s`. Returns true if this fault is latched.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;
+
+/// Call this in each tick in which the operator's emergency stop is pressed.
+void press_stop(Safety& safety, double t_s) noexcept;
 
 /// Requests recovery. The request takes effect only in the state `fault`, once torques are zero; then
 /// true is returned.

@@ -21,6 +21,7 @@ TEST(SafetyTable, EveryEventInEveryState) {
       const auto event = static_cast<E>(e);
       S expected = state;
       if (event == E::kFault && state != S::kRecovering) expected = S::kFault;
+      if (event == E::kStop) expected = S::kFault;
       if (state == S::kIdle && event == E::kSeen) expected = S::kReady;
       if (state == S::kReady && event == E::kFree) expected = S::kRunning;
       if (state == S::kFault && event == E::kRecover) expected = S::kRecovering;
@@ -118,6 +119,7 @@ TEST(Safety, ContractUnderRandomEvents) {
     for (int tick = 0; tick < 500; ++tick) {
       const S before = safety.state;
       const Fault fault_before = safety.fault;
+      const std::uint64_t faults_before = safety.faults;
       const std::uint64_t quiet_before = safety.quiet_ticks;
       const bool asked = random() % 8 == 0;
       const bool rested = at_rest(safety, timing, kRate_Hz);
@@ -125,12 +127,21 @@ TEST(Safety, ContractUnderRandomEvents) {
       ASSERT_EQ(taken, asked && rested);
       const Fault fault =
           random() % 60 == 0 ? static_cast<Fault>(1 + random() % (kFaults - 1)) : Fault::kNone;
-      const bool free = random() % 100 != 0;
+      const bool free = random() % 100 != 0, is_stopped = random() % 100 == 0;
+      if (is_stopped) press_stop(safety, tick);
       advance(safety, timing, kRate_Hz, fault, tick, true, free);
       if (safety.state != S::kRunning) ramp_factor(safety, timing, kRate_Hz);
 
       const bool stopped = safety.state == S::kFault || safety.state == S::kRecovering;
       ASSERT_EQ(stopped, safety.fault != Fault::kNone);
+      if (is_stopped) {
+        ASSERT_EQ(safety.state, S::kFault) << "from every state";
+        ASSERT_EQ(safety.fault, Fault::kEmergencyStop);
+        const bool was_kept = before == S::kFault && !taken && fault_before == safety.fault;
+        ASSERT_EQ(safety.faults, faults_before + (was_kept ? 0 : 1));
+        ASSERT_EQ(safety.quiet_ticks, 0U);
+        continue;
+      }
       if (before == S::kFault) {
         ASSERT_EQ(safety.state, taken ? S::kRecovering : S::kFault);
         ASSERT_EQ(safety.fault, fault_before) << "the first fault is kept";
