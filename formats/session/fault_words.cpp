@@ -9,95 +9,161 @@
 namespace trocar {
 namespace {
 
-// The switch has no default, so a fault without a row is a compile error.
+// The switches have no default, so a fault without a row is a compile error.
+constexpr const char* cause_of(Fault fault) {
+  switch (fault) {
+    case Fault::kNone:
+      return "nothing went wrong";
+    case Fault::kNoData:
+      return "the drive is off, a cable is loose, or another program holds up the drive";
+    case Fault::kLinkLost:
+      return "the drive has ended, its network failed, or its watchdog tripped because this "
+             "computer was late";
+    case Fault::kWriteFailed:
+      return "the drive refuses commands, or the connection to it has just broken";
+    case Fault::kEncoderNotFinite:
+      return "an encoder or its cable is broken, or the drive computes without a reading";
+    case Fault::kEncoderJump:
+      return "a plug is loose, counts were lost, or a state came from another device";
+    case Fault::kJointLimit:
+      return "the tool was moved to the edge of what the mechanism can reach";
+    case Fault::kPoseResidual:
+      return "an encoder slipped or sticks, or its zero is wrong";
+    case Fault::kSingularity:
+      return "the tool is at the edge of the workspace, where a leg is stretched";
+    case Fault::kTorqueNotFinite:
+      return "a defect of the program";
+    case Fault::kDeadlineMissed:
+      return "other programs hold this computer up, or the loop has no realtime priority";
+    case Fault::kRemeshBacklog:
+      return "punctures follow each other very fast";
+    case Fault::kToolTilt:
+      return "the tool was tilted";
+    case Fault::kEmergencyStop:
+      return "somebody pressed it";
+    case Fault::kMotorFault:
+      return "the drive reports a motor that is broken, too hot or disconnected";
+    case Fault::kWorkspace:
+      return "the tool was moved to where the device cannot be held safely";
+    case Fault::kSpeed:
+      return "the tool was let go or pulled fast, or a measurement jumped";
+    case Fault::kTorqueLimit:
+      return "the tissue is stronger than the motors may be";
+    case Fault::kTorqueRate:
+      return "the tool hit stiff tissue fast";
+    case Fault::kMotorOverload:
+      return "large forces were held for long";
+    case Fault::kEnergyLimit:
+      return "the tissue is too stiff for the rate or for the delay of the device";
+    case Fault::kPaused:
+      return "the operator pressed Pause";
+    case Fault::kForcesOff:
+      return "the operator pressed Zero forces";
+  }
+  return nullptr;
+}
+
 constexpr FaultWords make_words(Fault fault) {
   switch (fault) {
     case Fault::kNone:
-      return {"none", "there is no fault", "there is no fault", "go on"};
+      return {"none", "there is no fault", "there is no fault", "go on", cause_of(fault)};
     case Fault::kNoData:
       return {"no_data", "no data came from the device for too long",
-              "no data comes from the device", "check the drive's power and its cable"};
+              "no data comes from the device", "check the drive's power and its cable",
+              cause_of(fault)};
     case Fault::kLinkLost:
       return {"link_lost", "the link to the device is lost", "the link to the device is still lost",
-              "check that the drive runs, and its network cable"};
+              "check that the drive runs, its network cable, and that no other program holds this "
+              "computer up",
+              cause_of(fault)};
     case Fault::kWriteFailed:
       return {"write_failed", "the device did not take the torques",
-              "the device still does not take torques", "check the drive and the link to it"};
+              "the device still does not take torques", "check the drive and the link to it",
+              cause_of(fault)};
     case Fault::kEncoderNotFinite:
       return {"encoder_not_finite", "an encoder gives no number",
-              "an encoder still gives no number", "check that encoder and its cable"};
+              "an encoder still gives no number", "check that encoder and its cable",
+              cause_of(fault)};
     case Fault::kEncoderJump:
       return {"encoder_jump", "an encoder moved faster than the mechanism can",
-              "an encoder still jumps", "check that encoder, its plug and its cable"};
+              "an encoder still jumps", "check that encoder, its plug and its cable",
+              cause_of(fault)};
     case Fault::kJointLimit:
       return {"joint_limit", "a joint is outside its limits", "a joint is still outside its limits",
-              "move the tool back towards the middle"};
+              "move the tool back towards the middle", cause_of(fault)};
     case Fault::kPoseResidual:
       return {"pose_residual", "the encoders contradict each other, or give no pose",
               "the encoders still contradict each other",
-              "check for a stuck or slipped encoder and the zeros of all encoders"};
+              "check for a stuck or slipped encoder and the zeros of all encoders",
+              cause_of(fault)};
     case Fault::kSingularity:
       return {"singularity", "the mechanism is too close to a singular pose",
               "the mechanism is still too close to a singular pose",
-              "move the tool back towards the middle"};
+              "move the tool back towards the middle", cause_of(fault)};
     case Fault::kTorqueNotFinite:
       return {"torque_not_finite", "a computed force or torque is not a number",
               "a computed force or torque is still not a number",
-              "report this to the developers with the black box and the scene"};
+              "report this to the developers with the black box and the scene", cause_of(fault)};
     case Fault::kDeadlineMissed:
       return {"deadline_missed", "the loop was too late", "the loop is still too late",
               "end other programs, give realtime rights, or allow more late ticks "
-              "(--late-ticks-in-row)"};
+              "(--late-ticks-in-row)",
+              cause_of(fault)};
     case Fault::kRemeshBacklog:
       return {"remesh_backlog", "holes are made faster than their meshes",
-              "holes still wait for their meshes", "lift the tool, and puncture more slowly"};
+              "holes still wait for their meshes", "lift the tool, and puncture more slowly",
+              cause_of(fault)};
     case Fault::kToolTilt:
       return {"tool_tilt", "the tool's axis is too far from upright",
-              "the tool's axis is still too far from upright", "hold the tool upright"};
+              "the tool's axis is still too far from upright", "hold the tool upright",
+              cause_of(fault)};
     case Fault::kEmergencyStop:
       return {"emergency_stop", "the emergency stop is pressed, the device's or the operator's",
-              "the emergency stop is still pressed", "release it when that is safe"};
+              "the emergency stop is still pressed", "release it when that is safe",
+              cause_of(fault)};
     case Fault::kMotorFault:
       return {"motor_fault", "a motor does not give its torque",
-              "a motor still does not give its torque",
-              "check that motor, its cable and its drive"};
+              "a motor still does not give its torque", "check that motor, its cable and its drive",
+              cause_of(fault)};
     case Fault::kWorkspace:
       return {"workspace", "the plate is outside its box, or tilted too far",
               "the plate is still outside its box, or tilted too far",
-              "move the tool back towards the middle"};
+              "move the tool back towards the middle", cause_of(fault)};
     case Fault::kSpeed:
       return {"speed", "the plate moves or rotates too fast", "the plate still moves too fast",
-              "move the tool more slowly"};
+              "move the tool more slowly", cause_of(fault)};
     case Fault::kTorqueLimit:
       return {"torque_limit", "a motor's wanted torque exceeds the session's limit",
               "a motor's wanted torque still exceeds the session's limit",
-              "press with less force, or use a softer tissue"};
+              "press with less force, or use a softer tissue", cause_of(fault)};
     case Fault::kTorqueRate:
       return {"torque_rate", "the wanted torques rise faster than they may, for too long",
               "the wanted torques still rise faster than they may",
-              "move the tool more slowly, or use a tissue with less stiffness and damping"};
+              "move the tool more slowly, or use a tissue with less stiffness and damping",
+              cause_of(fault)};
     case Fault::kMotorOverload:
       return {"motor_overload", "the motors are overloaded", "the motors are still hot",
-              "lift the tool, let the motors cool, and press with less force"};
+              "lift the tool, let the motors cool, and press with less force", cause_of(fault)};
     case Fault::kEnergyLimit:
       return {"energy_limit",
               "the loop drives the hand: it released more energy than the sheets had stored",
               "the loop still drives the hand",
-              "use a tissue with less stiffness and friction, or a higher --rate"};
+              "use a tissue with less stiffness and friction, or a higher --rate", cause_of(fault)};
     case Fault::kPaused:
       return {"paused", "the operator pauses the session", "the operator still pauses the session",
-              "resume it at the console"};
+              "resume it at the console", cause_of(fault)};
     case Fault::kForcesOff:
       return {"forces_off", "the operator has turned the forces off",
               "the operator still has the forces off",
-              "ask for recovery when the tool may be pushed again"};
+              "ask for recovery when the tool may be pushed again", cause_of(fault)};
   }
   return {};
 }
 
 constexpr bool has_words(int i) {
   const FaultWords words = make_words(static_cast<Fault>(i));
-  for (const char* text : {words.name, words.meaning, words.meaning_in_recovery, words.advice})
+  for (const char* text :
+       {words.name, words.meaning, words.meaning_in_recovery, words.advice, words.cause})
     if (text == nullptr || *text == '\0') return false;
   return true;
 }

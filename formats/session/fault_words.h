@@ -74,6 +74,7 @@ struct FaultWords {
   const char* meaning_in_recovery =
       nullptr;                   ///< the meaning while the fault still prevents recovery
   const char* advice = nullptr;  ///< instruction for the operator
+  const char* cause = nullptr;   ///< usual causes; docs/operating.md has them
 };
 /// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);

@@ -6,6 +6,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <limits>
 #include <set>
 #include <string>
@@ -35,6 +37,18 @@ TEST(FaultWords, EveryFaultHasItsOwnWordsOnOneLine) {
   EXPECT_EQ(names.size(), static_cast<std::size_t>(kFaults));
   EXPECT_EQ(meanings.size(), static_cast<std::size_t>(kFaults));
   EXPECT_EQ(stills.size(), static_cast<std::size_t>(kFaults));
+}
+
+TEST(FaultWords, TheManualHasEachFaultWithTheseWords) {
+  std::ifstream file(TROCAR_OPERATORS_PAGE);
+  const std::string page{std::istreambuf_iterator<char>(file), {}};
+  ASSERT_FALSE(page.empty());
+  for (int i = 1; i < kFaults; ++i) {
+    const FaultWords& words = words_of(static_cast<Fault>(i));
+    const std::string row = std::string("| `") + words.name + "` | " + words.meaning + " | " +
+                            words.cause + " | " + words.advice + " |\n";
+    EXPECT_NE(page.find(row), std::string::npos) << row;
+  }
 }
 
 TEST(FaultWords, TheLineNamesSensorValueLimitAndWhatToDo) {
