@@ -148,6 +148,7 @@ struct SessionFigures {
   std::uint64_t side_cuts_count = 0;
   std::vector<ReportFault> faults;  ///< the first kMaxReportSpans
   std::uint64_t faults_count = 0;
+  std::uint64_t operator_stops_count = 0;  ///< pauses, and times with the forces switched off
   std::vector<ReportSample> samples;
   std::uint64_t stride = 1;
   std::vector<GoalResult> goals;  ///< in the order of SceneGoals

@@ -146,7 +146,9 @@ void SessionObserver::observe_miss(const RecordingRow& row) {
 void SessionObserver::observe_fault(const RecordingRow& row) {
   const bool is_new = row.fault != Fault::kNone && row.fault != last_fault_;
   last_fault_ = row.fault;
-  if (is_new) {
+  if (is_new && is_by_operator(row.fault)) {
+    ++out_.operator_stops_count;
+  } else if (is_new) {
     keep(out_.faults, kMaxReportSpans, out_.faults_count, {row.fault, row.t_s, {}});
   } else if (row.safety == SafetyState::kRunning && out_.faults_count > 0 &&
              out_.faults_count <= kMaxReportSpans && !out_.faults.back().recovered_s) {

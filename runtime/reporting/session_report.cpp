@@ -285,6 +285,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
   out["walls"] = describe_walls(f);
   out["faults"] = describe_faults(f, facts);
   out["faults_count"] = f.faults_count;
+  out["operator_stops_count"] = f.operator_stops_count;
   out["goals"] = describe_results(f);
   out["goals_met"] = std::count_if(f.goals.begin(), f.goals.end(),
                                    [](const GoalResult& goal) { return goal.met; });

@@ -241,7 +241,9 @@ def expected(scene, rows, asset_info, rate, layer_punctures=()):
     cuts = int(rows["cuts_published"][-1]) - sum(1 for each in listed if each["layer"] is None)
     out["walls"] = {"beside": [{"slice": None if name < 0 else int(name), "from_s": t[a], "to_s": t[b]} for name, a, b in spans[:SPANS]],
                     "beside_count": len(spans), "beside_s": beside.sum() / rate, "side_cuts_count": cuts}
-    faults = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1])]
+    stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1])]
+    faults = [k for k in stops if rows["fault"][k] not in ("paused", "forces_off")]
+    out["operator_stops_count"] = len(stops) - len(faults)
     out["faults"] = []
     for k, following in zip(faults, faults[1:] + [n]):
         again = [j for j in range(k + 1, following) if rows["safety"][j] == "running"]
