@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <stdexcept>
+#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -62,8 +63,9 @@ Role Tokens::role_of_header(std::string_view authorization) const noexcept {
                                             : Role::kNone;
 }
 
-HostNames::HostNames(const std::string& listen_address, std::uint16_t port)
+HostNames::HostNames(const std::string& listen_address, std::uint16_t port, std::string public_url)
     : port_(std::string(":").append(std::to_string(port))),
+      public_url_(std::move(public_url)),
       any_address_(listen_address == "0.0.0.0" || listen_address == "::") {
   names_ = {"127.0.0.1", "localhost", "[::1]"};
   const bool is_v6 = listen_address.find(':') != std::string::npos;
@@ -71,6 +73,7 @@ HostNames::HostNames(const std::string& listen_address, std::uint16_t port)
 }
 
 bool HostNames::is_host(std::string_view host) const {
+  if (!public_url_.empty() && public_url_.substr(public_url_.find("://") + 3) == host) return true;
   if (host.ends_with(port_)) {
     host.remove_suffix(port_.size());
   } else if (port_ != ":80") {
@@ -80,9 +83,31 @@ bool HostNames::is_host(std::string_view host) const {
          (any_address_ && is_numerical(host));
 }
 
-bool HostNames::is_origin(std::string_view origin, std::string_view host) {
+bool HostNames::is_origin(std::string_view origin, std::string_view host) const {
   constexpr std::string_view kScheme = "http://";
+  if (!public_url_.empty() && origin == public_url_)
+    return public_url_.substr(public_url_.find("://") + 3) == host;
   return origin.starts_with(kScheme) && origin.substr(kScheme.size()) == host;
+}
+
+Result<std::string> public_url_of(std::string_view text) {
+  constexpr std::size_t kMaxBytes = 300;
+  std::string url(text.substr(0, kMaxBytes));
+  std::transform(url.begin(), url.end(), url.begin(), [](char c) {
+    return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  });
+  if (url.ends_with('/')) url.pop_back();
+  const std::size_t scheme = url.starts_with("http://") ? 7 : url.starts_with("https://") ? 8 : 0;
+  const bool is_authority =
+      scheme > 0 && url.size() > scheme && text.size() <= kMaxBytes &&
+      std::all_of(url.begin() + static_cast<std::ptrdiff_t>(scheme), url.end(), [](char c) {
+        return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '.' || c == '-' ||
+               c == ':' || c == '[' || c == ']';
+      });
+  if (!is_authority)
+    return usage("--public-url " + std::string(text.substr(0, kMaxBytes)) +
+                 ": must be http://HOST[:PORT] or https://HOST[:PORT]");
+  return url;
 }
 
 bool is_file_name(std::string_view name) noexcept {

@@ -10,6 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "formats/base/result.h"
+
 namespace trocar::runtime {
 
 enum class Role : std::uint8_t {
@@ -35,20 +37,25 @@ class Tokens {
 };
 
 /// The values of the Host header under which the server answers: names of this machine's loopback,
-/// and the address on which it listens. A page from a foreign name that resolves to this machine
+/// the address on which it listens, and the public URL. A page from a foreign name that resolves to this machine
 /// (DNS rebinding) sends the foreign name as Host, so it gets no answer.
 class HostNames {
  public:
-  HostNames(const std::string& listen_address, std::uint16_t port);
+  /// `public_url`: what public_url_of() returned, or empty.
+  HostNames(const std::string& listen_address, std::uint16_t port, std::string public_url = "");
   bool is_host(std::string_view host) const;
   /// Pages send their Origin. Returns true if it is the server named in the request's Host.
-  static bool is_origin(std::string_view origin, std::string_view host);
+  bool is_origin(std::string_view origin, std::string_view host) const;
 
  private:
   std::vector<std::string> names_;
-  std::string port_;
+  std::string port_, public_url_;
   bool any_address_ = false;  ///< listens on all addresses, so every numerical host is accepted
 };
+
+/// Reads the address of a tunnel or proxy, "http://HOST[:PORT]" or "https://HOST[:PORT]", as browsers state it: in lower
+/// case, and without a slash at its end. Errors: (usage) anything else.
+Result<std::string> public_url_of(std::string_view text);
 
 /// Returns true if this is a relative path of 1 to 8 plain names joined by '/'. The path may
 /// have at most 512 bytes, no "..", no control character, no backslash, and no name that

@@ -17,6 +17,11 @@ namespace {
 
 using nlohmann::json;
 
+/// The answer about a file that cannot be used, without the names of the console's folders.
+Answer unprocessable(const HiddenTexts& hidden, const Error& error) {
+  return failure(kUnprocessable, hidden.hide(error.message));
+}
+
 Answer binary(std::string body) {
   return {200, "application/octet-stream", std::move(body)};
 }
@@ -121,19 +126,19 @@ Reply get_folder(ConsoleState& console, Role role) {
 }
 
 /// Answers /api/bone. Runs on the worker thread.
-Answer bone(ConsoleState& console, const std::filesystem::path& scene,
+Answer bone(ConsoleState& console, const HiddenTexts& hidden, const std::filesystem::path& scene,
             const std::filesystem::path& asset) {
   std::string key = scene.string() + '\n' + asset.string();
   std::error_code error;
   const Result<Scene> read = read_scene(scene);
-  if (!read) return failure(kUnprocessable, read.error().message);
+  if (!read) return unprocessable(hidden, read.error());
   for (const auto& file : {scene, asset.empty() ? read->asset : asset}) {
     const auto time = std::filesystem::last_write_time(file, error);
     key += '\n' + std::to_string(error ? 0 : time.time_since_epoch().count());
   }
   if (console.bone.key != key) {
     Result<std::string> made = bone_of(scene, asset);
-    if (!made) return failure(kUnprocessable, made.error().message);
+    if (!made) return unprocessable(hidden, made.error());
     console.bone = {std::move(key), std::move(*made)};
   }
   return binary(console.bone.answer);
@@ -155,15 +160,17 @@ Reply get_bone(ConsoleState& console, const RequestTarget& target) {
       asset = *found_asset;
     }
   }
-  return [&console, scene, asset] { return bone(console, scene, asset); };
+  return [&console, hidden = console.supervisor.hidden(), scene, asset] {
+    return bone(console, hidden, scene, asset);
+  };
 }
 
 Reply get_recording(const ConsoleState& console, const RequestTarget& target) {
   const auto file = console.files.find(target.parameter("file"));
   if (!file) return failure(kNotFound, file.error().message);
-  return [file = *file]() -> Answer {
+  return [file = *file, hidden = console.supervisor.hidden()]() -> Answer {
     Result<std::string> rows = rows_of(file);
-    return rows ? binary(std::move(*rows)) : failure(kUnprocessable, rows.error().message);
+    return rows ? binary(std::move(*rows)) : unprocessable(hidden, rows.error());
   };
 }
 
@@ -174,9 +181,9 @@ Reply get_report(const ConsoleState& console, const RequestTarget& target) {
   const auto file = console.files.find(name.string());
   if (!file) return failure(kNotFound, file.error().message);
   if (file->extension() != ".html") return failure(kNotFound, "the file is not a session report");
-  return [file = *file]() -> Answer {
+  return [file = *file, hidden = console.supervisor.hidden()]() -> Answer {
     const auto bytes = read_file(file, kMaxReport);
-    if (!bytes) return failure(kUnprocessable, bytes.error().message);
+    if (!bytes) return unprocessable(hidden, bytes.error());
     return {200, "text/html; charset=utf-8", std::string(bytes->begin(), bytes->end()),
             report_policy()};
   };

@@ -20,7 +20,7 @@ inline constexpr const char* kPolicyOfData = "default-src 'none'; frame-ancestor
 inline constexpr unsigned kBadRequest = 400, kUnauthorized = 401, kForbidden = 403, kNotFound = 404,
                           kMethodNotAllowed = 405, kConflict = 409, kBodyTooLong = 413,
                           kMisdirected = 421, kUnprocessable = 422, kUpgradeRequired = 426,
-                          kHeaderTooLong = 431, kInternalError = 500, kUnavailable = 503;
+                          kHeaderTooLong = 431, kInternalError = 500;
 
 struct Answer {
   unsigned status = 200;  ///< HTTP status

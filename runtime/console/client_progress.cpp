@@ -5,11 +5,12 @@
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "runtime/console/messages.h"
 
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint32_t kSnapshot = 1, kSheet = 2, kShape = 3;
+constexpr std::uint32_t kSnapshot = 1, kSheet = 2, kShape = 3, kHistory = 4;
 constexpr std::size_t kMaxOutstanding = 4, kMaxSnapshotsOutstanding = 2, kMaxEventsOfMessage = 64;
 constexpr auto kSnapshotEvery = std::chrono::milliseconds(15);
 constexpr auto kSnapshotAnyway = std::chrono::milliseconds(50);  // for a session's last snapshot
@@ -39,6 +40,10 @@ std::optional<ClientMessage> ClientProgress::next(const Supervisor& session, Rol
     return text_message(session.state_json());
   }
   if (outstanding_.size() >= kMaxOutstanding) return std::nullopt;
+  if (!std::exchange(has_history_, true) && !telemetry.history().points().empty())
+    return binary(
+        kHistory,
+        std::make_shared<const std::string>(history_message(telemetry.history().points())), now);
   if (auto message = next_snapshot(telemetry, has_new_snapshot, now)) return message;
   const auto& sheets = telemetry.sheets();
   for (std::size_t i = 0; i < sheets.size(); ++i) {
@@ -60,6 +65,7 @@ ClientMessage ClientProgress::hello(const SessionTelemetry& session, Role role) 
   state_ = 0;
   hand_.reset();
   snapshot_ = 0;
+  has_history_ = false;
   shape_version_ = 0;
   sheet_versions_.assign(session.sheets().size(), 0);
   const SessionAbout& about = session.about();

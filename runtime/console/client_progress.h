@@ -52,7 +52,7 @@ class ClientProgress {
                                              Clock::time_point now);
   ClientMessage binary(std::uint32_t kind, Frame frame, Clock::time_point now);
 
-  bool said_hello_ = false;
+  bool said_hello_ = false, has_history_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
   std::optional<HandShare>
       hand_;  ///< last share that the client was told; none: it was told nothing

@@ -305,7 +305,13 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
     const auto bytes = read_file(file, kMaxSceneBytes);
     if (!bytes) return known;
     const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
-    if (text.find(kSceneSchema) == std::string_view::npos) return known;
+    if (text.find(kSceneSchema) == std::string_view::npos) {
+      // Perhaps a scene while somebody edits it. The files of sessions are other programs'.
+      if (name.starts_with("sessions/")) return known;
+      if (const auto read = parse_strict_json(text, name); !read)
+        shown("scenes", failed(name, read.error()));
+      return known;
+    }
     known.digest = digest_of(*bytes);
     const Result<Scene> scene = parse_scene(text, name, file.parent_path());
     shown("scenes", scene ? describe(*scene, name) : failed(name, scene.error()));

@@ -9,7 +9,8 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::size_t kMaxClients = 16;
+/// Sockets that have not said yet who they are; one more ends the oldest of them.
+constexpr std::size_t kMaxUnknown = 8;
 constexpr std::uint32_t kMaxHeader = 8 << 10;
 constexpr std::uint64_t kMaxBody = 4 << 10;
 constexpr auto kRequestWithin = std::chrono::seconds(20);
@@ -64,15 +65,29 @@ void HttpConnection::refuse(unsigned status, const char* kind) {
   send(failure(status, std::string("refused: ") + kind));
 }
 
+/// A person who comes through a tunnel or a proxy sees this answer in the browser.
+void HttpConnection::refuse_host(const Request& request) {
+  constexpr const char* kKind = "a request for a foreign Host";
+  if (view_of(request.target()).starts_with("/api/")) return refuse(kMisdirected, kKind);
+  console_.log.refused(kKind, from_);
+  keep_ = false;
+  send({kMisdirected, "text/plain; charset=utf-8",
+        "This console does not answer under the address in your browser.\n\nThrough a tunnel or a "
+        "proxy, start it "
+        "with the address in your browser:\n\n    trocar-console FOLDER --public-url "
+        "http://HOST:PORT\n\nOr let the "
+        "tunnel begin at the same port: ssh -L 4841:127.0.0.1:4841 HOST\n"});
+}
+
 void HttpConnection::answer(const Request& request) {
   version_ = request.version();
   keep_ = request.keep_alive();
   const std::string_view host = view_of(request[http::field::host]);
   if (request.count(http::field::host) != 1 || !console_.hosts.is_host(host))
-    return refuse(kMisdirected, "a request for a foreign Host");
+    return refuse_host(request);
   if (request.count(http::field::origin) > 0 &&
       (request.count(http::field::origin) != 1 ||
-       !HostNames::is_origin(view_of(request[http::field::origin]), host)))
+       !console_.hosts.is_origin(view_of(request[http::field::origin]), host)))
     return refuse(kForbidden, "a request with a foreign Origin");
   auto target = RequestTarget::parse(view_of(request.target()));
   if (!target) return refuse(kBadRequest, "a malformed request");
@@ -153,8 +168,15 @@ void HttpConnection::drain() {
 void HttpConnection::open_client(const Request& request) {
   if (!websocket::is_upgrade(request))
     return send(failure(kUpgradeRequired, "/live is a WebSocket"));
-  if (count_living(console_.clients) >= kMaxClients)
-    return refuse(kUnavailable, "a WebSocket beyond 16");
+  count_living(console_.clients);
+  if (count_clients(console_, Role::kNone) >= kMaxUnknown) {
+    for (const auto& one : console_.clients) {
+      const auto client = one.lock();
+      if (!client || client->role() != Role::kNone) continue;
+      client->abort();
+      break;
+    }
+  }
   auto client = std::make_shared<TelemetryClient>(console_, std::move(stream_), from_);
   console_.clients.push_back(client);
   client->run(request);

@@ -26,6 +26,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void on_error(beast::error_code error);
   /// Logs the refusal, answers, and closes the connection.
   void refuse(unsigned status, const char* kind);
+  void refuse_host(const Request& request);
   void answer(const Request& request);
   void answer_file(const std::string& path, bool is_get);
   /// Sends the answer that `work` makes on the worker thread.

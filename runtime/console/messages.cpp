@@ -114,6 +114,14 @@ std::string snapshot_message(const std::vector<double>& values) {
   return bytes;
 }
 
+std::string history_message(const std::vector<ForceHistory::Point>& points) {
+  std::string bytes;
+  for (const ForceHistory::Point& point : points)
+    for (const double number : {point.t_s, point.force_N, point.tip_z_m})
+      append(bytes, number);
+  return bytes;
+}
+
 std::string mesh_message(std::int32_t sheet, std::uint32_t cuts, std::int32_t slice,
                          const std::vector<float>& positions, std::size_t floats_of_vertex,
                          const std::vector<float>& hu,

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "formats/session/telemetry.h"
+#include "runtime/console/force_history.h"
 
 namespace trocar::runtime {
 
@@ -16,6 +17,9 @@ std::string event_message(const TelemetryEvent& event);
 
 /// Returns the contents of a message of kind 1 (snapshot), without kind and number.
 std::string snapshot_message(const std::vector<double>& values);
+
+/// Returns the contents of a message of kind 4 (history), without kind and number.
+std::string history_message(const std::vector<ForceHistory::Point>& points);
 
 /// Returns the contents of a message of kind 2 (sheet, two floats per vertex) or 3 (shape, three
 /// floats per vertex), without kind and number.

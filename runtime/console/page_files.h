@@ -20,7 +20,7 @@ struct PageFile {
 
 class PageFiles {
  public:
-  /// Reads the page's files in `folder` and in its subfolders hand/ and vendor/, at most 64 files
+  /// Reads the page's files in `folder` and in its subfolders hand/, view/ and vendor/, at most 64 files
   /// of at most 8 MiB each. If vendor/ is empty, the page only says how to get its libraries. Errors: (refused)
   /// there is no index.html.
   static Result<PageFiles> read(const std::filesystem::path& folder);

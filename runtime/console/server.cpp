@@ -150,8 +150,11 @@ Result<void> serve(const ServerSettings& settings, Files files, PageFiles page) 
                            : address.is_v6()        ? "[" + address.to_string() + "]"
                                                     : address.to_string();
   ConsoleState console(context, settings, std::move(files), std::move(page),
-                       HostNames(address.to_string(), port));
-  const std::string link = "http://" + host + ":" + std::to_string(port) + "/#";
+                       HostNames(address.to_string(), port, settings.public_url));
+  const std::string link =
+      (settings.public_url.empty() ? "http://" + host + ":" + std::to_string(port)
+                                   : settings.public_url) +
+      "/#";
   std::printf("operator: %s%s\naudience: %s%s\n", link.c_str(),
               console.tokens.of_operator().c_str(), link.c_str(), console.tokens.of_view().c_str());
   std::fflush(stdout);

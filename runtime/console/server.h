@@ -17,8 +17,9 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
-  std::string start;     ///< JSON of /api/folder's `start`, the scene's name; empty: none
-  std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
+  std::string public_url;  ///< HostNames
+  std::string start;       ///< JSON of /api/folder's `start`, the scene's name; empty: none
+  std::string playback;    ///< JSON of /api/folder's `playback`; empty: none
 };
 
 /// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends its sessions. Errors:

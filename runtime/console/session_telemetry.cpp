@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/session_telemetry.h"
 
+#include <cmath>
+
 #include "runtime/console/messages.h"
 
 namespace trocar::runtime {
@@ -13,13 +15,21 @@ constexpr int kMaxEventsOfPoll = 512, kMaxSheetsOfPoll = 2;
 }  // namespace
 
 void SessionTelemetry::attach(std::unique_ptr<TelemetryReader> reader) {
+  clear();
   reader_ = std::move(reader);
   about_ = parse_about(reader_->about(), reader_->columns());
   about_.slices.resize(reader_->sheets(), -1);
   sheets_.assign(reader_->sheets(), {});
+}
+
+void SessionTelemetry::clear() {
+  reader_.reset();
+  about_ = {};
+  sheets_.clear();
   shape_ = {};
   values_.clear();
   snapshot_.reset();
+  history_.clear();
   events_.clear();
   last_event_ = 0;
   has_ended_ = false;
@@ -41,6 +51,12 @@ void SessionTelemetry::poll() {
   if (reader_->snapshot(values_)) {
     ++snapshots_;
     snapshot_ = std::make_shared<const std::string>(snapshot_message(values_));
+    // Before the device has been read, its pose means nothing.
+    if (value("safety") != 0)
+      history_.add({value("t_s"),
+                    std::hypot(value("wrench_delivered", 0), value("wrench_delivered", 1),
+                               value("wrench_delivered", 2)),
+                    value("tool_m", 2)});
   }
   read_events();
   read_meshes();

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "formats/session/telemetry.h"
+#include "runtime/console/force_history.h"
 #include "runtime/console/programs/session_about.h"
 
 namespace trocar::runtime {
@@ -33,7 +34,8 @@ class SessionTelemetry {
 
   /// Begins a new session.
   void attach(std::unique_ptr<TelemetryReader> reader);
-  void detach() { reader_.reset(); }
+  /// Forgets the session; a new one is about to begin.
+  void clear();
   bool is_attached() const noexcept { return reader_ != nullptr; }
   /// Reads what is new. Takes less than a millisecond, plus the time for at most two cut sheets.
   void poll();
@@ -53,6 +55,7 @@ class SessionTelemetry {
   bool has_ended() const noexcept { return has_ended_; }
   std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of snapshots read
   const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: none yet
+  const ForceHistory& history() const noexcept { return history_; }
   /// Returns a number of the latest snapshot; 0: there is no such column.
   double value(const char* column, std::size_t at = 0) const;
   const std::vector<Mesh>& sheets() const noexcept { return sheets_; }
@@ -67,6 +70,7 @@ class SessionTelemetry {
   SessionAbout about_;
   std::vector<double> values_;
   Frame snapshot_;
+  ForceHistory history_;
   std::deque<Event> events_;
   bool has_ended_ = false;
   std::uint64_t hand_messages_ = 0;

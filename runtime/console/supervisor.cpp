@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/supervisor.h"
 
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <cstdio>
@@ -20,14 +21,16 @@ using nlohmann::json;
 
 constexpr auto kZeroWithin = std::chrono::milliseconds(100);
 constexpr auto kSearchEvery = std::chrono::milliseconds(100);
+/// A longer time between two polls counts as this one, because then this console stood still, and perhaps not the session.
+constexpr auto kLongestPoll = std::chrono::milliseconds(20);
 constexpr auto kDeviceWithin = std::chrono::seconds(10);
 constexpr const char* kAnyPort = "127.0.0.1:0";
-constexpr std::size_t kMotors = 8;
+constexpr std::size_t kMotors = 8, kWrench = 6;
 
 }  // namespace
 
 const char* to_string(RunState state) noexcept {
-  constexpr std::array<const char*, 6> kNames = {"idle",   "starting", "running",
+  constexpr std::array<const char*, 7> kNames = {"idle",   "starting", "running", "silent",
                                                  "paused", "ended",    "lost"};
   return kNames[static_cast<std::size_t>(state)];
 }
@@ -40,6 +43,8 @@ Supervisor::Supervisor(Settings settings) : settings_(std::move(settings)) {
   }
   for (const DeviceChoice& device : settings_.devices)
     hidden_.add(device);
+  // A page has no command line.
+  hidden_.add("--asset names another", "choose another one in the field Asset");
   set_state(RunState::kIdle, "no session");
 }
 
@@ -99,7 +104,7 @@ Result<void> Supervisor::start(const StartRequest& request) {
   asset_file_ = request.asset;
   run_.reset();
   release_device(SIGTERM);
-  telemetry_.detach();
+  telemetry_.clear();
   device_endpoint_.clear();
   started_at_ = Clock::now();
   waits_for_device_ = request_.device.name == kSimulator;
@@ -294,6 +299,9 @@ void Supervisor::check_stop(Clock::time_point now) {
                  telemetry_.value("paused") != 0 || telemetry_.value("ended") != 0;
   for (std::size_t motor = 0; motor < kMotors; ++motor)
     is_zero = is_zero && telemetry_.value("tau_Nm", motor) == 0;
+  // A device that measures its own pose states no torques of motors.
+  for (std::size_t i = 0; i < kWrench; ++i)
+    is_zero = is_zero && telemetry_.value("wrench_delivered", i) == 0;
   if (is_zero || telemetry_.has_ended()) {
     stop_check_.reset();
   } else if (now > stop_check_->until) {
@@ -333,12 +341,30 @@ void Supervisor::poll(Clock::time_point now) {
   if (telemetry_.is_attached()) {
     telemetry_.poll();
     check_stop(now);
+    measure_silence(now);
   }
   if (is_over) {
     if (is_live()) on_end();
   } else if (telemetry_.is_attached() && !telemetry_.has_ended()) {
-    const bool paused = telemetry_.value("paused") != 0;
-    set_state(paused ? RunState::kPaused : RunState::kRunning, paused ? "paused" : "runs");
+    show_running();
+  }
+}
+
+void Supervisor::measure_silence(Clock::time_point now) {
+  const bool is_new = telemetry_.snapshots() != heard_ || !telemetry_.snapshot();
+  const auto passed = std::min<Clock::duration>(now - polled_at_, kLongestPoll);
+  silence_ = is_new || telemetry_.value("paused") != 0 ? Clock::duration{} : silence_ + passed;
+  heard_ = telemetry_.snapshots();
+  polled_at_ = now;
+}
+
+void Supervisor::show_running() {
+  if (telemetry_.value("paused") != 0) {
+    set_state(RunState::kPaused, "paused");
+  } else if (silence_ >= kSilentAfter) {
+    set_state(RunState::kSilent, "the session has stated nothing for more than 0.2 s");
+  } else {
+    set_state(RunState::kRunning, "runs");
   }
 }
 
@@ -346,10 +372,13 @@ void Supervisor::on_end() {
   stop_check_.reset();
   recover_when_ready_ = false;
   release_device(SIGTERM);
-  const std::string end = run_->end(), line = last_line(log_file());
+  const std::string end = run_->end();
   if (telemetry_.has_ended() || run_->exit_code()) {
-    const bool is_good = !run_->exit_code() || *run_->exit_code() == 0;
-    set_state(RunState::kEnded, is_good ? "ended" : "ended with " + end + ": " + line);
+    const int code = run_->exit_code().value_or(0);
+    const std::string line = last_line(log_file());
+    const std::string why =
+        line.empty() ? reason_of(static_cast<ExitCode>(code), session_folder_) : line;
+    set_state(RunState::kEnded, code == 0 ? "ended" : "ended with " + end + ": " + why);
   } else {
     set_state(RunState::kLost,
               "the session's process is gone" + (end.empty() ? "" : " (" + end + ")"));

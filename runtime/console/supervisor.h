@@ -22,7 +22,9 @@
 
 namespace trocar::runtime {
 
-enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kPaused, kEnded, kLost };
+/// kSilent: it runs, but has stated nothing new for kSilentAfter.
+enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
+inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
 
 struct StartRequest {
@@ -81,7 +83,7 @@ class Supervisor {
   /// Returns true if the session starts, runs or is paused.
   bool is_live() const noexcept {
     return state_ == RunState::kStarting || state_ == RunState::kRunning ||
-           state_ == RunState::kPaused;
+           state_ == RunState::kSilent || state_ == RunState::kPaused;
   }
   /// The message `state` of protocol.md. Its version changes when its text changes.
   const std::string& state_json() const noexcept { return state_json_; }
@@ -111,6 +113,8 @@ class Supervisor {
   void attach(std::unique_ptr<TelemetryReader> reader);
   void poll_device(Clock::time_point now);
   void check_stop(Clock::time_point now);
+  void measure_silence(Clock::time_point now);
+  void show_running();
   void on_end();
   void set_state(RunState state, const std::string& message);
   std::filesystem::path live_link() const;
@@ -126,7 +130,9 @@ class Supervisor {
   bool waits_for_device_ = false, recover_when_ready_ = false;
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< size of the log when the device was started
-  Clock::time_point started_at_, searched_at_;
+  Clock::time_point started_at_, searched_at_, polled_at_;
+  std::uint64_t heard_ = 0;  ///< SessionTelemetry::snapshots() when the last one came
+  Clock::duration silence_{};
   std::optional<Clock::time_point> ending_since_;
   std::optional<StopCheck> stop_check_;
   std::filesystem::path session_folder_, scene_file_, asset_file_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/telemetry_client.h"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -13,6 +14,8 @@ namespace {
 
 using nlohmann::json;
 
+// An audience never takes an operator's place.
+constexpr std::size_t kMaxAudience = 16, kMaxOperators = 8;
 constexpr std::uint64_t kMaxMessage = 4 << 10;
 constexpr auto kStalled = std::chrono::seconds(6);
 constexpr auto kFirstMessageWithin = std::chrono::seconds(5);
@@ -111,13 +114,18 @@ void TelemetryClient::on_message() {
   const std::string text = beast::buffers_to_string(buffer_.data());
   buffer_.consume(buffer_.size());
   if (is_closing_) return;
-  const bool is_good = is_text && (role_ == Role::kNone ? on_first(text) : on_later(text));
+  const bool is_first = role_ == Role::kNone;
+  const bool is_good = is_text && (is_first ? on_first(text) : on_later(text));
   if (!is_good) {
-    console_.log.refused(role_ == Role::kNone
-                             ? "a WebSocket without a valid token in its first message"
-                             : "a malformed WebSocket message",
+    console_.log.refused(is_first ? "a WebSocket without a valid token in its first message"
+                                  : "a malformed WebSocket message",
                          from_);
-    return close();
+    return close(websocket::close_code::policy_error);
+  }
+  if (is_first && !has_place()) {
+    role_ = Role::kNone;
+    console_.log.refused("a WebSocket beyond 16 of an audience or 8 of operators", from_);
+    return close(websocket::close_code::try_again_later);
   }
   read();
   pump(Clock::now());
@@ -173,12 +181,16 @@ void TelemetryClient::release_hand() {
     console_.supervisor.move_hand(std::nullopt);
 }
 
-void TelemetryClient::close() {
+bool TelemetryClient::has_place() const {
+  return count_clients(console_, role_) <=  // with this one
+         (role_ == Role::kOperator ? kMaxOperators : kMaxAudience);
+}
+
+void TelemetryClient::close(websocket::close_code code) {
   is_closing_ = true;
   release_hand();
   if (is_writing_) return abort();
-  socket_.async_close(websocket::close_code::policy_error,
-                      [self = shared_from_this()](beast::error_code) {});
+  socket_.async_close(code, [self = shared_from_this()](beast::error_code) {});
 }
 
 void TelemetryClient::abort() {
@@ -186,6 +198,14 @@ void TelemetryClient::abort() {
   is_closing_ = true;
   release_hand();
   beast::get_lowest_layer(socket_).socket().close(ignored);
+}
+
+std::size_t count_clients(const ConsoleState& console, Role role) {
+  return static_cast<std::size_t>(
+      std::count_if(console.clients.begin(), console.clients.end(), [role](const auto& one) {
+        const auto client = one.lock();
+        return client && client->role() == role;
+      }));
 }
 
 }  // namespace trocar::runtime

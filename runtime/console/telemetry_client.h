@@ -5,6 +5,7 @@
 
 #include <array>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -34,6 +35,9 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   /// Sends the next message if the last one has been sent. Closes the connection of a client
   /// that has stalled.
   void pump(Clock::time_point now);
+  /// Ends the connection without a word.
+  void abort();
+  Role role() const noexcept { return role_; }  ///< kNone until the first message
 
  private:
   void read();
@@ -43,8 +47,9 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   bool on_later(const std::string& text);
   bool on_hand(const HandRequest& request);
   void release_hand();
-  void close();
-  void abort();
+  /// True if not too many other clients have this client's role.
+  bool has_place() const;
+  void close(websocket::close_code code);
   std::function<void(beast::error_code, std::size_t)> written();
 
   ConsoleState& console_;
@@ -58,5 +63,8 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   ClientMessage message_;  ///< the message that is being sent
   std::array<std::uint32_t, 2> head_{};
 };
+
+/// Number of living clients of a role.
+std::size_t count_clients(const ConsoleState& console, Role role);
 
 }  // namespace trocar::runtime

@@ -17,6 +17,7 @@
 #include "formats/base/command_line.h"
 #include "formats/base/json_text.h"
 #include "formats/base/option_range.h"
+#include "runtime/console/access.h"
 #include "runtime/console/server.h"
 #include "runtime/devices/open_device.h"
 #include "runtime/program/library_versions.h"
@@ -27,7 +28,7 @@ namespace {
 constexpr const char* kName = "trocar-console";
 
 struct Arguments {
-  std::string folder, listen = "127.0.0.1", attach, page;
+  std::string folder, listen = "127.0.0.1", public_url, attach, page;
   std::vector<std::string> devices;
   std::string recording, against, scene, start;
   int port = 4841;
@@ -50,6 +51,10 @@ void declare(CLI::App& app, Arguments& arguments) {
       "--listen", arguments.listen,
       "numerical address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1\n"
       "lets other machines in, and their connections are not encrypted");
+  app.add_option(
+      "--public-url", arguments.public_url,
+      "address of a tunnel or proxy that leads here, http://HOST:PORT or https://HOST, as it\n"
+      "stands in the browser. The links are printed with it");
   app.add_option("--attach", arguments.attach,
                  "show and command the session of trocar-run --live FILE instead of starting\n"
                  "sessions");
@@ -154,6 +159,11 @@ int run_command_line(int argc, char** argv) {
   ServerSettings settings;
   settings.listen = arguments.listen;
   settings.port = static_cast<std::uint16_t>(arguments.port);
+  if (!arguments.public_url.empty()) {
+    Result<std::string> url = public_url_of(arguments.public_url);
+    if (!url) return fail(url.error());
+    settings.public_url = std::move(*url);
+  }
   std::error_code error;
   settings.session.programs = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
   Result<std::vector<DeviceChoice>> devices = devices_of(arguments);

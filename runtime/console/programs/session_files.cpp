@@ -6,6 +6,7 @@
 #include <charconv>
 #include <ctime>
 #include <fstream>
+#include <sstream>
 #include <string_view>
 #include <system_error>
 
@@ -60,18 +61,6 @@ std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from)
              : text.substr(at + kReady.size(), end - at - kReady.size());
 }
 
-std::string last_line(const std::filesystem::path& log) {
-  constexpr std::uint64_t kMaxLog = std::uint64_t{64} << 10;
-  constexpr std::size_t kMaxShown = 400;
-  std::ifstream in(log, std::ios::binary);
-  std::string line, last;
-  std::uint64_t read = 0;
-  while (std::getline(in, line) && (read += line.size()) < kMaxLog) {
-    if (!line.empty()) last = line;
-  }
-  return last.substr(0, kMaxShown);
-}
-
 std::string tail_of(const std::filesystem::path& log) {
   constexpr std::streamoff kMaxShown = 64 << 10;
   std::ifstream in(log, std::ios::binary | std::ios::ate);
@@ -83,6 +72,38 @@ std::string tail_of(const std::filesystem::path& log) {
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(in.gcount()));
   return text;
+}
+
+std::string last_line(const std::filesystem::path& log) {
+  constexpr std::size_t kMaxShown = 400;
+  std::istringstream in(tail_of(log));
+  std::string line, last;
+  while (std::getline(in, line)) {
+    if (!line.empty()) last = line;
+  }
+  return last.substr(0, kMaxShown);
+}
+
+std::string reason_of(ExitCode code, const std::filesystem::path& folder) {
+  constexpr std::uintmax_t kFull_bytes = 64 << 10;
+  std::error_code error;
+  const std::filesystem::space_info space = std::filesystem::space(folder, error);
+  switch (code) {
+    case ExitCode::kUnwritable:
+      return !error && space.available < kFull_bytes
+                 ? "the disk of the folder of sessions is full; free some space, and start again"
+                 : "a file of the session could not be written";
+    case ExitCode::kUsage:
+      return "its options are wrong";
+    case ExitCode::kRefused:
+      return "an input was refused";
+    case ExitCode::kDeviceFault:
+      return "the device or the safety layer ended it";
+    case ExitCode::kDone:
+    case ExitCode::kBug:
+      break;
+  }
+  return "it gave no reason";
 }
 
 pid_t pid_of_link(const std::filesystem::path& link) {

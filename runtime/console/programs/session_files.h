@@ -24,8 +24,11 @@ Result<std::filesystem::path> create_session_folder(const std::filesystem::path&
 /// log on; empty: it is not ready yet.
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from);
 
-/// Returns the last line with text in the first 64 KiB of a log, shortened to 400 bytes.
+/// Returns the last line with text in the last 64 KiB of a log, shortened to 400 bytes.
 std::string last_line(const std::filesystem::path& log);
+
+/// Says why a session ended whose programs could not say it, perhaps because the disk of `folder` is full.
+std::string reason_of(ExitCode code, const std::filesystem::path& folder);
 
 /// Returns the last 64 KiB of a log; empty if there is no such file.
 std::string tail_of(const std::filesystem::path& log);

@@ -58,10 +58,30 @@ TEST(ConsoleHosts, LoopbackAndTheListenAddress) {
 }
 
 TEST(ConsoleHosts, OriginIsTheSameServer) {
-  EXPECT_TRUE(HostNames::is_origin("http://localhost:8000", "localhost:8000"));
+  const HostNames hosts("127.0.0.1", 8000);
+  EXPECT_TRUE(hosts.is_origin("http://localhost:8000", "localhost:8000"));
   for (const char* wrong : {"", "null", "https://localhost:8000", "http://localhost:8001",
                             "http://localhost:8000/", "http://evil.example"})
-    EXPECT_FALSE(HostNames::is_origin(wrong, "localhost:8000")) << wrong;
+    EXPECT_FALSE(hosts.is_origin(wrong, "localhost:8000")) << wrong;
+}
+
+TEST(ConsoleHosts, PublicUrlIsOneMore) {
+  const auto url = public_url_of("https://Console.Example:8443/");
+  ASSERT_TRUE(url) << url.error().message;
+  EXPECT_EQ(*url, "https://console.example:8443");
+  const HostNames hosts("127.0.0.1", 8000, *url);
+  EXPECT_TRUE(hosts.is_host("console.example:8443"));
+  EXPECT_TRUE(hosts.is_host("127.0.0.1:8000"));
+  EXPECT_FALSE(hosts.is_host("console.example"));
+  EXPECT_FALSE(hosts.is_host("console.example:8000"));
+  EXPECT_TRUE(hosts.is_origin("https://console.example:8443", "console.example:8443"));
+  for (const char* wrong : {"https://console.example", "https://console.example:8443/", "null"})
+    EXPECT_FALSE(hosts.is_origin(wrong, "console.example:8443")) << wrong;
+  EXPECT_FALSE(hosts.is_origin("https://console.example:8443", "127.0.0.1:8000"));
+  EXPECT_EQ(*public_url_of("http://localhost:8080"), "http://localhost:8080");
+  for (const char* wrong : {"", "localhost:8080", "ftp://a", "http://", "http://a/b", "http://a b",
+                            "http://u@a", "http://a?b", "https://a#b"})
+    EXPECT_FALSE(public_url_of(wrong)) << wrong;
 }
 
 TEST(ConsoleNames, StayInTheFolder) {

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// The force on the hand and the height of the tip since a session began, for pages that come later. If there are more
+// than kMaxPoints points, each pair is replaced by its point with the larger force, so that peaks stay.
+// Tests: tests/runtime/console/force_history_test.cpp
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+namespace trocar::runtime {
+
+class ForceHistory {
+ public:
+  struct Point {
+    double t_s = 0, force_N = 0, tip_z_m = 0;
+  };
+  static constexpr std::size_t kMaxPoints = 4000;
+
+  void clear() { *this = {}; }
+  /// Adds a point. One that is not later than the last one is ignored.
+  void add(const Point& point);
+  const std::vector<Point>& points() const noexcept { return points_; }
+
+ private:
+  std::vector<Point> points_;
+  double last_t_s_ = -1;
+  int every_ = 1, pending_ = 0;  ///< of so many points the one with the largest force is kept
+  std::optional<Point> largest_;
+};
+
+}  // namespace trocar::runtime
