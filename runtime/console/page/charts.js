@@ -4,6 +4,7 @@
 // Tests: tests/e2e/console_page_test.py
 import uPlot from "uplot";
 import { hu_at } from "./data.js";
+import { is_by_operator } from "./words.js";
 
 // Small charts are drawn faster by the processor than by a GPU that is only emulated.
 const get_context = HTMLCanvasElement.prototype.getContext;
@@ -181,7 +182,7 @@ export class Charts {
     }
     curve(plot, ctx, history.t, history.force, css("--blue"));
     for (const event of shown.punctures()) vertical(plot, ctx, event.t_s, css("--orange"), true, [0.3, 0.3]);
-    for (const event of shown.events) if (event.kind === "fault") vertical(plot, ctx, event.t_s, css("--red"), false);
+    for (const event of shown.events) if (event.kind === "fault" && !is_by_operator(event)) vertical(plot, ctx, event.t_s, css("--red"), false);
     if (shown.is_recording && shown.row) vertical(plot, ctx, shown.value("t_s"), css("--text"), false);
     ctx.restore();
   }

@@ -117,8 +117,16 @@ export class Shown {
   /// Returns the depth of the tip below the first slice; negative above it.
   depth_mm(row = this.row) {
     const tool = row && this.columns.values(row, "tool_m");
+    return tool ? this.depth_of(tool[2]) : NaN;
+  }
+  depth_of(z_m) {
     const top = this.bone?.top_m ?? this.about.sheets?.[0]?.z_m;
-    return tool && top !== undefined ? 1000 * (top - tool[2]) : NaN;
+    return top !== undefined ? 1000 * (top - z_m) : NaN;
+  }
+  /// Takes the force since the session began, as the console has kept it: t_s, force, height of the tip of each point.
+  take_history(points) {
+    this.history.clear();
+    for (let i = 0; i + 2 < points.length; i += 3) this.history.push(points[i], points[i + 1], this.depth_of(points[i + 2]));
   }
   take(row) {
     this.row = row;

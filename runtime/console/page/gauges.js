@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Torques against their limits, joint and workspace limits, pose, slices and events. Texts are set by textContent only.
 // Tests: tests/e2e/console_page_test.py
+import { is_by_operator } from "./words.js";
 
 const kAxes = ["x", "y", "z"], kDegrees = 180 / Math.PI;
 const kTickParts = ["waking", "device", "law", "publishing"];  // parts of a tick that make it late, in the order of the column missed_by
@@ -161,8 +162,9 @@ export class Gauges {
     const key = `${events.length} ${missed} ${events[0]?.text} ${events.at(-1)?.text}`;
     if (key === this.events_key) return;
     this.events_key = key;
-    const last = events.filter(({ kind }) => kind !== "cut_shown").slice(-kShownEvents).reverse();
-    const lines = last.map(({ kind, text, t_s }) => element("li", kind, text ?? `${kind} at ${t_s} s`));
+    // A pause has an event of its own, "paused".
+    const last = events.filter(({ kind, fault }) => kind !== "cut_shown" && !(kind === "fault" && fault === "paused")).slice(-kShownEvents).reverse();
+    const lines = last.map((event) => element("li", is_by_operator(event) ? "stopped" : event.kind, event.text ?? `${event.kind} at ${event.t_s} s`));
     if (missed) lines.push(element("li", "", `${missed} earlier events are no longer known`));
     this.events_box.replaceChildren(...lines);
   }

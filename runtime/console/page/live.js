@@ -4,10 +4,10 @@
 // Tests: tests/e2e/console_page_test.py
 import { token } from "./api.js";
 
-const kSnapshot = 1, kSheet = 2, kShape = 3;
+const kSnapshot = 1, kSheet = 2, kShape = 3, kHistory = 4, kTryAgainLater = 1013;
 
 export class Live {
-  /// `on` has the functions {hello, snapshot, sheet, shape, events, missed, state, hand, down}.
+  /// `on` has the functions {hello, history, snapshot, sheet, shape, events, missed, state, hand, down}.
   constructor(on) {
     this.on = on;
     this.session = null;
@@ -40,7 +40,7 @@ export class Live {
       if (this.socket !== socket) return;
       this.socket = null;
       const is_refused = event.code === 1008;
-      this.on.down(is_refused);
+      this.on.down(is_refused, event.code === kTryAgainLater);
       if (document.hidden || is_refused) return;
       this.timer = setTimeout(() => this.open(), this.wait_ms);
       this.wait_ms = Math.min(2 * this.wait_ms, 2000);
@@ -89,6 +89,7 @@ export class Live {
     const view = new DataView(data);
     const kind = view.getUint32(0, true);
     this.to_ack = view.getUint32(4, true);
+    if (kind === kHistory) this.on.history(new Float64Array(data, 8));
     if (kind === kSnapshot) this.on.snapshot(new Float64Array(data, 8));
     if (kind !== kSheet && kind !== kShape) return;
     const vertices = view.getUint32(20, true), triangles = view.getUint32(24, true), has_hu = view.getUint32(28, true);

@@ -8,13 +8,14 @@ import { Devices } from "./devices.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
 import { Hand } from "./hand/hand.js";
+import { listen_to_keys } from "./keys.js";
 import { Live } from "./live.js";
 import { Playback } from "./playback.js";
-import { View3d } from "./view3d.js";
+import { View3d } from "./view/view3d.js";
 import { describe, kFault, kRecovering } from "./words.js";
 
 const by_id = (id) => document.getElementById(id);
-const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000;
+const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000, kOld_ms = 300;
 
 const app = {
   role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
@@ -38,7 +39,7 @@ function set_theme(name) {
   app.charts?.set_theme();
   app.hand?.set_theme();
 }
-document.documentElement.dataset.theme = localStorage.getItem("trocar-theme") ?? "dark";
+document.documentElement.dataset.theme = localStorage.getItem("trocar-theme") ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
 by_id("theme").textContent = document.documentElement.dataset.theme === "dark" ? "Light" : "Dark";
 by_id("theme").addEventListener("click", () => set_theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
 
@@ -165,9 +166,12 @@ app.link = new Live({
   hello: ({ hello, role, columns }, is_new) => {
     app.connected = true;
     set_role(role);
-    if (!hello) {
+    if (!hello) {  // also when a session is about to begin: nothing of the one before stays on the page
       app.live = null;
-      return;
+      app.preview = new Shown([], {});
+      app.bone_key = app.gauges.events_key = "";
+      if (app.tab !== "playback") show_bone();
+      return changed();
     }
     if (!is_new && app.live) return app.live.history.gap();
     app.live = new Shown(columns, hello);
@@ -180,10 +184,15 @@ app.link = new Live({
     if (app.tab === "folder") set_tab("session");
     live_bone(app.live);
   },
+  history: (points) => {
+    app.live?.take_history(points);
+    changed();
+  },
   snapshot: (row) => {
     if (!app.live || row.length !== app.live.columns.width) return;
     const has_moved = row[0] !== app.live.row?.[0];  // the time stops in a pause and at the end
     app.live.take(row);
+    app.heard_ms = performance.now();
     app.hand?.take_snapshot();
     app.has_moved ||= has_moved;
     app.panels_are_old = true;
@@ -217,17 +226,18 @@ app.link = new Live({
     draw_status();
   },
   hand: (holder) => app.hand?.set_holder(holder),
-  down: (is_refused) => {
+  down: (is_refused, is_full) => {
     app.connected = false;
     app.hand?.connection_lost();
     app.refused = is_refused;
+    app.full = is_full;
     draw_status();
   },
 });
 
 if (app.view) app.hand = new Hand(app);
 
-const is_running = () => ["starting", "running", "paused"].includes(app.state.state);
+const is_running = () => ["starting", "running", "silent", "paused"].includes(app.state.state);
 const command = guarded(async (name) => { await post("/api/command", { command: name }); });
 const start = guarded(async (what) => {
   app.last_start = what;
@@ -251,7 +261,8 @@ by_id("restart").addEventListener("click", () => {
   app.waiting = what;
   command("stop");
 });
-by_id("pause").addEventListener("click", () => command(app.state.state === "paused" || app.live?.value("paused", 0) ? "resume" : "pause"));
+const toggle_pause = () => command(app.state.state === "paused" || app.live?.value("paused", 0) ? "resume" : "pause");
+by_id("pause").addEventListener("click", toggle_pause);
 for (const name of ["zero", "recover", "stop"]) by_id(name).addEventListener("click", () => command(name));
 
 async function stop_now() {
@@ -264,25 +275,7 @@ async function stop_now() {
 }
 by_id("emergency").addEventListener("click", stop_now);
 
-addEventListener("keydown", (event) => {
-  if (event.key === "Escape") {
-    event.preventDefault();
-    if (!event.repeat) stop_now();
-    return;
-  }
-  const is_typing = event.target instanceof HTMLInputElement && event.target.type !== "range";
-  if (event.code !== "Space" || is_typing || event.repeat || (by_id("report-box").open && !is_running())) return;
-  event.preventDefault();
-  if (is_running()) {
-    if (app.role === "operator") command("stop");
-  } else if (devices.is_testing) {
-    devices.stop_test();
-  } else if (app.tab === "playback") toggle_play();
-}, true);
-// Without this, a button that has the focus would be pressed when the space key is released.
-addEventListener("keyup", (event) => {
-  if (event.code === "Space" && event.target instanceof HTMLButtonElement) event.preventDefault();
-}, true);
+listen_to_keys({ app, is_running, emergency_stop: stop_now, stop: () => command("stop"), pause: () => toggle_pause(), play: () => toggle_play(), notice });
 
 // ---- playback ----
 const play = guarded(async (recording) => {
@@ -342,24 +335,29 @@ by_id("ended-play").addEventListener("click", () => {
 });
 
 // ---- drawing ----
+/// True if the session runs, and its last snapshot is older than it should be.
+const is_old = () => app.live?.row && ["running", "silent"].includes(app.state.state) && performance.now() - app.heard_ms > kOld_ms;
 function draw_status() {
   const is_playback = app.tab === "playback" && !is_running() && app.connected;
   const first = app.playback.first;
   const said = is_playback
     ? { level: "good", state: "Playback", words: first ? `${short(app.playback.file)}${first.second ? `, against ${short(app.playback.second_file)}` : ""}` : "No recording is open. Choose one in Folder." }
-    : describe({ shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused });
+    : describe({ shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused, is_full: app.full });
   by_id("status").dataset.level = app.notice ? "bad" : said.level;
   by_id("state").textContent = said.state;
   by_id("words").textContent = app.notice || said.words;
   const source = shown();
   const end = app.tab === "playback" ? app.playback.end_s : source?.about.duration_s;
   const t = app.tab === "playback" ? app.playback.time_s : source?.value("t_s");
-  by_id("clock").textContent = Number.isFinite(t) ? `${t.toFixed(2)} s${Number.isFinite(end) ? ` of ${Number(end.toFixed(2))} s` : ""}` : "";
+  const age_s = !is_playback && is_old() ? ` (${((performance.now() - app.heard_ms) / 1000).toFixed(1)} s ago)` : "";
+  by_id("clock").textContent = Number.isFinite(t) ? `${t.toFixed(2)} s${Number.isFinite(end) ? ` of ${Number(end.toFixed(2))} s` : ""}${age_s}` : "";
   by_id("ended-report").hidden = app.state.state !== "ended" || !app.state.report || is_playback;
   by_id("ended-play").hidden = app.state.state !== "ended" || !app.state.recording || is_playback;
   const running = is_running(), safety = app.live?.value("safety", 0), paused = app.state.state === "paused" || Boolean(app.live?.value("paused", 0));
-  by_id("pause").textContent = running && paused ? "Resume" : "Pause";
+  by_id("pause-word").textContent = running && paused ? "Resume" : "Pause";
   for (const name of ["pause", "zero", "stop"]) by_id(name).disabled = !running;
+  const is_stopped = app.live && (safety === kFault) && app.live.about.faults?.[app.live.value("fault", 0)] === "emergency_stop";
+  by_id("recover").textContent = is_stopped ? "Release the stop" : "Recover";
   by_id("recover").disabled = !running || paused || !(safety === kFault || safety === kRecovering || app.live?.value("fault", 0));
   by_id("restart").disabled = !app.last_start && !app.live;
   by_id("start").disabled = running || !folder.chosen;
@@ -379,8 +377,8 @@ function draw_overlay(source) {
     : !source || !slice ? "" : view.view === "section" ? `Slice ${slice.slice} at z = ${(1000 * slice.z_m).toFixed(1)} mm, viewed from above; line: contour of the CT${slice.is_lost ? " (its holes cannot be shown)" : ""}`
     : view.view === "tool" ? "From the tool's axis, 100 mm above the tip"
     : !source.bone?.surface ? "Slices; the asset has no surface here" : "Surface and slices";
-  if (source?.bone?.goals && view?.view !== "section") lines[1].textContent += "; green: target and planned line, orange: zones to keep out of";
-  lines[2].textContent = view ? view.renderer_words() : "This browser has no WebGL: the bone cannot be drawn.";
+  if (source?.bone?.goals && view?.view !== "section") lines[1].textContent += "; sphere: target, dashes: planned line, bodies with edges: zones to keep out of";
+  lines[2].textContent = view ? "" : "This browser draws no bone: it has no WebGL. Switch on its hardware acceleration, or take another browser; all else works.";
   const readout = by_id("readout");
   if (!readout.children.length) readout.append(document.createElement("div"), document.createElement("div"));
   const force = source?.row && source.is_placed() ? source.force() : NaN, depth = source?.depth_mm();
@@ -419,7 +417,7 @@ function frame(now) {
   const source = shown();
   if (source && app.has_moved) app.view?.update(source);
   app.has_moved = false;
-  if (app.view?.frame(now)) app.panels_are_old = true;
+  if (app.view?.frame(now) || is_old()) app.panels_are_old = true;
   if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(kSlowPanels_ms, 8 * (app.view?.pace.frame_ms ?? 0)))) return;
   app.panels_are_old = false;
   panels_at = now;
@@ -443,6 +441,7 @@ window.trocar = {
   get tab() { return app.tab; },
   get state() { return app.state; },
   get session() { return app.link.session; },
+  get pid() { return app.live?.about.pid ?? null; },
   get is_connected() { return app.connected; },
   get words() { return `${by_id("state").textContent}: ${by_id("words").textContent}`; },
   get row() { return row_of(app.live); },

@@ -7,6 +7,9 @@ const kContact = 1, kPunctured = 2, kMissed = 3;          // ContactPhase
 const kOperators = { paused: ["Paused", "Torques are zero and time is stopped. Press Resume to continue."],
   forces_off: ["Forces off", "Torques are zero, the tool moves freely and time continues. Press Recover for forces."] };
 
+/// True of a stop that the operator wanted: a pause, or forces switched off. It is no fault.
+export const is_by_operator = ({ kind, fault }) => kind === "fault" && fault in kOperators;
+
 /// Returns the last fault that no recovery has ended, or null.
 export function last_fault(events) {
   for (let i = events.length - 1; i >= 0; --i) {
@@ -35,18 +38,21 @@ function contact_words(shown) {
 }
 
 /// Describes the session's state as {level: good | wait | bad, state, words}, from the console's state and the latest row.
-export function describe({ shown, state, is_connected, is_refused }) {
+export function describe({ shown, state, is_connected, is_refused, is_full }) {
   if (is_refused) return { level: "bad", state: "Refused", words: "The console refused this page. Open the link that trocar-console printed." };
+  if (!is_connected && is_full) return { level: "wait", state: "No place", words: "As many pages watch as the console admits. This page tries again by itself." };
   if (!is_connected) return { level: "bad", state: "No connection", words: "The console does not answer; the session may continue. This page connects again by itself. Start trocar-console again if it ended." };
   const said = sentence(state.message ?? ""), message = /^(Ended|Paused|Running|Idle)\.$/.test(said) ? "" : said;
   if (state.state === "lost") return { level: "bad", state: "Session lost", words: `${message} Use the device's emergency stop if forces persist.` };
   if (state.state === "starting") return { level: "wait", state: "Starting", words: message };
+  if (state.state === "ended" && !shown) return { level: "bad", state: "Not started", words: message || "The session ended before it began." };
   if (state.state === "idle" || !shown) return { level: "wait", state: "Idle", words: message || "No session runs. Choose a scene in Folder and press Start." };
   const event = last_fault(shown.events);
   if (state.state === "ended") {
     const is_fault = event && !(event.fault in kOperators);
-    return { level: is_fault ? "bad" : "wait", state: "Ended", words: [message || "The session has ended.", is_fault ? `Fault ${event.fault}: ${fault_words(event)}` : ""].filter(Boolean).join(" ") };
+    return { level: is_fault || state.exit_code > 0 ? "bad" : "wait", state: "Ended", words: [message || "The session has ended.", is_fault ? `Fault ${event.fault}: ${fault_words(event)}` : ""].filter(Boolean).join(" ") };
   }
+  if (state.state === "silent") return { level: "bad", state: "No data", words: "The session has stated nothing for more than 0.2 s: force and picture are old. If it does not go on, press Emergency stop, which ends a session that does not answer." };
   const safety = shown.value("safety", 0);
   if (state.state === "paused" || shown.value("paused", 0)) return { level: "wait", state: kOperators.paused[0], words: kOperators.paused[1] };
   if (safety === kRecovering) {
@@ -56,6 +62,7 @@ export function describe({ shown, state, is_connected, is_refused }) {
   }
   if (safety === kFault || shown.value("fault", 0)) {
     if (event && event.fault in kOperators) return { level: "wait", state: kOperators[event.fault][0], words: kOperators[event.fault][1] };
+    if (event?.fault === "emergency_stop") return { level: "bad", state: "Emergency stop", words: "Torques are zero, and stay so. Release the device's own stop if it was that one; then press Release the stop." };
     const name = event?.fault ? `Fault: ${event.fault.replaceAll("_", " ")}` : "Fault";
     return { level: "bad", state: name, words: `${fault_words(event)} Torques are zero. Then press Recover.` };
   }

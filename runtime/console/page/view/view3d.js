@@ -292,7 +292,10 @@ export class View3d {
 
   /// Renders if something has changed. `now` is in ms. Returns true if the resolution has changed.
   frame(now) {
-    if (!this.bone) return false;
+    if (!this.bone) {
+      if (this.is_dirty) this.renderer.clear();
+      return this.is_dirty = false;
+    }
     if (!this.is_dirty) return this.rest(now);
     this.is_dirty = this.is_sharp = false;
     this.set_scale(this.pace.scale);
@@ -343,11 +346,5 @@ export class View3d {
       bar.firstElementChild.style.width = `${mm / 1000 * px_per_m}px`;
       bar.lastElementChild.textContent = `${mm} mm`;
     }
-  }
-
-  renderer_words() {
-    const found = /llvmpipe|SwiftShader|SVGA3D|virgl/i.exec(this.renderer_name)?.[0];
-    const name = found ? `${found} (no GPU)` : this.renderer_name.replace(/^ANGLE \([^,]*, /, "").replace(/,.*$/, "").slice(0, 36);
-    return `${name}, ${Math.round(this.pace.fps) || "–"} frames/s, scale ${(this.drawn_scale ?? 1).toFixed(2)}`;
   }
 }

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The keys of the page. Esc is the emergency stop, Shift and Q end the session, and space pauses it, or plays a recording. Space presses a
+// button that has the focus, as in any page, so no key ends a session by a slip.
+// Tests: tests/e2e/console_trouble_page_test.py
+
+/// True where the browser itself has a meaning for the space key.
+const takes_space = (target) => target instanceof Element && target.closest("button, a, input, select, textarea, summary, iframe, [tabindex]:not([tabindex='-1'])") !== null;
+
+/// `act`: {app, is_running, emergency_stop, stop, pause, play, notice}.
+export function listen_to_keys({ app, ...act }) {
+  addEventListener("keydown", (event) => {
+    if (event.key === "Escape") {
+      // People who watch leave menus and full screen by Esc. Their button for the emergency stop works.
+      if (app.role !== "operator") {
+        if (act.is_running() && !event.repeat) act.notice("Esc commands nothing on a page of the audience; the button Emergency stop does.");
+        return;
+      }
+      event.preventDefault();
+      if (!event.repeat) act.emergency_stop();
+      return;
+    }
+    if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+    const is_running = act.is_running(), is_operator = app.role === "operator";
+    if (event.code === "KeyQ" && event.shiftKey && is_running && is_operator) {
+      event.preventDefault();
+      act.stop();
+    }
+    if (event.code !== "Space" || takes_space(event.target) || (document.getElementById("report-box").open && !is_running)) return;
+    event.preventDefault();
+    if (is_running && is_operator && app.state.state !== "starting") act.pause();
+    if (!is_running && app.tab === "playback") act.play();
+  }, true);
+  // A button that was clicked keeps no focus, so that a later space key does not press it again. Keys leave the focus where it is.
+  addEventListener("click", (event) => {
+    const button = event.detail > 0 && event.target instanceof Element ? event.target.closest("button") : null;
+    if (button && button === document.activeElement) button.blur();
+  });
+}
