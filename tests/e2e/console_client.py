@@ -16,7 +16,7 @@ import time
 
 GUID = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
-SNAPSHOT, SHEET, SHAPE = 1, 2, 3
+SNAPSHOT, SHEET, SHAPE, HISTORY = 1, 2, 3, 4
 
 
 class Console:
@@ -180,11 +180,12 @@ class Live:
         self.ack = ack
         self.hello, self.session, self.columns, self.events, self.states = None, None, {}, [], []
         self.values, self.sheets, self.shapes, self.missed, self.snapshots, self.hellos = None, {}, 0, 0, 0, 0
+        self.history = None  # (time, force on the hand, height of the tip), of a client that came later
         self.hands = []  # "yours", "other" or "free", as told
         self.web.send(json.dumps({"token": token, **first}))
 
     def next(self, timeout=20):
-        """The kind of the next message: "hello", "events", "missed", "state", "hand", or SNAPSHOT, SHEET, SHAPE."""
+        """The kind of the next message: "hello", "events", "missed", "state", "hand", or SNAPSHOT, SHEET, SHAPE, HISTORY."""
         self.web.socket.settimeout(timeout)
         opcode, data = self.web.receive()
         if opcode == TEXT:
@@ -214,6 +215,8 @@ class Live:
         if kind == SNAPSHOT:
             self.values = struct.unpack_from(f"<{(len(data) - 8) // 8}d", data, 8)
             self.snapshots += 1
+        elif kind == HISTORY:
+            self.history = list(struct.iter_unpack("<3d", data[8:]))
         elif kind == SHEET:
             sheet, cuts, slice_, vertices, triangles, has_hu = struct.unpack_from("<IIiIII", data, 8)
             assert len(data) == 32 + 4 * ((3 if has_hu else 2) * vertices + 3 * triangles)

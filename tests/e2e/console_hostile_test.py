@@ -84,10 +84,20 @@ def test_refusals(console):
                                   (b"\0" * 8, BINARY, 1008), ("x" * 5000, TEXT, 1009), (b"", 3, 1002)):
         found = refused_socket(console, first, [(message, opcode)])
         check(found in (code, "reset", "end of stream"), f"message {message[:20]} of kind {opcode}: {found}")
-    pages = [console.live() for _ in range(16)]
+    pages = [console.live() for _ in range(8)]
     for page in pages:
-        check(page.next() == "hello", "sixteen pages")
-    check(refused_socket(console) == 503, "the seventeenth page")
+        check(page.next() == "hello", "eight operators' pages")
+    check(refused_socket(console, first) in (1013, "end of stream", "reset"), "the ninth operator's page")
+    silent = [socket.create_connection(("127.0.0.1", console.port)) for _ in range(30)]  # they never say who they are
+    for connection in silent:
+        connection.sendall(f"GET /live HTTP/1.1\r\nHost: {console.host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                           "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+    pages.pop().close()
+    time.sleep(0.2)
+    pages.append(console.live())
+    check(pages[-1].next() == "hello", "an operator's page beside thirty silent ones")
+    for connection in silent:
+        connection.close()
     for page in pages:
         page.close()
     # Connections that send nothing do not delay later ones.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A headless Chromium with the console's page, for drivers: opening, waiting, pictures. Failures are collected, and reported at the end.
+import axe from "axe-core";
 import { chromium } from "playwright-core";
 import { layout_faults } from "./layout.mjs";
 
@@ -27,7 +28,7 @@ export class Browser {
 
   /// Opens a link in a browser window of its own. `context`: playwright's options of that window.
   async open(link, context = {}) {
-    const page = await (await this.browser.newContext({ viewport: { width: 1280, height: 720 }, ...context })).newPage();
+    const page = await (await this.browser.newContext({ viewport: { width: 1280, height: 720 }, colorScheme: "dark", ...context })).newPage();
     page.setDefaultTimeout(30000);
     page.on("pageerror", (error) => this.fail(`the page threw: ${error.stack}`));
     page.on("request", (request) => this.check(request.url().startsWith(new URL(link).origin) || /^(blob|data):/.test(request.url()), `the page asked for ${request.url()}`));
@@ -46,5 +47,16 @@ export class Browser {
   async picture(page, name, is_scrolled = false) {
     await page.screenshot({ path: `${this.given.out}/${name}.png` });
     for (const fault of await page.evaluate(layout_faults)) if (!is_scrolled || !/not to be seen|outside of the window/.test(fault)) this.fail(`${name}: ${fault}`);
+  }
+
+  /// Lets axe check the page in both themes: roles, names, contrast.
+  async accessible(page, name) {
+    for (let theme = 0; theme < 2; ++theme) {
+      await page.evaluate(axe.source);
+      const violations = await page.evaluate(async () => (await window.axe.run(document, { resultTypes: ["violations"], iframes: false })).violations
+        .map(({ id, nodes }) => `${id} at ${nodes.map(({ target, failureSummary }) => `${target} (${failureSummary})`).slice(0, 3).join("; ")}`));
+      for (const violation of violations) this.fail(`${name}, theme ${await page.evaluate("document.documentElement.dataset.theme")}: axe finds ${violation}`);
+      await page.click("#theme");
+    }
   }
 }

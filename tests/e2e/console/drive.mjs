@@ -153,14 +153,14 @@ await page.click("#zero");
 await until(page, `document.getElementById("state").textContent === "Forces off"`, "zero forces");
 await page.click("#recover");
 await until(page, `document.getElementById("state").textContent === "Running"`, "the recovery from zero forces");
-await page.keyboard.press("Space");
+await page.keyboard.press("Shift+Q");
 await ended(page, "stopped");
 
 // A machine that stalls for some ms causes faults of its own: recover from them, and if one comes first, begin again.
 let fault = "", recoveries = 0;
 for (let attempt = 0; attempt < 5 && !["no_data", "link_lost"].includes(fault); ++attempt) {
   if (attempt > 0) {
-    await page.keyboard.press("Space");
+    await page.keyboard.press("Shift+Q");
     await ended(page, "stood_still");
   }
   await start(page, "waiting.json", { device: "sim" });
@@ -181,7 +181,7 @@ for (const theme of ["dark", "light"]) {
 }
 await page.click("#recover");
 await until_recovered(page, `trocar.events.filter((event) => event.kind === "recovered").length > ${recoveries} && document.getElementById("state").textContent === "Running"`, "the recovery on command");
-await page.keyboard.press("Space");
+await page.keyboard.press("Shift+Q");
 await ended(page, "device_killed");
 
 // ---- emergency stop while a slice bears force ----
@@ -190,7 +190,7 @@ await until(page, "Math.abs(trocar.row.force_N[0]) > 10", "a force of 10 N");
 await page.keyboard.press("Escape");
 await until(page, `trocar.events.some((event) => event.fault === "emergency_stop")`, "the emergency stop");
 await until(page, "trocar.row.tau_Nm.every((torque) => torque === 0)", "torques of zero");
-await page.keyboard.press("Space");
+await page.keyboard.press("Shift+Q");
 await ended(page, "emergency_stop");
 
 // ---- playback, two recordings, report ----
@@ -220,6 +220,7 @@ await page.click("#play");
 await page.selectOption("#against", sessions.beside);
 await until(page, "trocar.playback.second", "the second recording");
 await seek(0.4);
+await browser.accessible(page, "playback");
 for (const [name, viewport] of Object.entries(size)) {
   await page.setViewportSize(viewport);
   for (const theme of ["dark", "light"]) {

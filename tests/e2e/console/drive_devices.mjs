@@ -100,7 +100,7 @@ await browser.picture(page, "session");
 await page.click("[data-to=folder]");
 await until(page, `document.getElementById("test-open").disabled`, "no test while a session runs");
 await page.click("[data-to=session]");
-await page.keyboard.press("Space");
+await page.keyboard.press("Shift+Q");
 await until(page, `trocar.state.state === "ended"`, "the end of the session");
 await page.click("#ended-report");
 await until(page, `document.getElementById("report-device").textContent.includes(${JSON.stringify(given.device)})`, "the device's name with the report");

@@ -39,7 +39,7 @@ const sample = (page) => page.evaluate(() => {
   requestAnimationFrame(note);
 });
 async function stop(page, name) {
-  await page.keyboard.press("Space");
+  await page.keyboard.press("Shift+Q");
   await until(page, `trocar.state.state === "ended"`, `the end of ${name}`);
   sessions[name] = { recording: (await get(page, "trocar.state")).recording, samples: await get(page, "window.samples ?? []") };
 }

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// drive_trouble.mjs JSON: what the page says of sessions in trouble, and what its keys do. The argument: {link, view_link, chromium, out}.
+// Prints {failures}; pictures go to the folder `out`.
+import { Browser } from "./browser.mjs";
+
+const given = JSON.parse(process.argv[2]);
+const browser = await Browser.launch(given);
+const { failures } = browser;
+const check = (condition, words) => browser.check(condition, words);
+const until = (...words) => browser.until(...words);
+const get = (page, expression) => page.evaluate(expression);
+process.on("uncaughtException", (error) => {
+  browser.fail(`the driver stopped: ${error.stack}`);
+  console.log(JSON.stringify({ failures }));
+  process.exit(0);
+});
+const pill = `document.getElementById("state").textContent`;
+
+const page = await browser.open(given.link);
+await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
+
+// ---- a scene with broken JSON has its reason ----
+check(/broken\.json/.test(await page.innerText("#scenes")), "a scene with broken JSON is not listed");
+await browser.accessible(page, "folder");
+
+async function start(scene, seconds) {
+  await page.click("[data-to=folder]");
+  await page.selectOption("#start-scene", scene);
+  await page.fill("#start-duration", String(seconds));
+  await page.click("#start");
+  await until(page, `trocar.state.state === "running" && trocar.row && trocar.row.t_s[0] > 0.1`, `the session of ${scene}`);
+}
+const pid = () => get(page, "trocar.pid");
+
+// ---- the space key presses what has the focus, and never ends a session ----
+await start("scenes/outside.json", 600);
+await page.focus("#pause");
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Paused"`, "the space key on the button Pause");
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Running"`, "the space key on the button Resume");
+await page.focus("[data-view=tool]");
+await page.keyboard.press("Space");
+await until(page, `document.querySelector("[data-view=tool]").getAttribute("aria-pressed") === "true"`, "the space key on a view's button");
+check(await get(page, "trocar.state.state") === "running", "the space key ended the session");
+await page.evaluate(() => document.activeElement.blur());
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Paused"`, "the space key on the view");
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Running"`, "going on by the space key on the view");
+await page.click("#zero");
+await until(page, `${pill} === "Forces off"`, "zero forces");
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Paused"`, "the space key after a click on a button");
+await browser.accessible(page, "paused");
+await page.evaluate(() => document.activeElement.blur());
+await page.keyboard.press("Space");
+check(await page.locator("#events li.fault").count() === 0, `a pause is shown as a fault: ${await page.innerText("#events")}`);
+await page.click("#recover");
+await until(page, `${pill} === "Running"`, "forces again");
+
+// ---- Esc on a page of the audience ----
+const audience = await browser.open(given.view_link);
+await until(audience, `trocar.role === "view" && trocar.row`, "the audience's page");
+await audience.keyboard.press("Escape");
+await until(audience, `/Esc commands nothing/.test(trocar.words)`, "what Esc means for the audience");
+await page.waitForTimeout(500);
+check(await get(page, pill) === "Running", "Esc of the audience stopped the session");
+await browser.picture(audience, "audience");
+await browser.accessible(audience, "audience");
+await audience.click("#emergency");
+await until(page, `${pill} === "Emergency stop"`, "the emergency stop of the audience");
+await browser.picture(page, "emergency_stop");
+await browser.accessible(page, "emergency_stop");
+check(await page.innerText("#recover") === "Release the stop", `the button of the release says ${await page.innerText("#recover")}`);
+await page.click("#recover");
+await until(page, `${pill} === "Running"`, "the session after the release");
+
+// ---- Esc during a recovery ----
+await page.click("#zero");
+await until(page, `${pill} === "Forces off"`, "zero forces before the recovery");
+await page.evaluate(() => { document.getElementById("recover").click(); });
+await until(page, `${pill} === "Recovering"`, "the recovery", 5000);
+await page.keyboard.press("Escape");
+await until(page, `${pill} === "Emergency stop"`, "the emergency stop during a recovery");
+await page.waitForTimeout(700);
+check(await get(page, pill) === "Emergency stop", "the stop released itself");
+await page.click("#recover");
+await until(page, `${pill} === "Running"`, "the session after the second release");
+
+// ---- a session that hangs ----
+process.kill(await pid(), "SIGSTOP");
+await until(page, `${pill} === "No data"`, "the alarm of a hung session", 3000);
+check(await get(page, `document.getElementById("status").dataset.level`) === "bad", "the alarm is not red");
+await until(page, `/s ago/.test(document.getElementById("clock").textContent)`, "the age of the data", 3000);
+await browser.picture(page, "no_data");
+await browser.accessible(page, "no_data");
+process.kill(await pid(), "SIGCONT");
+await until(page, `${pill} === "Running"`, "the session that goes on");
+await page.keyboard.press("Shift+Q");
+await until(page, `trocar.state.state === "ended"`, "the end by Shift and Q");
+
+// ---- a start that fails leaves nothing of the session before ----
+await page.click("[data-to=folder]");
+await page.selectOption("#start-scene", "scenes/lost.json");
+await page.click("#start");
+await until(page, `${pill} === "Not started"`, "a start that fails");
+check(/no_such\.glb/.test(await get(page, "trocar.words")), `the reason: ${await get(page, "trocar.words")}`);
+check(/field Asset/.test(await get(page, "trocar.words")) && !/--asset/.test(await get(page, "trocar.words")), `the advice: ${await get(page, "trocar.words")}`);
+await until(page, `!/emergency_stop/.test(document.getElementById("events").textContent)`, "events that are gone");
+check(await get(page, "trocar.row") === null && await get(page, `document.getElementById("clock").textContent`) === "", "the session before is still on the page");
+await browser.picture(page, "not_started");
+await browser.accessible(page, "not_started");
+await browser.close();
+console.log(JSON.stringify({ failures }));

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""console_trouble_test.py SOURCE PROGRAMS ASSET WORK: what the console says of sessions in trouble. A session that hangs, an emergency stop
+during a recovery, a full disk, a start that fails, a scene with broken JSON, and an audience that is large."""
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+from console_client import Closed, Console
+from console_server_test import make_folder
+from e2e import check, outcome
+
+
+def begin(console, scene="scenes/three_slices.json", **what):
+    """The Live of a session that has begun."""
+    live = console.live()
+    check(live.until(lambda l: l.hellos > 0), "no hello")
+    before = live.session
+    status, answer = console.post("/api/start", {"scene": scene, **what})
+    check(status == 200, f"start of {scene}: {status} {answer}")
+    check(live.until(lambda l: l.session not in (before, "") and l.values and l.state() == "running"), f"{scene} does not run: {live.states[-1:]}")
+    return live
+
+
+def end(console, live):
+    console.post("/api/command", {"command": "stop"})
+    check(live.until(lambda l: l.state() in ("ended", "lost")), f"no end: {live.states[-1]}")
+    live.close()
+
+
+def test_hung_session(console):
+    live = begin(console, duration_s=60)
+    pid = live.hello["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    began = time.monotonic()
+    check(live.until(lambda l: l.state() == "silent", 5), f"a stopped session is {live.state()}")
+    took_s = time.monotonic() - began
+    print(f"a stopped session is called silent after {1000 * took_s:.0f} ms")
+    check("0.2 s" in live.states[-1]["message"], f"{live.states[-1]}")
+    check(console.post("/api/start", {"scene": "scenes/one_slice.json"})[0] == 409, "a start beside a silent session")
+    os.kill(pid, signal.SIGCONT)
+    check(live.until(lambda l: l.state() == "running", 5), f"a session that goes on is {live.state()}")
+    # A page that comes later gets what has been.
+    check(live.until(lambda l: l.value("t_s") > 0.5, 5), "no half second")
+    late = console.live()
+    check(late.until(lambda l: l.history and l.values, 5), "a later page gets no history")
+    times = [t_s for t_s, _, _ in late.history]
+    check(times == sorted(times) and times[0] < 0.1 and times[-1] <= late.value("t_s"), f"times of the history: {times[:2]}..{times[-2:]}")
+    check(len(times) > 10, f"{len(times)} points of the history")
+    check(all(0 <= force_N < 200 and 0.05 < z_m < 0.25 for _, force_N, z_m in late.history),
+          f"numbers of the history: {late.history[:2]}, {late.history[-2:]}, {max(force_N for _, force_N, _ in late.history)} N")
+    late.close()
+    # A pause is no silence.
+    console.post("/api/command", {"command": "pause"})
+    check(live.until(lambda l: l.state() == "paused", 5), f"{live.state()}")
+    check(not live.until(lambda l: l.state() == "silent", 1), "a pause counts as silence")
+    console.post("/api/command", {"command": "resume"})
+    # The emergency stop ends a session that hangs.
+    check(live.until(lambda l: l.state() == "running", 5), f"{live.state()}")
+    os.kill(pid, signal.SIGSTOP)
+    check(live.until(lambda l: l.state() == "silent", 5), f"{live.state()}")
+    console.post("/api/emergency_stop")
+    check(live.until(lambda l: l.state() == "lost", 5), f"after an emergency stop a hung session is {live.state()}")
+    live.close()
+
+
+def test_stop_in_recovery(console):
+    """The emergency stop is latched during a recovery, too: it has an event, and recovery begins again only after its release."""
+    live = begin(console, duration_s=60)
+    safety = {name: number for number, name in enumerate(live.hello["safety_states"])}
+    faults = live.hello["faults"]
+    check(live.until(lambda l: l.value("force_N") > 5), "no contact")
+    console.post("/api/command", {"command": "pause"})
+    check(live.until(lambda l: l.value("paused") == 1), "no pause")
+    console.post("/api/command", {"command": "resume"})
+    check(live.until(lambda l: l.value("safety") == safety["recovering"]), f"no recovery: {live.value('safety')}")
+    console.post("/api/emergency_stop")
+    check(live.until(lambda l: any(event.get("fault") == "emergency_stop" for event in l.events), 5), "no event of the emergency stop")
+    check(live.until(lambda l: l.value("safety") == safety["fault"], 5), "the stop is not latched")
+    check(faults[int(live.value("fault"))] == "emergency_stop", f"the fault is {faults[int(live.value('fault'))]}")
+    time.sleep(0.5)
+    check(live.until(lambda l: l.value("safety") == safety["fault"], 1), "the stop was released by nobody")
+    console.post("/api/command", {"command": "recover"})
+    check(live.until(lambda l: l.value("safety") != safety["fault"], 5), "the stop is not released")
+    end(console, live)
+
+
+def test_failed_start(console, folder):
+    """Nothing of the session before is left when a start fails."""
+    live = begin(console, duration_s=1)
+    check(live.until(lambda l: l.state() == "ended"), "no end")
+    lost = json.loads((folder / "scenes/one_slice.json").read_text())
+    lost["asset"] = "../no_such.glb"
+    (folder / "scenes/lost.json").write_text(json.dumps(lost))
+    check(console.post("/api/start", {"scene": "scenes/lost.json"})[0] == 200, "the start")
+    check(live.until(lambda l: l.state() == "ended" and "exit code 3" in l.states[-1]["message"], 10), f"{live.states[-1]}")
+    check(live.hello is None, "the session before is still shown")
+    check("no_such.glb" in live.states[-1]["message"], f"{live.states[-1]}")
+    check(str(folder) not in json.dumps(live.states), "an absolute path")
+    live.close()
+    late = console.live()
+    check(late.until(lambda l: l.states) and late.hello is None, "a page that comes later sees the session before")
+    late.close()
+
+
+def test_broken_scene(console, folder):
+    (folder / "scenes/broken.json").write_text("{")
+    listed = {scene["file"]: scene for scene in console.get("/api/folder")[1]["scenes"]}
+    check("error" in listed.get("scenes/broken.json", {}), f"a scene with broken JSON: {listed.get('scenes/broken.json')}")
+    check(console.post("/api/start", {"scene": "scenes/broken.json"})[0] == 200, "the start of a broken scene")
+    (folder / "scenes/broken.json").unlink()
+
+
+def test_places(console):
+    """Sixteen pages of an audience, and more that wait: an operator still has a place."""
+    audience = [console.live(token=console.view) for _ in range(16)]
+    for page in audience:
+        check(page.next() == "hello", "sixteen pages watch")
+    seventeenth = console.live(token=console.view)
+    try:
+        seventeenth.until(lambda l: False, 5)
+        check(False, "a seventeenth audience has a place")
+    except Closed as closed:
+        check(closed.args[0] in (1013, "end of stream"), f"the seventeenth is closed by {closed}")
+    operators = [console.live() for _ in range(8)]
+    for page in operators:
+        check(page.next() == "hello", "an operator has no place")
+    audience.pop().close()
+    check(any(console_has_place(console) for _ in range(20)), "a place that became free is not given")
+    for page in audience + operators:
+        page.close()
+
+
+def console_has_place(console):
+    page = console.live(token=console.view)
+    try:
+        return page.next(5) == "hello"
+    except Closed:
+        time.sleep(0.1)
+        return False
+    finally:
+        page.close()
+
+
+def test_full_disk(programs, source, folder, work):
+    """The log is on the full disk, too. The console still says what happened."""
+    disk = work / "disk"
+    disk.mkdir(exist_ok=True)
+    inside = ["unshare", "-rm", "sh", "-c", f'mount -t tmpfs -o size=3m tmpfs "{disk}" && exec "$@"', "sh"]
+    if subprocess.run([*inside, "true"], capture_output=True, check=False).returncode != 0:
+        print("a full disk was not tried: this machine allows no file system of one's own")
+        return
+    wrapper = work / "console_on_disk"
+    wrapper.write_text("#!/bin/sh\n" + f'cp -r "{folder}/scenes" "{folder}/sample.glb" "{disk}/"\n' +
+                       f'exec "{programs / "trocar-console"}" "{disk}" "$@"\n')
+    wrapper.chmod(0o755)
+    start = work / "start_on_disk"
+    start.write_text("#!/bin/sh\nexec " + " ".join(f"'{word}'" for word in inside) + f' "{wrapper}" "$@"\n')
+    start.chmod(0o755)
+    console = Console(start, page=source / "runtime/console/page", stderr=subprocess.DEVNULL)
+    live = begin(console, duration_s=15)
+    check(live.until(lambda l: l.state() == "ended", 60), f"a full disk ends nothing: {live.states[-1]}")
+    check(live.states[-1].get("exit_code") == 4 and "disk" in live.states[-1]["message"], f"a full disk: {live.states[-1]}")
+    print("full disk:", live.states[-1]["message"])
+    live.close()
+    console.stop()
+
+
+def main():
+    source, programs, asset, work = map(pathlib.Path, sys.argv[1:5])
+    folder = make_folder(source, asset, work)
+    console = Console(programs / "trocar-console", folder, page=source / "runtime/console/page")
+    try:
+        test_hung_session(console)
+        test_stop_in_recovery(console)
+        test_failed_start(console, folder)
+        test_broken_scene(console, folder)
+        test_places(console)
+    finally:
+        check(console.stop() == 0, "the console's exit code")
+    test_full_disk(programs, source, folder, work)
+    shutil.rmtree(work / "disk", ignore_errors=True)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
