@@ -25,7 +25,8 @@ class ForceHistory {
  private:
   std::vector<Point> points_;
   double last_t_s_ = -1;
-  int every_ = 1, pending_ = 0;  ///< of so many points the one with the largest force is kept
+  int every_ = 1;    ///< one of so many points is kept, the one with the largest force
+  int pending_ = 0;  ///< points since the last that was kept
   std::optional<Point> largest_;
 };
 
