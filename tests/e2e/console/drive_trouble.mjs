@@ -90,7 +90,7 @@ await until(page, `${pill} === "Running"`, "the session after the second release
 
 // ---- a session that hangs ----
 process.kill(await pid(), "SIGSTOP");
-await until(page, `${pill} === "No data"`, "the alarm of a hung session", 3000);
+await until(page, `${pill} === "No answer"`, "the alarm of a hung session", 3000);
 check(await get(page, `document.getElementById("status").dataset.level`) === "bad", "the alarm is not red");
 await until(page, `/s ago/.test(document.getElementById("clock").textContent)`, "the age of the data", 3000);
 await browser.picture(page, "no_data");
