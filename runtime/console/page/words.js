@@ -52,7 +52,7 @@ export function describe({ shown, state, is_connected, is_refused, is_full }) {
     const is_fault = event && !(event.fault in kOperators);
     return { level: is_fault || state.exit_code > 0 ? "bad" : "wait", state: "Ended", words: [message || "The session has ended.", is_fault ? `Fault ${event.fault}: ${fault_words(event)}` : ""].filter(Boolean).join(" ") };
   }
-  if (state.state === "silent") return { level: "bad", state: "No answer", words: "The session has stated nothing for more than 0.2 s: force and picture are old. Let go of the tool. If this stays, press Emergency stop, which ends a session that does not answer." };
+  if (state.state === "silent") return { level: "bad", state: "No answer", words: "The session has stated nothing for more than 0.2 s: force and picture are old. Draw the tool out slowly. If this stays, press Emergency stop, which ends a session that does not answer." };
   const safety = shown.value("safety", 0);
   if (state.state === "paused" || shown.value("paused", 0)) return { level: "wait", state: kOperators.paused[0], words: kOperators.paused[1] };
   if (safety === kRecovering) {
