@@ -6,6 +6,8 @@ import { layout_faults } from "./layout.mjs";
 
 const kArguments = ["--no-sandbox", "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--disable-background-timer-throttling"];
 
+const kSizes = [[390, 844], [844, 390], [1024, 768], [1280, 720], [1920, 1080], [3840, 2160]];
+
 export class Browser {
   failures = [];
 
@@ -58,5 +60,30 @@ export class Browser {
       for (const violation of violations) this.fail(`${name}, theme ${await page.evaluate("document.documentElement.dataset.theme")}: axe finds ${violation}`);
       await page.click("#theme");
     }
+  }
+
+  /// Takes a picture at every size that the page supports, and as two colour vision deficiencies see it. At each size the emergency stop is
+  /// on the screen, and nothing is wider than it.
+  async sizes(page, name) {
+    const before = page.viewportSize();
+    for (const [width, height] of kSizes) {
+      await page.setViewportSize({ width, height });
+      await page.waitForTimeout(300);
+      await page.screenshot({ path: `${this.given.out}/${name}_${width}x${height}.png` });
+      const found = await page.evaluate(() => {
+        const { left, right, top, bottom } = document.getElementById("emergency").getBoundingClientRect();
+        return { is_there: left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight && right > left, wide: document.documentElement.scrollWidth - innerWidth };
+      });
+      this.check(found.is_there, `${name} at ${width} x ${height}: the emergency stop is not on the screen`);
+      this.check(found.wide <= 0, `${name} at ${width} x ${height}: the page is ${found.wide} px too wide`);
+    }
+    await page.setViewportSize(before);
+    const session = await page.context().newCDPSession(page);
+    for (const type of ["deuteranopia", "tritanopia"]) {
+      await session.send("Emulation.setEmulatedVisionDeficiency", { type });
+      await page.screenshot({ path: `${this.given.out}/${name}_${type}.png` });
+    }
+    await session.send("Emulation.setEmulatedVisionDeficiency", { type: "none" });
+    await session.detach();
   }
 }

@@ -221,6 +221,7 @@ await page.selectOption("#against", sessions.beside);
 await until(page, "trocar.playback.second", "the second recording");
 await seek(0.4);
 await browser.accessible(page, "playback");
+await browser.sizes(page, "playback");
 for (const [name, viewport] of Object.entries(size)) {
   await page.setViewportSize(viewport);
   for (const theme of ["dark", "light"]) {

@@ -22,6 +22,7 @@ await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene"
 // ---- a scene with broken JSON has its reason ----
 check(/broken\.json/.test(await page.innerText("#scenes")), "a scene with broken JSON is not listed");
 await browser.accessible(page, "folder");
+await browser.sizes(page, "folder");
 
 async function start(scene, seconds) {
   await page.click("[data-to=folder]");
@@ -34,6 +35,7 @@ const pid = () => get(page, "trocar.pid");
 
 // ---- the space key presses what has the focus, and never ends a session ----
 await start("scenes/outside.json", 600);
+await browser.sizes(page, "running");
 await page.focus("#pause");
 await page.keyboard.press("Space");
 await until(page, `${pill} === "Paused"`, "the space key on the button Pause");
@@ -72,6 +74,7 @@ await audience.click("#emergency");
 await until(page, `${pill} === "Emergency stop"`, "the emergency stop of the audience");
 await browser.picture(page, "emergency_stop");
 await browser.accessible(page, "emergency_stop");
+await browser.sizes(page, "emergency_stop");
 check(await page.innerText("#recover") === "Release the stop", `the button of the release says ${await page.innerText("#recover")}`);
 await page.click("#recover");
 await until(page, `${pill} === "Running"`, "the session after the release");
@@ -111,5 +114,6 @@ await until(page, `!/emergency_stop/.test(document.getElementById("events").text
 check(await get(page, "trocar.row") === null && await get(page, `document.getElementById("clock").textContent`) === "", "the session before is still on the page");
 await browser.picture(page, "not_started");
 await browser.accessible(page, "not_started");
+await browser.sizes(page, "not_started");
 await browser.close();
 console.log(JSON.stringify({ failures }));

@@ -28,8 +28,10 @@ TEST(ForceHistory, KeepsEveryPointWhileThereAreFew) {
 TEST(ForceHistory, AnHourIsSmallAndKeepsItsPeaks) {
   ForceHistory history;
   constexpr int kSnapshots = 900'000, kEvery = 45'000;
-  for (int i = 0; i < kSnapshots; ++i)
-    history.add({0.004 * i, i % kEvery == kEvery / 2 ? 50.0 + i / kEvery : 1.0, 0});
+  for (int i = 0; i < kSnapshots; ++i) {
+    const int peak = i / kEvery;
+    history.add({0.004 * i, i % kEvery == kEvery / 2 ? 50.0 + peak : 1.0, 0});
+  }
   EXPECT_LE(history.points().size(), ForceHistory::kMaxPoints);
   EXPECT_GT(history.points().size(), ForceHistory::kMaxPoints / 4);
   int peaks = 0;
