@@ -9,24 +9,16 @@ import json
 import os
 import pathlib
 import shutil
-import subprocess
 import sys
 
+from chromium_page import PAGE, drive, links_of, need_browser
 from console_client import Console
 from e2e import check, outcome, run
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
-DRIVER = SOURCE / "tests" / "e2e" / "console"
-PAGE = SOURCE / "runtime" / "console" / "page"
-CHROMIUM = os.environ.get("TROCAR_CHROMIUM") or shutil.which("chromium")
 SLICES, BONE = "slices_by_hand.json", "bone_by_hand.json"
 BAR_N, BAR_FRACTION = 1, 0.03        # how far the bar may be from the recording
 MOTION_ms, RELEASE_ms = 25, 300      # from the target to the tip's first motion; from the last message to a tenth of the force
-
-
-def skip(why):
-    print(why)
-    sys.exit(1 if os.environ.get("TROCAR_REQUIRE_CONSOLE") else 77)
 
 
 def make_folder(folder):
@@ -37,14 +29,6 @@ def make_folder(folder):
         hand = {key: value for key, value in scene["hand"].items() if key != "trajectory"}
         scene |= {"asset": "sample.glb", "duration_s": 300, "hand": hand | {"live": True, "trajectory": scene["hand"]["trajectory"][:1]}}
         (folder / name).write_text(json.dumps(scene))
-
-
-def drive(console):
-    given = {"link": f"http://{console.host}/#{console.token}", "view_link": f"http://{console.host}/#{console.view}", "chromium": CHROMIUM,
-             "out": str(WORK / "pictures"), "slices": SLICES, "bone": BONE}
-    done = subprocess.run(["node", DRIVER / "drive_hand.mjs", json.dumps(given)], cwd=DRIVER, stdout=subprocess.PIPE, text=True, check=False)
-    check(done.returncode == 0, f"the driver ended with {done.returncode}")
-    return json.loads(done.stdout.splitlines()[-1]) if done.stdout else {"failures": ["the driver said nothing"], "figures": {}, "sessions": {}}
 
 
 def check_bar(name, recording, samples):
@@ -71,20 +55,15 @@ def check_replay(name, scene, recording):
 
 
 def main():
-    if not CHROMIUM or not shutil.which("node") or not (DRIVER / "node_modules" / "playwright-core").is_dir():
-        skip("skipped: no chromium, node or playwright-core (scripts/setup test, scripts/test)")
-    if not (PAGE / "vendor").is_dir():
-        skip("skipped: the page's libraries are missing (scripts/setup console)")
+    need_browser()
     shutil.rmtree(WORK, ignore_errors=True)
     (WORK / "pictures").mkdir(parents=True)
     folder = WORK / "folder"
     make_folder(folder)
     with (WORK / "console.log").open("w") as log:
         console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        result = drive(console)
+        result = drive("drive_hand.mjs", {**links_of(console), "out": str(WORK / "pictures"), "slices": SLICES, "bone": BONE})
         check(console.stop() == 0, "the console did not end as it should")
-    for failure in result["failures"]:
-        check(False, failure)
     for name, session in result["sessions"].items():
         recording = folder / session["recording"]
         if session["samples"]:

@@ -21,7 +21,8 @@ export function listen_to_keys({ app, ...act }) {
     }
     if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
     const is_running = act.is_running(), is_operator = app.role === "operator";
-    if (event.code === "KeyQ" && event.shiftKey && is_running && is_operator) {
+    const is_typing = event.target instanceof Element && event.target.closest("input, select, textarea") !== null;
+    if (event.code === "KeyQ" && event.shiftKey && is_running && is_operator && !is_typing) {
       event.preventDefault();
       act.stop();
     }

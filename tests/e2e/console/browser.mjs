@@ -11,15 +11,27 @@ const kSizes = [[390, 844], [844, 390], [1024, 768], [1280, 720], [1920, 1080], 
 export class Browser {
   failures = [];
 
-  /// `given`: {chromium, out}. `out` is the folder of the pictures.
-  static async launch(given) {
+  /// `given`: {chromium, out}. `out` is the folder of the pictures. `results`: what a driver prints besides its failures.
+  static async launch(given, results = {}) {
     const made = new Browser();
     made.given = given;
+    made.results = results;
+    // The failures so far are reported even if a step throws.
+    process.on("uncaughtException", (error) => {
+      made.fail(`the driver stopped: ${error.stack}`);
+      made.report();
+      process.exit(0);
+    });
     made.browser = await chromium.launch({ executablePath: given.chromium, args: kArguments });
     return made;
   }
 
-  close() { return this.browser.close(); }
+  report() { console.log(JSON.stringify({ failures: this.failures, ...this.results })); }
+
+  async finish() {
+    await this.browser.close();
+    this.report();
+  }
 
   /// Failures are also printed at once, in case the driver is stopped.
   fail(words) {

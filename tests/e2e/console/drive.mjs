@@ -11,15 +11,7 @@ const figures = {}, sessions = {};
 const check = (condition, words) => browser.check(condition, words);
 const size = { small: { width: 1280, height: 720 }, wall: { width: 3840, height: 2160 } };
 
-// The failures so far are reported even if a step throws.
-process.on("uncaughtException", (error) => {
-  failures.push(`the driver stopped: ${error.stack}`);
-  console.log(JSON.stringify({ failures, figures, sessions }));
-  process.exit(0);
-});
-
-const browser = await Browser.launch(given);
-const failures = browser.failures;
+const browser = await Browser.launch(given, { figures, sessions });
 const open = (link) => browser.open(link);
 const get = (page, expression) => page.evaluate(expression);
 const until = (...words) => browser.until(...words);
@@ -29,7 +21,7 @@ async function until_recovered(page, expression, what) {
     if (await get(page, expression)) return;
     if ((await page.innerText("#state")).startsWith("Fault")) await page.click("#recover", { timeout: 1000 }).catch(() => {});
   }
-  failures.push(`${what}: did not happen within 30 s; the page says "${await get(page, "trocar.words")}"`);
+  browser.fail(`${what}: did not happen within 30 s; the page says "${await get(page, "trocar.words")}"`);
 }
 const picture = (page, name) => browser.picture(page, name);
 async function start(page, scene, options = {}) {
@@ -271,6 +263,5 @@ const shown_rows = await page.evaluate(async () => {
 for (const [name, wanted] of Object.entries({ legs: 4, none: 1, unknown: 4, recorded_legs: 4, recorded_none: 1 }))
   check(shown_rows[name] === wanted, `the rows of motors, joints and the plate: ${shown_rows[name]} of ${wanted} are shown (${name})`);
 
-await browser.close();
 writeFileSync(`${given.out}/figures.json`, JSON.stringify(figures, null, 1));
-console.log(JSON.stringify({ failures, figures, sessions }));
+await browser.finish();

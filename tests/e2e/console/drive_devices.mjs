@@ -6,15 +6,9 @@ import { Browser } from "./browser.mjs";
 
 const given = JSON.parse(process.argv[2]);
 const browser = await Browser.launch(given);
-const { failures } = browser;
 const check = (condition, words) => browser.check(condition, words);
 const until = (...words) => browser.until(...words);
 const get = (page, expression) => page.evaluate(expression);
-process.on("uncaughtException", (error) => {
-  browser.fail(`the driver stopped: ${error.stack}`);
-  console.log(JSON.stringify({ failures }));
-  process.exit(0);
-});
 
 const focused = `document.activeElement.id`;
 const is_over = `document.getElementById("test-result").checkVisibility()`;
@@ -147,5 +141,4 @@ const emergency = await phone.locator("#emergency").boundingBox();
 check(box.x >= 0 && box.x + box.width <= 390 && box.y + box.height <= 844 && box.y >= emergency.y + emergency.height, `the dialog on a phone: ${JSON.stringify([box, emergency])}`);
 await phone.tap("#test-close");
 
-await browser.close();
-console.log(JSON.stringify({ failures }));
+await browser.finish();

@@ -5,16 +5,10 @@ import { Browser } from "./browser.mjs";
 
 const given = JSON.parse(process.argv[2]);
 const figures = {}, sessions = {};  // a session: {recording, samples: [[t_s, N that the bar says, lag in mm]], lost_at?...}
-const browser = await Browser.launch(given);
-const { failures } = browser;
+const browser = await Browser.launch(given, { figures, sessions });
 const check = (condition, words) => browser.check(condition, words);
 const until = (page, expression, what, timeout_ms = 12000) => browser.until(page, expression, what, timeout_ms);
 const get = (page, expression) => page.evaluate(expression);
-process.on("uncaughtException", (error) => {
-  browser.fail(`the driver stopped: ${error.stack}`);
-  console.log(JSON.stringify({ failures, figures, sessions }));
-  process.exit(0);
-});
 
 const kAbove_m = 0.195;  // the tip above the first of the three slices, which is at 0.19 m
 const kPunctures = `trocar.events.filter(({ kind }) => kind === "puncture").length`;
@@ -460,5 +454,4 @@ const pressed = await motion_by(phone, "the button Push in", async () => {
 check(pressed[2] < -5e-4, `the button Push in moved the needle by ${pressed} m`);
 await stop(phone, "touch");
 
-await browser.close();
-console.log(JSON.stringify({ failures, figures, sessions }));
+await browser.finish();

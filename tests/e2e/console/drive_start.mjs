@@ -4,14 +4,13 @@ import { Browser } from "./browser.mjs";
 
 const given = JSON.parse(process.argv[2]);
 const browser = await Browser.launch(given);
-const { failures } = browser;
 const open = (link) => browser.open(link);
 const until = (...words) => browser.until(...words);
 
 const audience = await open(given.view_link);
 await until(audience, `trocar.is_connected && trocar.state.state === "idle"`, "the audience's page before the session");
 await audience.waitForTimeout(500);
-if (await audience.evaluate(`trocar.state.state !== "idle"`)) failures.push("the audience's page started a session");
+if (await audience.evaluate(`trocar.state.state !== "idle"`)) browser.fail("the audience's page started a session");
 const operator = await open(given.link);
 await until(operator, `trocar.state.state === "running" && trocar.tab === "session" && trocar.row`, "the session that starts with the page");
 const session = await operator.evaluate("trocar.session");
@@ -20,6 +19,5 @@ await until(operator, `trocar.state.state === "ended"`, "the end of the session"
 await operator.reload();
 await until(operator, `trocar.is_connected`, "the page after a reload");
 await operator.waitForTimeout(500);
-if (await operator.evaluate(`trocar.state.state !== "ended" || trocar.session !== ${JSON.stringify(session)}`)) failures.push("a reload of the page started another session");
-await browser.close();
-console.log(JSON.stringify({ failures }));
+if (await operator.evaluate(`trocar.state.state !== "ended" || trocar.session !== ${JSON.stringify(session)}`)) browser.fail("a reload of the page started another session");
+await browser.finish();

@@ -5,15 +5,9 @@ import { Browser } from "./browser.mjs";
 
 const given = JSON.parse(process.argv[2]);
 const browser = await Browser.launch(given);
-const { failures } = browser;
 const check = (condition, words) => browser.check(condition, words);
 const until = (...words) => browser.until(...words);
 const get = (page, expression) => page.evaluate(expression);
-process.on("uncaughtException", (error) => {
-  browser.fail(`the driver stopped: ${error.stack}`);
-  console.log(JSON.stringify({ failures }));
-  process.exit(0);
-});
 const pill = `document.getElementById("state").textContent`;
 
 const page = await browser.open(given.link);
@@ -115,5 +109,11 @@ check(await get(page, "trocar.row") === null && await get(page, `document.getEle
 await browser.picture(page, "not_started");
 await browser.accessible(page, "not_started");
 await browser.sizes(page, "not_started");
-await browser.close();
-console.log(JSON.stringify({ failures }));
+
+// ---- colours that the system prefers, or forces ----
+const forced = await browser.open(given.link, { colorScheme: "light", forcedColors: "active" });
+await until(forced, "trocar.bone_shown_ms !== null", "the bone with forced colours");
+check(await get(forced, "document.documentElement.dataset.theme") === "light", "the page does not follow the system's light theme");
+check(await forced.evaluate(() => getComputedStyle(document.querySelector(".gauge")).forcedColorAdjust) === "none", "gauges lose their colours");
+await browser.picture(forced, "forced_colours");
+await browser.finish();
