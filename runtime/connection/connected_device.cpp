@@ -108,8 +108,8 @@ void ConnectedDevice::run() {
       }
       case State::kRestoring:
         if (const Result<void> opened = connection_->open()) {
-          commands_.read(command_);
           ++sessions_;
+          commands_.read(command_);
           command_ = {};  // a force from before the loss is not rendered after it
           state_.store(State::kConnected, std::memory_order_release);
         } else {

@@ -66,6 +66,7 @@ Role Tokens::role_of_header(std::string_view authorization) const noexcept {
 HostNames::HostNames(const std::string& listen_address, std::uint16_t port, std::string public_url)
     : port_(std::string(":").append(std::to_string(port))),
       public_url_(std::move(public_url)),
+      public_host_(public_url_.substr(public_url_.empty() ? 0 : public_url_.find("//") + 2)),
       any_address_(listen_address == "0.0.0.0" || listen_address == "::") {
   names_ = {"127.0.0.1", "localhost", "[::1]"};
   const bool is_v6 = listen_address.find(':') != std::string::npos;
@@ -73,7 +74,7 @@ HostNames::HostNames(const std::string& listen_address, std::uint16_t port, std:
 }
 
 bool HostNames::is_host(std::string_view host) const {
-  if (!public_url_.empty() && public_url_.substr(public_url_.find("://") + 3) == host) return true;
+  if (!public_host_.empty() && host == public_host_) return true;
   if (host.ends_with(port_)) {
     host.remove_suffix(port_.size());
   } else if (port_ != ":80") {
@@ -85,8 +86,7 @@ bool HostNames::is_host(std::string_view host) const {
 
 bool HostNames::is_origin(std::string_view origin, std::string_view host) const {
   constexpr std::string_view kScheme = "http://";
-  if (!public_url_.empty() && origin == public_url_)
-    return public_url_.substr(public_url_.find("://") + 3) == host;
+  if (!public_url_.empty() && origin == public_url_) return host == public_host_;
   return origin.starts_with(kScheme) && origin.substr(kScheme.size()) == host;
 }
 

@@ -42,14 +42,15 @@ class Tokens {
 class HostNames {
  public:
   /// `public_url`: what public_url_of() returned, or empty.
-  HostNames(const std::string& listen_address, std::uint16_t port, std::string public_url = "");
+  HostNames(const std::string& listen_address, std::uint16_t port, std::string public_url);
   bool is_host(std::string_view host) const;
   /// Pages send their Origin. Returns true if it is the server named in the request's Host.
   bool is_origin(std::string_view origin, std::string_view host) const;
 
  private:
   std::vector<std::string> names_;
-  std::string port_, public_url_;
+  std::string port_;
+  std::string public_url_, public_host_;  ///< with its scheme, and without; empty: none
   bool any_address_ = false;  ///< listens on all addresses, so every numerical host is accepted
 };
 

@@ -17,6 +17,18 @@ constexpr auto kRequestWithin = std::chrono::seconds(20);
 constexpr auto kDrainWithin = std::chrono::seconds(1);
 constexpr int kMaxDrained = 64;
 
+constexpr const char* kForeignHost =
+    R"(This console does not answer under the address in your browser.
+
+Through a tunnel or a proxy, start it with that address:
+
+    trocar-console FOLDER --public-url http://HOST:PORT
+
+Or let the tunnel begin at the port that the console printed:
+
+    ssh -L PORT:127.0.0.1:PORT HOST
+)";
+
 std::string_view view_of(beast::string_view text) {
   return {text.data(), text.size()};
 }
@@ -71,12 +83,7 @@ void HttpConnection::refuse_host(const Request& request) {
   if (view_of(request.target()).starts_with("/api/")) return refuse(kMisdirected, kKind);
   console_.log.refused(kKind, from_);
   keep_ = false;
-  send({kMisdirected, "text/plain; charset=utf-8",
-        "This console does not answer under the address in your browser.\n\nThrough a tunnel or a "
-        "proxy, start it "
-        "with the address in your browser:\n\n    trocar-console FOLDER --public-url "
-        "http://HOST:PORT\n\nOr let the "
-        "tunnel begin at the same port: ssh -L 4841:127.0.0.1:4841 HOST\n"});
+  send({kMisdirected, "text/plain; charset=utf-8", kForeignHost});
 }
 
 void HttpConnection::answer(const Request& request) {
@@ -168,7 +175,7 @@ void HttpConnection::drain() {
 void HttpConnection::open_client(const Request& request) {
   if (!websocket::is_upgrade(request))
     return send(failure(kUpgradeRequired, "/live is a WebSocket"));
-  count_living(console_.clients);
+  count_living(console_.clients);  // removes those that have ended
   if (count_clients(console_, Role::kNone) >= kMaxUnknown) {
     for (const auto& one : console_.clients) {
       const auto client = one.lock();

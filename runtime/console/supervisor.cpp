@@ -375,10 +375,11 @@ void Supervisor::on_end() {
   const std::string end = run_->end();
   if (telemetry_.has_ended() || run_->exit_code()) {
     const int code = run_->exit_code().value_or(0);
+    if (code == 0) return set_state(RunState::kEnded, "ended");
     const std::string line = last_line(log_file());
-    const std::string why =
-        line.empty() ? reason_of(static_cast<ExitCode>(code), session_folder_) : line;
-    set_state(RunState::kEnded, code == 0 ? "ended" : "ended with " + end + ": " + why);
+    set_state(RunState::kEnded,
+              "ended with " + end + ": " +
+                  (line.empty() ? reason_of(static_cast<ExitCode>(code), session_folder_) : line));
   } else {
     set_state(RunState::kLost,
               "the session's process is gone" + (end.empty() ? "" : " (" + end + ")"));

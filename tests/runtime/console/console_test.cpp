@@ -44,7 +44,7 @@ TEST(ConsoleTokens, RoleOfEachAndNoOther) {
 }
 
 TEST(ConsoleHosts, LoopbackAndTheListenAddress) {
-  const HostNames hosts("192.168.1.5", 8000), any("0.0.0.0", 8000), v6("::1", 80);
+  const HostNames hosts("192.168.1.5", 8000, ""), any("0.0.0.0", 8000, ""), v6("::1", 80, "");
   for (const char* good : {"127.0.0.1:8000", "localhost:8000", "[::1]:8000", "192.168.1.5:8000"})
     EXPECT_TRUE(hosts.is_host(good)) << good;
   for (const char* wrong :
@@ -58,7 +58,7 @@ TEST(ConsoleHosts, LoopbackAndTheListenAddress) {
 }
 
 TEST(ConsoleHosts, OriginIsTheSameServer) {
-  const HostNames hosts("127.0.0.1", 8000);
+  const HostNames hosts("127.0.0.1", 8000, "");
   EXPECT_TRUE(hosts.is_origin("http://localhost:8000", "localhost:8000"));
   for (const char* wrong : {"", "null", "https://localhost:8000", "http://localhost:8001",
                             "http://localhost:8000/", "http://evil.example"})
