@@ -295,9 +295,18 @@ def test_pose_device(programs, folder, work):
         check(watcher.until(lambda live: "hand_let_go" in live.kinds() and force_of(live) < 0.2), f"the force stays: {watcher.kinds()}")
         check("fault" not in watcher.kinds(), f"{watcher.kinds()}")
         stop(console, watcher)
+        recording = newest(folder) / "session.csv"
+        # The console kills a session whose forces are not zero within 100 ms of an emergency stop. This one's are.
+        watcher = start(console, "live")
+        page = Page(console)
+        check(page.wait(lambda live: live.hands[-1:] == ["yours"]) and page.push_to(2), "2 N are not reached again")
+        console.post("/api/emergency_stop")
+        check(watcher.until(lambda live: "fault" in live.kinds() and force_of(live) == 0), f"the force stays: {watcher.kinds()}")
+        check(not watcher.until(lambda live: live.state() == "lost", 0.5), "a session with zero force was killed")
+        page.close()
+        stop(console, watcher)
     finally:
         check(console.stop() == 0, "the console's exit code")
-    recording = newest(folder) / "session.csv"
     rows = rows_of(recording)
     check("fz_device_N" in rows[0] and max(float(row["fz_device_N"]) for row in rows) <= 8 * (1 + 1e-9), "forces of the arm")
     test_replay(programs, folder, recording, "--device-description", arm)

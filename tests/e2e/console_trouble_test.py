@@ -6,12 +6,13 @@ import os
 import pathlib
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
 
 from console_client import Closed, Console
-from console_server_test import make_folder
+from console_server_test import make_folder, newest
 from e2e import check, outcome
 
 
@@ -89,6 +90,25 @@ def test_stop_in_recovery(console):
     end(console, live)
 
 
+def test_pause_is_no_fault(console, folder):
+    scene = json.loads((folder / "scenes/one_slice.json").read_text())
+    scene["duration_s"] = 60
+    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone
+    (folder / "scenes/outside.json").write_text(json.dumps(scene))
+    live = begin(console, "scenes/outside.json")
+    running = live.hello["safety_states"].index("running")
+    for take, give_back in (("pause", "resume"), ("zero", "recover")):
+        check(live.until(lambda l: l.value("safety") == running), f"not running before {take}")
+        console.post("/api/command", {"command": take})
+        check(live.until(lambda l: l.value("safety") != running), f"{take} has no effect")
+        console.post("/api/command", {"command": give_back})
+    check(live.until(lambda l: l.value("safety") == running), "not running at the end")
+    end(console, live)
+    report = json.loads((newest(folder) / "session.json").read_text())
+    check(report["faults_count"] == 0 and report["faults"] == [] and report["operator_stops_count"] == 2,
+          f"the report has {report['faults_count']} faults and {report.get('operator_stops_count')} stops")
+
+
 def test_failed_start(console, folder):
     """Nothing of the session before is left when a start fails."""
     live = begin(console, duration_s=1)
@@ -101,6 +121,8 @@ def test_failed_start(console, folder):
     check(live.hello is None, "the session before is still shown")
     check("no_such.glb" in live.states[-1]["message"], f"{live.states[-1]}")
     check(str(folder) not in json.dumps(live.states), "an absolute path")
+    status, answer = console.get("/api/bone?scene=scenes/lost.json")
+    check(status == 422 and "no_such.glb" in answer["error"] and str(folder) not in answer["error"], f"the bone of a lost asset: {status} {answer}")
     live.close()
     late = console.live()
     check(late.until(lambda l: l.states) and late.hello is None, "a page that comes later sees the session before")
@@ -111,7 +133,6 @@ def test_broken_scene(console, folder):
     (folder / "scenes/broken.json").write_text("{")
     listed = {scene["file"]: scene for scene in console.get("/api/folder")[1]["scenes"]}
     check("error" in listed.get("scenes/broken.json", {}), f"a scene with broken JSON: {listed.get('scenes/broken.json')}")
-    check(console.post("/api/start", {"scene": "scenes/broken.json"})[0] == 200, "the start of a broken scene")
     (folder / "scenes/broken.json").unlink()
 
 
@@ -146,6 +167,28 @@ def console_has_place(console):
         page.close()
 
 
+def test_tunnel(programs, source, folder):
+    """A browser behind a tunnel states another port as its host."""
+    def ask(console, path):
+        return console.get(path, headers={"Host": "localhost:8080", "Origin": "http://localhost:8080"}, raw=True)
+
+    console = Console(programs / "trocar-console", folder, page=source / "runtime/console/page", stderr=subprocess.DEVNULL)
+    status, answer = ask(console, "/")
+    check(status == 421 and b"--public-url" in answer and not answer.startswith(b"{"), f"through a tunnel: {status} {answer}")
+    status, answer = ask(console, "/api/folder")
+    check(status == 421 and json.loads(answer)["ok"] is False, f"through a tunnel, below /api/: {status} {answer}")
+    console.stop()
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    console = Console(programs / "trocar-console", folder, "--public-url", "http://localhost:8080", page=source / "runtime/console/page", port=port)
+    check((console.host, console.port) == ("127.0.0.1:8080", 8080), f"the links have {console.host}")
+    console.port = port  # where the tunnel ends
+    check(ask(console, "/")[0] == 200 and ask(console, "/api/folder")[0] == 200, "through a tunnel with --public-url")
+    check(console.get("/api/folder", headers={"Host": "localhost:8081"})[0] == 421, "another tunnel")
+    check(console.get("/api/folder", headers={"Host": f"127.0.0.1:{port}"})[0] == 200, "without the tunnel")
+    console.stop()
+
+
 def test_full_disk(programs, source, folder, work):
     """The log is on the full disk, too. The console still says what happened."""
     disk = work / "disk"
@@ -177,11 +220,13 @@ def main():
     try:
         test_hung_session(console)
         test_stop_in_recovery(console)
+        test_pause_is_no_fault(console, folder)
         test_failed_start(console, folder)
         test_broken_scene(console, folder)
         test_places(console)
     finally:
         check(console.stop() == 0, "the console's exit code")
+    test_tunnel(programs, source, folder)
     test_full_disk(programs, source, folder, work)
     shutil.rmtree(work / "disk", ignore_errors=True)
     return outcome()
