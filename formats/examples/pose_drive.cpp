@@ -59,7 +59,7 @@ struct Session { bool exists = false; Nonces nonces{}; double watchdog_s = 0; Ke
                  uint64_t newest_command = 0, states_sent = 0, acknowledge_from = 0;  // a state after a stop, or 0
                  uint8_t fault = 0; Mode mode = kReady; Wrench wrench{}; sockaddr_in host{}; };
 Session session, offer;  // the offer becomes the session with its first command
-Key shared_key; int fd; int64_t command_ns, denial_ns; volatile std::sig_atomic_t is_running = 1;
+Key shared_key; int fd; double watchdog_s = 0.01; int64_t command_ns, denial_ns; volatile std::sig_atomic_t is_running = 1;
 int64_t now_ns() { timespec t; clock_gettime(CLOCK_MONOTONIC, &t); return t.tv_sec * 1'000'000'000L + t.tv_nsec; }
 bool is_alive() { return session.exists && double(now_ns() - command_ns) * 1e-9 <= session.watchdog_s; }
 Key mac_of(const void* bytes, size_t count, const Key& key) {
@@ -83,7 +83,7 @@ void take(const Hello& hello, const sockaddr_in& from) {
   }
   if (hello.fresh > 1 || !sodium_is_zero(hello.zero, 6) || !(hello.period_s >= 1e-5 && hello.period_s <= 0.1)) return;
   if (!offer.exists || offer.nonces.host != hello.nonce) {
-    offer = {true, {hello.nonce, {}}, std::max(0.01, 2.5 * hello.period_s)};
+    offer = {true, {hello.nonce, {}}, std::max(watchdog_s, 2.5 * hello.period_s)};
     randombytes_buf(&offer.nonces.drive, 16);
     uint8_t text[45] = "trocar link 1";
     std::memcpy(text + 13, &offer.nonces, 32);
@@ -125,7 +125,7 @@ int main(int argc, char** argv) {
   if (sodium_init() < 0 || file == nullptr || std::fread(text, 1, 64, file) != 64 ||
       sodium_hex2bin(shared_key.data(), 32, text, 64, nullptr, nullptr, nullptr) != 0)
     return std::fputs("usage: pose_drive KEY_FILE PORT [move]\nKEY_FILE has 64 hexadecimal digits.\n", stderr), 2;
-  hand_speed = argc > 3 ? 1 : 0;
+  hand_speed = argc > 3 ? 1 : 0, watchdog_s = 0.25;  // not 0.01: without motors, a busy computer may hold it up
   fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK, 0);
   sockaddr_in at{AF_INET, htons(uint16_t(std::atoi(argv[2]))), {htonl(INADDR_LOOPBACK)}, {}};  // for this computer only
   if (bind(fd, reinterpret_cast<const sockaddr*>(&at), sizeof at) != 0) return std::perror("pose_drive"), 2;

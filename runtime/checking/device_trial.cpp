@@ -208,7 +208,7 @@ std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions&
 void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& options,
                        std::vector<std::string>& troubles) {
   const SafetyLimits limits;
-  const double period_ms = 1e3 / options.rate_Hz, no_data_ms = limits.no_data_max_s * 1e3;
+  const double period_ms = 1e3 / options.rate_Hz, no_data_ms = options.no_data_max_s * 1e3;
   if (!options.is_simulated && trial.realtime.missed_in_row_max > limits.missed_deadlines_max) {
     troubles.push_back(
         text_line("this machine came up to %d ticks late in a row (longest waking %.1f ms), and "
@@ -243,7 +243,7 @@ void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& optio
   }
   if (trial.link && trial.link->round_trip.samples() > 0) {
     const double trip_ms = trial.link->round_trip.quantile_us(0.99) * 1e-3;
-    if (trip_ms > no_data_ms / 2)
+    if (trip_ms > limits.no_data_max_s * 1e3 / 2)
       troubles.push_back(
           text_line("a command is answered after %.1f ms (99 %% of all): walls feel soft or "
                     "tremble; use a direct cable, or lower "

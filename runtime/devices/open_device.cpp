@@ -17,9 +17,6 @@
 namespace trocar::runtime {
 namespace {
 
-/// Longest stall of a simulated drive that does not end a session, as on a machine with other work.
-constexpr double kSimulatedNoState_s = 0.25;
-
 Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& options) {
   if (options.scene.hand.live != (options.hand != nullptr))
     return bug("the simulated device needs exactly one hand");
@@ -53,7 +50,7 @@ Result<UdpDeviceOptions> link_options(const char* scheme, std::string_view addre
   link.peer = *peer;
   link.key = *key;
   link.period_s = 1 / options.rate_Hz;
-  if (options.is_simulated) link.no_state_s = kSimulatedNoState_s;
+  if (options.is_simulated) link.no_state_s = kSimulatedNoData_s;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
   return link;
 }
@@ -203,6 +200,11 @@ std::string uris(Choose&& choose) {
 bool may_have_motors(std::string_view uri) {
   const DeviceKind* kind = find_device(uri);
   return kind != nullptr && kind->may_have_motors;
+}
+
+bool is_device_process(std::string_view uri) {
+  const DeviceKind* kind = find_device(uri);
+  return kind != nullptr && kind->needs_key_file;
 }
 
 Result<void> check_device_uri(std::string_view uri, bool has_key_file) {

@@ -41,6 +41,12 @@ struct OpenDeviceOptions {
 /// taken to have motors, whatever it says.
 bool may_have_motors(std::string_view uri);
 
+/// Longest time without data from a simulated device process, as on a machine with other work, in s.
+inline constexpr double kSimulatedNoData_s = 0.25;
+
+/// True if the device is a process behind the device link.
+bool is_device_process(std::string_view uri);
+
 /// Checks a URI. Errors: (usage) no device has this URI; a key file is missing; a key file is given
 /// but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);

@@ -176,7 +176,7 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   device.flag("--simulated", a.simulated,
               "the device process simulates its device. Without this it is taken to have\n"
               "motors: contact is half as stiff, because its mass was only measured, and late\n"
-              "ticks are a fault");
+              "ticks or 10 ms of silence (else 250 ms) are a fault");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
               "and say whether a session at --rate would hold");
@@ -282,6 +282,11 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
 
 }  // namespace
 
+double no_data_max_s(const RunArguments& arguments) {
+  return arguments.simulated && is_device_process(arguments.device) ? kSimulatedNoData_s
+                                                                    : SafetyLimits{}.no_data_max_s;
+}
+
 void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   const bool is_simulated = !may_have_motors(arguments.device) || arguments.simulated;
   options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
@@ -302,8 +307,11 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   const int late_ticks = arguments.late_ticks_in_row.value_or(is_simulated ? 0 : kDefaultLateTicks);
   options.limits.missed_deadlines_max =
       late_ticks > 0 ? late_ticks - 1 : std::numeric_limits<int>::max();
-  // A simulated device process is not harmed by a gap either. (The device in the process has none.)
-  if (arguments.simulated && late_ticks == 0) options.limits.gap_max_s = 0;
+  // A simulated device process is not harmed by a gap or a stall either. (The device in the process has none.)
+  if (arguments.simulated && late_ticks == 0) {
+    options.limits.gap_max_s = 0;
+    if (options.clock == Clock::kReal) options.limits.no_data_max_s = no_data_max_s(arguments);
+  }
   if (!arguments.black_box.empty()) {
     options.black_box = arguments.black_box;
   } else if (arguments.replay.empty() && !arguments.check) {

@@ -47,6 +47,9 @@ void declare_run_options(CLI::App& app, RunArguments& arguments);
 /// Checks the options. Errors: (usage) a value is out of range, or options exclude each other.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
+/// Returns the SafetyLimits::no_data_max_s of the device.
+double no_data_max_s(const RunArguments& arguments);
+
 /// Sets the options of the haptic loop and of its safety layer.
 void set_loop_options(const RunArguments& arguments, SessionOptions& options);
 

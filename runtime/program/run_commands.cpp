@@ -158,6 +158,7 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   if (!inputs.replay.empty()) {
     options.stiffness.margin = stated_stiffness_margin(inputs.replay_origin);
     if (allows_any_state_gap(inputs.replay_origin)) options.limits.gap_max_s = 0;
+    options.limits.no_data_max_s = stated_no_data_limit_s(inputs.replay_origin);
   }
   if (inputs.pose_device) {
     if (const auto stated = stated_pose_device(inputs.replay_origin))
@@ -304,6 +305,7 @@ int test_device(const RunArguments& arguments) {
   options.duration_s = arguments.duration_s.value_or(options.duration_s);
   options.cpu = arguments.cpu;
   options.is_simulated = arguments.simulated;
+  options.no_data_max_s = no_data_max_s(arguments);
   options.stop = &stop_requested;
   const Scene no_scene;
   const Result<OpenedDevice> opened =

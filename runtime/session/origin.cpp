@@ -17,6 +17,7 @@ namespace {
 constexpr const char* kRate = "rate_Hz";
 constexpr const char* kMargin = "stiffness-margin";
 constexpr const char* kStateGap = "state-gap";
+constexpr const char* kNoDataLimit = "no-data-limit";
 
 const char* name_of(const CompensationOptions& options) {
   if (options.friction) return options.gravity ? "both" : "friction";
@@ -71,6 +72,8 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {"compensate", name_of(options.compensation)},
       {"energy-limit", origin_number(options.limits.energy_limit_J)}};
   if (options.limits.gap_max_s == 0) origin.entries.emplace_back(kStateGap, "any");
+  if (options.limits.no_data_max_s != SafetyLimits{}.no_data_max_s)
+    origin.entries.emplace_back(kNoDataLimit, origin_number(options.limits.no_data_max_s));
   // Only the force law that renders such a stiffness has these entries, and only if they are not the default.
   if (!traits_of(scene.force_law.kind).uses_bone_volume) return origin;
   if (options.stiffness.margin != 1)
@@ -87,6 +90,12 @@ double stated_stiffness_margin(const RecordingOrigin& recorded) {
 
 bool allows_any_state_gap(const RecordingOrigin& recorded) {
   return recorded.find(kStateGap) != nullptr;
+}
+
+double stated_no_data_limit_s(const RecordingOrigin& recorded) {
+  const double usual_s = SafetyLimits{}.no_data_max_s;
+  const double stated_s = recorded.number(kNoDataLimit).value_or(usual_s);
+  return stated_s >= usual_s && stated_s <= 1 ? stated_s : usual_s;
 }
 
 double stated_rate_Hz(const RecordingOrigin& recorded) {

@@ -32,6 +32,9 @@ double stated_stiffness_margin(const RecordingOrigin& recorded);
 /// (SafetyLimits::gap_max_s 0), as with a simulated device process.
 bool allows_any_state_gap(const RecordingOrigin& recorded);
 
+/// Returns the SafetyLimits::no_data_max_s that a recording states, up to 1 s; its default if it states none.
+double stated_no_data_limit_s(const RecordingOrigin& recorded);
+
 /// Returns the rate of the haptic loop that a recording states; 0: none.
 double stated_rate_Hz(const RecordingOrigin& recorded);
 

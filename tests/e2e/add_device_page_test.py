@@ -12,8 +12,6 @@ import pytest
 from programs import SOURCE
 
 PAGE = (SOURCE / "docs" / "add-your-device.md").read_text(encoding="utf-8")
-STALLS = ("no_data", "link_lost", "deadline_missed")  # on a machine too slow for real time
-ATTEMPTS = 6
 
 
 def command(start):
@@ -91,18 +89,12 @@ def test_steps(lab):
 
     session, replay = command("trocar-run one_slice.json --asset sample.glb --device pose:"), command(
         "trocar-run one_slice.json --asset sample.glb --device-description my.json --replay")
-    for _ in range(ATTEMPTS):
-        drive = lab.drive(command("./pose_drive link.key 7700 move"))
-        code, text = lab.run(session)
-        end(drive)
-        replayed = lab.run(replay)
-        assert replayed[0] == code and "identical" in replayed[1], replayed
-        if code == 0:
-            break
-        assert code == 5 and any(fault in text for fault in STALLS), text
-    else:
-        print(f"no session in {ATTEMPTS} attempts: {text}")
-        return
+    drive = lab.drive(command("./pose_drive link.key 7700 move"))
+    code, text = lab.run(session)
+    end(drive)
+    assert code == 0, text
+    replayed = lab.run(replay)
+    assert replayed[0] == 0 and "identical" in replayed[1], replayed
     shown = re.search(r"```text\n(trocar-run: note:.*?)```", PAGE, re.S)[1].splitlines()
     for line in shown:
         pattern = re.sub(r"\d+(\\\.\d+)?", r"\\d+(\\.\\d+)?", re.escape(line).replace(r"waking\ 78,\ device\ 3", ".*"))

@@ -30,9 +30,9 @@ def sample_asset(programs, scan, work):
     return asset
 
 
-def stalled_session(programs, work, scene, asset, simulator_options, *options, stall_s=STALL_S, drive_stalls=True):
-    """(exit code, stderr, summary) of a session during which trocar-run, and the drive if it stalls too, is stopped for `stall_s`
-    once in EVERY_S."""
+def stalled_session(programs, work, scene, asset, simulator_options, *options, stall_s=STALL_S, stalls=("run", "drive")):
+    """(exit code, stderr, summary) of a session during which the programs named by `stalls`, trocar-run and its drive, are stopped for
+    `stall_s` once in EVERY_S."""
     summary = work / "stalled.json"
     with Simulator(programs, work, scene, *simulator_options) as simulator:
         command = [programs / "trocar-run", scene, "--asset", asset, "--device", f"udp:{simulator.address}",
@@ -44,8 +44,9 @@ def stalled_session(programs, work, scene, asset, simulator_options, *options, s
             def stall():
                 while not over.wait(EVERY_S):
                     for how, pause_s in ((signal.SIGSTOP, stall_s), (signal.SIGCONT, 0)):
-                        for one in (process, simulator.process) if drive_stalls else (process,):
-                            one.send_signal(how)
+                        for name, one in (("run", process), ("drive", simulator.process)):
+                            if name in stalls:
+                                one.send_signal(how)
                         time.sleep(pause_s)
 
             thread = threading.Thread(target=stall)
@@ -74,7 +75,7 @@ def test_a_gap_that_ends_other_sessions_is_in_the_recording_and_replays(source, 
     """With motors, 0.1 s between two states are a fault; the replay must know that here they were none."""
     scene, record = source / "runtime" / "scenes" / "one_slice.json", work / "stalled.csv"
     code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.4"), "--simulated", "--duration", "1.5",
-                                      stall_s=0.15, drive_stalls=False)
+                                      stall_s=0.15, stalls=("run",))
     assert code == 0, f"ended with {code}: {stderr}"
     with record.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -82,6 +83,22 @@ def test_a_gap_that_ends_other_sessions_is_in_the_recording_and_replays(source, 
     assert max(after - before for before, after in zip(times, times[1:])) > 0.1, "no gap came"
     assert "state-gap=any" in rows[0]["origin"]
     run(programs / "trocar-run", scene, "--asset", asset, "--replay", record, "--quiet")
+
+
+def test_a_simulated_drive_that_stalls_alone_ends_no_session(source, programs, asset, work):
+    """With motors, 10 ms without a state are a fault; the replay must know that here they were none."""
+    scene = source / "runtime" / "scenes" / "three_slices.json"
+    code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), "--simulated", stalls=("drive",))
+    assert code == 0, f"ended with {code}: {stderr}"
+    with (work / "stalled.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert "no-data-limit=0.25" in rows[0]["origin"]
+    silent = "".join(row["device_read"] == "no_data" and "x" or " " for row in rows)
+    assert "x" * 15 in silent, "no stall came"
+    run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "stalled.csv", "--quiet")
+    code, stderr, summary = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), stalls=("drive",))
+    assert code == 5, f"ended with {code}: {stderr}"
+    assert {fault["fault"] for fault in summary["faults"]} <= STALLS
 
 
 def test_a_drive_with_motors_ends_the_session(source, programs, asset, work):

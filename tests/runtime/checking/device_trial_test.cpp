@@ -89,6 +89,21 @@ TEST(DeviceVerdict, LateTicksDoNoHarmWithoutMotors) {
   EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
 }
 
+TEST(DeviceVerdict, ASilenceEndsASessionOnlyFromItsLimitOn) {
+  const FourLegsSpecification specification(default_device_description());
+  DeviceTrial trial = good_trial();
+  trial.without_state.add(12'000'000);
+  DeviceTrialOptions options;
+  options.no_data_max_s = 0.25;
+  const std::vector<std::string> shorter = describe(trial, options, specification).troubles;
+  ASSERT_EQ(shorter.size(), 1U);
+  EXPECT_NE(shorter[0].find("forces jump after that"), std::string::npos) << shorter[0];
+  trial.without_state.add(251'000'000);
+  const std::vector<std::string> longer = describe(trial, options, specification).troubles;
+  ASSERT_EQ(longer.size(), 1U);
+  EXPECT_NE(longer[0].find("250 ms without a state end a session"), std::string::npos) << longer[0];
+}
+
 /// The verdict on a device of 0.2 x 0.2 x 0.1 m with y up, whose handle is at this pose in the scene's axes.
 DeviceVerdict verdict_at(const Pose& T_device_plate) {
   PoseDeviceDescription description;
