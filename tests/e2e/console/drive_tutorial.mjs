@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// drive_tutorial.mjs JSON: the tutorial's step in the console, as its reader does it. The argument: {link, view_link, chromium, out}. Prints
+// {failures}; the tutorial's two pictures go to the folder `out`.
+import { Browser } from "./browser.mjs";
+
+const given = JSON.parse(process.argv[2]);
+const browser = await Browser.launch(given);
+const check = (condition, words) => browser.check(condition, words);
+const until = (...words) => browser.until(...words);
+const pill = `document.getElementById("state").textContent`;
+
+const page = await browser.open(given.link);
+await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
+await page.click("[data-to=folder]");
+await page.selectOption("#start-scene", "puncture.json");
+await page.click("#start");
+await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && Math.abs(trocar.row.force_N[0]) > 28`, "a force of 28 N");
+await browser.picture(page, "tutorial_session");
+await until(page, `trocar.events.some(({ kind }) => kind === "puncture")`, "the puncture");
+const { text } = await page.evaluate(`trocar.events.find(({ kind }) => kind === "puncture")`);
+check(/^slice 101 punctured .*N at the tip, .*N on the hand/.test(text), `the event says ${text}`);
+await until(page, `trocar.state.state === "ended"`, "the end");
+
+await page.click("[data-to=folder]");
+await page.locator("#recordings").getByText("Play", { exact: true }).first().click();
+await until(page, "trocar.playback.end_s > 3", "the recording");
+await page.evaluate(() => {
+  const slider = document.getElementById("seek");
+  slider.value = "920";
+  slider.dispatchEvent(new Event("input"));
+});
+await page.waitForTimeout(700);
+await browser.picture(page, "tutorial_playback");
+
+// ---- the keys, as the page says ----
+await page.click("[data-to=folder]");
+await page.click("#start");
+await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && ${pill} === "Running"`, "a second session");
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Paused"`, "the pause");
+await page.keyboard.press("Space");
+await until(page, `${pill} === "Running"`, "going on");
+await page.keyboard.press("Escape");
+await until(page, `${pill} === "Emergency stop"`, "the emergency stop");
+await page.getByText("Release the stop", { exact: true }).click();
+await until(page, `${pill} === "Running"`, "forces again");
+await page.keyboard.press("Shift+Q");
+await until(page, `trocar.state.state === "ended"`, "the end by Shift and Q");
+
+const audience = await browser.open(given.view_link);
+await until(audience, `trocar.role === "view" && trocar.bone_shown_ms !== null`, "the audience's page");
+check(await audience.locator(".operator:visible").count() === 0 && await audience.locator("#emergency:visible").count() === 1, "the audience has other controls");
+await browser.finish();
