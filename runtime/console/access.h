@@ -50,7 +50,8 @@ class HostNames {
  private:
   std::vector<std::string> names_;
   std::string port_;
-  std::string public_url_, public_host_;  ///< with its scheme, and without; empty: none
+  std::string public_url_,
+      public_host_;           ///< the first with its scheme; both are empty if there is none
   bool any_address_ = false;  ///< listens on all addresses, so every numerical host is accepted
 };
 

@@ -17,7 +17,7 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
-  std::string public_url;  ///< as of public_url_of(), for the links; empty: none
+  std::string public_url;  ///< for the links, as public_url_of() returns it; empty if there is none
   std::string start;       ///< JSON of /api/folder's `start`, the scene's name; empty: none
   std::string playback;    ///< JSON of /api/folder's `playback`; empty: none
 };

@@ -21,7 +21,7 @@ def main():
     (folder / "scenes/lost.json").write_text(json.dumps(lost), encoding="utf-8")
     (folder / "scenes/broken.json").write_text("{", encoding="utf-8")
     outside = json.loads((folder / "scenes/one_slice.json").read_text(encoding="utf-8"))
-    outside |= {"name": "Outside", "duration_s": 600}
+    outside |= {"name": "Outside", "duration_s": 600, "goals": {"target": {"at_m": [0, 0, 0.11], "radius_m": 0.003}}}
     outside["hand"]["trajectory"] = outside["hand"]["trajectory"][:2]  # the tool stays above the bone
     (folder / "scenes/outside.json").write_text(json.dumps(outside), encoding="utf-8")
     (WORK / "pictures").mkdir()

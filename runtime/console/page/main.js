@@ -377,7 +377,9 @@ function draw_overlay(source) {
     : !source || !slice ? "" : view.view === "section" ? `Slice ${slice.slice} at z = ${(1000 * slice.z_m).toFixed(1)} mm, viewed from above; line: contour of the CT${slice.is_lost ? " (its holes cannot be shown)" : ""}`
     : view.view === "tool" ? "From the tool's axis, 100 mm above the tip"
     : !source.bone?.surface ? "Slices; the asset has no surface here" : "Surface and slices";
-  if (source?.bone?.goals && view?.view !== "section") lines[1].textContent += "; sphere: target, dashes: planned line, bodies with edges: zones to keep out of";
+  const goals = source?.bone?.goals, tip = goals?.target && source.row && source.is_placed() ? source.values("tool_m") : null;
+  const away = tip ? `, ${(1000 * Math.hypot(...goals.target.at_m.map((at, i) => at - tip[i]))).toFixed(1)} mm from the tip` : "";
+  if (goals && view?.view !== "section") lines[1].textContent += `; sphere: target${away}, dashes: planned line, bodies with edges: zones to keep out of`;
   lines[2].textContent = view ? "" : "This browser draws no bone: it has no WebGL. Switch on its hardware acceleration, or take another browser; all else works.";
   const readout = by_id("readout");
   if (!readout.children.length) readout.append(document.createElement("div"), document.createElement("div"));
@@ -471,5 +473,5 @@ window.trocar = {
   get renderer() { return app.view?.renderer_name ?? ""; },
   get shape() { return { vertices: app.view?.shape ? app.view.shape_w.length : 0, deepest_m: app.view?.shape?.visible ? app.view.shape_depth_m : 0 }; },
   get playback_row() { return row_of(app.playback.first); },
-  get playback() { return { file: app.playback.file, time_s: app.playback.time_s, end_s: app.playback.end_s, events: app.playback.first?.events.length ?? 0, second: Boolean(app.playback.first?.second) }; },
+  get playback() { return { file: app.playback.file, time_s: app.playback.time_s, end_s: app.playback.end_s, events: app.playback.first?.events.length ?? 0, all_events: app.playback.first?.all_events ?? [], second: Boolean(app.playback.first?.second) }; },
 };

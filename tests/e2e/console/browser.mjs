@@ -75,7 +75,7 @@ export class Browser {
   }
 
   /// Takes a picture at every size that the page supports, and as two colour vision deficiencies see it. At each size the emergency stop is
-  /// on the screen, and nothing is wider than it.
+  /// on the screen, nothing is wider than it, and no text is cut off or covered.
   async sizes(page, name) {
     const before = page.viewportSize();
     for (const [width, height] of kSizes) {
@@ -88,6 +88,7 @@ export class Browser {
       });
       this.check(found.is_there, `${name} at ${width} x ${height}: the emergency stop is not on the screen`);
       this.check(found.wide <= 0, `${name} at ${width} x ${height}: the page is ${found.wide} px too wide`);
+      for (const fault of await page.evaluate(layout_faults)) if (!/not to be seen|outside of the window/.test(fault)) this.fail(`${name} at ${width} x ${height}: ${fault}`);
     }
     await page.setViewportSize(before);
     const session = await page.context().newCDPSession(page);
