@@ -84,8 +84,9 @@ struct TelemetryEvent {
   std::int32_t slice = -1;  ///< AssetSlice::index
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
+  double hand_N = 0;  ///< kPuncture: force on the hand in the tick before
   FaultDetail found;
-  double retract_distance_m = 0;
+  double retract_distance_m = 0;  ///< kNotRecovered
 };
 
 /// The mesh of one sheet in {B}.

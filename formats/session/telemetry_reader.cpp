@@ -197,7 +197,8 @@ TelemetryReader::Next TelemetryReader::next_event(TelemetryEvent& event, std::ui
   if (!is_possible) return lose_to(number + 1);
   found.found = FaultDetail(static_cast<Fault>(values[10]), static_cast<FaultQuantity>(values[11]),
                             static_cast<int>(index), number_in(values[13]), number_in(values[14]));
-  found.retract_distance_m = number_in(values[15]);
+  (kind == TelemetryEventKind::kPuncture ? found.hand_N : found.retract_distance_m) =
+      number_in(values[15]);
   if (!is_known(found.found)) return lose_to(number + 1);
   event = found;
   next_event_ = number + 1;

@@ -219,7 +219,8 @@ void TelemetryWriter::event(TelemetryEvent& event) noexcept {
       word_of(std::int32_t{found.index}),
       word_of(found.value),
       word_of(found.limit),
-      word_of(event.retract_distance_m),
+      word_of(event.kind == TelemetryEventKind::kPuncture ? event.hand_N
+                                                          : event.retract_distance_m),
   };
   Word* slot = event_words_ + kEventsHead + (events_ - 1) % kTelemetryEvents * kEventWords;
   slot[0].store(values[0] - 1, std::memory_order_release);

@@ -39,9 +39,11 @@ json as_json(const TelemetryEvent& event) {
                   {"tool_z_m", event.tool_z_m},
                   {"penetration_m", event.penetration_m},
                   {"force_N", event.force_N},
+                  {"hand_N", event.hand_N},
                   {"trial_force_N", event.trial_force_N}});
-      text = text_line("slice %d punctured%s: %.2f N, depth %.2f mm", event.slice, at.c_str(),
-                       event.force_N, event.penetration_m * 1e3);
+      text = text_line("slice %d punctured%s: %.2f N at the tip, %.2f N on the hand, depth %.2f mm",
+                       event.slice, at.c_str(), event.force_N, event.hand_N,
+                       event.penetration_m * 1e3);
       break;
     }
     case TelemetryEventKind::kFault:

@@ -147,6 +147,7 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   for (std::size_t i = 0; i < rows->size(); ++i) {
     if (i % every == 0 || i + 1 == rows->size()) append(table, (*rows)[i], with_cutting);
   }
+  const std::optional<double> scale = origin.number("force-scale");
   Arrays arrays;
   const auto at = arrays.add(std::span<const double>(table));
   return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
@@ -157,6 +158,7 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
                                      {"phases", names_of<ContactPhase>(kContactPhases)},
                                      {"faults", names_of<Fault>(kFaults)},
                                      {"safety_states", names_of<SafetyState>(kSafetyStates)},
+                                     {"force_scale", scale ? json(*scale) : json(nullptr)},
                                      {"events", events_of(*rows, !with_cutting)}}));
 }
 

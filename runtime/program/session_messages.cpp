@@ -102,8 +102,11 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
   if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
     std::printf("the tool touched nothing; trocar-run --check says why\n");
   for (const PunctureEvent& event : report.punctures) {
-    std::printf("slice %d was punctured at %.4f s: force %.3f N, depth %.3f mm, tip at %.5f m\n",
-                event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
+    std::printf(
+        "slice %d was punctured at %.4f s: %.3f N at the tip, %.3f N on the hand, depth %.3f mm, "
+        "tip at %.5f m\n",
+        event.slice, event.t_s, event.force_N, event.hand_N, event.penetration_m * 1e3,
+        event.tool_z_m);
   }
   if (!options.replay.empty() && report.replay_first_difference < 0 &&
       report.ticks == options.replay.size()) {

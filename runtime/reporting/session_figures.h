@@ -71,7 +71,7 @@ struct Punctured {
 };
 struct ReportPuncture {
   Punctured what;
-  double t_s = 0, force_N = 0, depth_m = 0, tip_z_m = 0;
+  double t_s = 0, force_N = 0, tip_N = 0, depth_m = 0, tip_z_m = 0;
 };
 enum class PlungeEnd : std::uint8_t { kReversed, kStopped, kTime, kNext, kFault, kEnd };
 struct BreakThrough {

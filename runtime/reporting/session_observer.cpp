@@ -114,7 +114,7 @@ std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& 
   const auto add = [&](const Punctured& what) {
     const double tip_z_m = row.tool_m[2];
     keep(out_.punctures, kMaxReportPunctures, out_.punctures_count,
-         ReportPuncture{what, row.t_s, last_force_N_, height(what) - tip_z_m, tip_z_m});
+         ReportPuncture{what, row.t_s, last_force_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m});
     out_.last_puncture_s = row.t_s;
     if (!lowest || height(what) < height(*lowest)) lowest = what;
   };

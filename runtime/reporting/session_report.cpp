@@ -145,8 +145,11 @@ json describe_punctures(const Scene& scene, const SessionFigures& f, const Repor
   json out = json::array();
   for (const ReportPuncture& p : f.punctures) {
     json made = describe(scene, facts, p.what);
-    made.update(
-        {{"t_s", p.t_s}, {"force_N", p.force_N}, {"depth_m", p.depth_m}, {"tip_z_m", p.tip_z_m}});
+    made.update({{"t_s", p.t_s},
+                 {"force_N", p.force_N},
+                 {"tip_N", p.tip_N},
+                 {"depth_m", p.depth_m},
+                 {"tip_z_m", p.tip_z_m}});
     out.push_back(std::move(made));
   }
   return out;

@@ -105,6 +105,7 @@ json describe(const PunctureEvent& event, const Remesher& remesher) {
                    {"t_s", event.t_s},
                    {"tool_z_m", event.tool_z_m},
                    {"force_N", event.force_N},
+                   {"hand_N", event.hand_N},
                    {"trial_force_N", event.trial_force_N},
                    {"penetration_m", event.penetration_m},
                    {"slice_z_m", remesher.first_version(event.sheet).z_m},

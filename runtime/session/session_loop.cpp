@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_loop.h"
 
+#include <Eigen/Core>
 #include <utility>
 
 #include "runtime/realtime/allocation_counter.h"
@@ -63,6 +64,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   result_.row.cuts_published = cuts_published;
   for (const CutRequest& cut : result_.contact.cuts())
     request_hole(cut);
+  last_hand_N_ = Eigen::Vector3d(result_.row.wrench_delivered.data()).norm();
   clock_.prefetch(result_.contact.prefetch);
   if (result_.new_fault != Fault::kNone) commands_.forget_recovery();
   for (const OperatorMessage& message : messages_.update(result_)) {
@@ -143,6 +145,7 @@ void SessionLoop::request_hole(const CutRequest& cut) noexcept {
   event.tool_z_m = result_.contact.tip_device_m.z();
   event.penetration_m = result_.contact.penetration_m;
   event.force_N = result_.contact.force_before_N;
+  event.hand_N = last_hand_N_;
   event.trial_force_N = result_.contact.trial_force_N;
   for (TickObserver* observer : observers_)
     observer->on_puncture(event);

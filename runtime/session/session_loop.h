@@ -63,6 +63,7 @@ class SessionLoop {
   LoopModel model_;
   LoopState state_;
   TickResult result_;
+  double last_hand_N_ = 0;  ///< force on the hand in the tick before
   Remesher& remesher_;
   HandDevice& device_;
   ForceLaw& law_;

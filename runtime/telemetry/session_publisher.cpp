@@ -77,6 +77,7 @@ void SessionPublisher::on_puncture(const PunctureEvent& puncture) noexcept {
   event.tool_z_m = puncture.tool_z_m;
   event.penetration_m = puncture.penetration_m;
   event.force_N = puncture.force_N;
+  event.hand_N = puncture.hand_N;
   event.trial_force_N = puncture.trial_force_N;
   push(event);
 }

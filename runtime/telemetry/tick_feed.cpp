@@ -14,6 +14,7 @@ void TickFeed::on_tick(const TickView& tick) noexcept {
   for (const CutRequest& cut : tick.result.contact.cuts())
     (cut.is_puncture ? observed.punctured : observed.side_cut) |= std::uint64_t{1} << cut.sheet;
   observed.layers_punctured = tick.result.contact.layers_punctured;
+  observed.tip_N = tick.result.contact.force_before_N;
   if (!ticks_.push(observed)) lost_.fetch_add(1, std::memory_order_relaxed);
 }
 

@@ -21,6 +21,7 @@ struct ObservedTick {
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
   std::uint64_t side_cut = 0;   ///< sheets whose wall yielded (force law `cutting`)
   std::uint64_t layers_punctured = 0;
+  double tip_N = 0;  ///< force at the tip before a puncture, times the scene's force scale
 };
 static_assert(kMaxSceneSlices <= 64 && kMaxLayers <= 64, "one bit for each");
 

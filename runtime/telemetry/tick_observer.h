@@ -31,6 +31,7 @@ struct PunctureEvent {
   double tool_z_m = 0;
   double penetration_m = 0;  ///< depth at which the sheet was punctured
   double force_N = 0;        ///< last force at the tip before the puncture, times force_scale
+  double hand_N = 0;         ///< force on the hand in the tick before
   double trial_force_N = 0;  ///< tissue force that exceeded the threshold, without force_scale
 };
 

@@ -75,7 +75,7 @@ class Live:
                 self.next_event = after
                 continue
             names = ("kind", "t_s", "sheet", "slice", "cut", "tool_z_m", "penetration_m", "force_N", "trial_force_N", "fault")
-            found.append(dict(zip(names, words[1:])))
+            found.append(dict(zip(names, words[1:])) | {"hand_N": words[15]})
             self.next_event += 1
         return found
 

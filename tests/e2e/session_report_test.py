@@ -391,6 +391,11 @@ class Sessions:
         check(abs(report["force"]["max_N"] - summed["max_force_N"]) <= CLOSE * summed["max_force_N"], f"{name}: largest force")
         slices = [(each["slice"], each["t_s"]) for each in report["punctures"] if each["layer"] is None]
         check(slices == [(each["slice"], each["t_s"]) for each in summed["punctures"]], f"{name}: punctures are not the summary's")
+        for each, other in zip((each for each in report["punctures"] if each["layer"] is None), summed["punctures"]):
+            check(each["tip_N"] == other["force_N"] and abs(each["force_N"] - other["hand_N"]) <= CLOSE * other["hand_N"], f"{name}: {each}, {other}")
+            if "tip_N" in rows:  # of the tick before, before the scene's scale
+                before = rows["tip_N"][np.searchsorted(rows["t_s"], each["t_s"] - 1e-9) - 1] * scene["force_law"].get("force_scale", 1)
+                check(abs(each["tip_N"] - before) <= CLOSE * before + 1e-9, f"{name}: {each['tip_N']} N at the tip, {before} N in the rows")
         check([each["message"] for each in report["faults"]] == [each["message"] for each in summed["faults"]], f"{name}: messages of faults")
         check(report["walls"]["side_cuts_count"] == summed.get("cutting", {}).get("side_cuts", 0), f"{name}: side cuts")
         self.check_page(name, page, report)
@@ -414,7 +419,7 @@ class Sessions:
             value = "none" if goal["value"] is None else f"{goal['value'] * 1e3:.2f} mm" if goal["unit"] == "m" else f"{goal['value']:.2f}"
             check(value in words, f"{name}: page lacks {goal['goal']} {value}")
         for each in report["punctures"]:
-            check(f"{each['force_N']:.2f} N" in words and f"{each['t_s']:.3f} s" in words, f"{name}: page lacks {each}")
+            check(f"{each['force_N']:.2f} N" in words and f"{each['tip_N']:.2f} N" in words and f"{each['t_s']:.3f} s" in words, f"{name}: page lacks {each}")
         for each in report["break_throughs"]:
             check(f"{each['plunge_m'] * 1e3:.2f} mm" in words, f"{name}: page lacks {each}")
         for each in report["faults"]:

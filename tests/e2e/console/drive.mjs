@@ -115,6 +115,8 @@ await ended(page, "vertebra");
 await until(page, "trocar.drawn_surface_triangles === trocar.surface_triangles", "the whole surface when nothing moves");
 const numbers = await get(page, "trocar.events.map((event) => event.seq)");
 check(numbers.every((seq, k) => seq === k + 1) && await get(page, "trocar.missed") === 0, "events are missing or doubled after the page was hidden");
+const live_punctures = await get(page, `trocar.events.filter((event) => event.kind === "puncture")`);
+check(live_punctures.length > 5 && live_punctures.every(({ text }) => /N at the tip, [0-9.]+ N on the hand/.test(text)), `punctures without both forces: ${live_punctures[0]?.text}`);
 
 // ---- the spring network: the sheet under the tool bends ----
 await start(page, "network_middle.json");
@@ -171,6 +173,8 @@ for (const theme of ["dark", "light"]) {
   await picture(page, `fault_${theme}`);
   await page.click("#theme");
 }
+await browser.accessible(page, "fault");
+await browser.sizes(page, "fault");
 await page.click("#recover");
 await until_recovered(page, `trocar.events.filter((event) => event.kind === "recovered").length > ${recoveries} && document.getElementById("state").textContent === "Running"`, "the recovery on command");
 await page.keyboard.press("Shift+Q");
@@ -206,6 +210,14 @@ for (const share of [0.9, 0.25, 0.55]) {
   check(Math.abs(found - time_s) < 0.003, `the row at ${time_s} s is of ${found} s`);
 }
 check(await get(page, "trocar.playback.events") > 0, "no puncture of the recording is shown");
+// Each puncture has one time, one force at the tip and one on the hand, live and in playback.
+const played = (await get(page, "trocar.playback.all_events")).filter(({ kind }) => kind === "puncture");
+check(played.length === live_punctures.length, `${played.length} punctures in playback, ${live_punctures.length} live`);
+for (const { slice, t_s, force_N, hand_N, text } of live_punctures) {
+  const again = played.find((event) => event.slice === slice);
+  const same = again && [[t_s, again.t_s], [force_N, again.force_N], [hand_N, again.hand_N]].every(([one, other]) => Math.abs(one - other) < 1e-6);
+  check(same && again.text.startsWith(text.split(", depth")[0]), `live: ${text}; in playback: ${again?.text}`);
+}
 await page.click("#play");
 await until(page, "trocar.playback.time_s > 0.6 * trocar.playback.end_s", "playing");
 await page.click("#play");
@@ -244,6 +256,8 @@ async function open_report() {
   const report = inside ? await inside.evaluate(() => document.body?.innerText ?? "").catch(() => "") : "";
   check(/\bN\b/.test(report) && /Times, path and force/.test(report) && report.length > 1000, `the report did not open: "${report.slice(0, 80)}", ${await get(page, "trocar.words")}`);
   await page.screenshot({ path: `${given.out}/report.png` });
+  await browser.accessible(page, "report");
+  await browser.sizes(page, "report");
 }
 
 // ---- a device without motors and joints of its own ----

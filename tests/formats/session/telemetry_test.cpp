@@ -69,12 +69,14 @@ TelemetryEvent event_of(std::uint64_t k) {
   event.sheet = static_cast<std::int32_t>(k % 64);
   event.cut = static_cast<std::uint32_t>(k);
   event.trial_force_N = -static_cast<double>(k);
+  event.hand_N = 2 * static_cast<double>(k);
   return event;
 }
 bool is_whole(const TelemetryEvent& event) {
   const auto k = static_cast<double>(event.number);
   return event.t_s == k && event.cut == static_cast<std::uint32_t>(event.number) &&
-         event.trial_force_N == -k && event.sheet == static_cast<int>(event.number % 64);
+         event.trial_force_N == -k && event.hand_N == 2 * k &&
+         event.sheet == static_cast<int>(event.number % 64);
 }
 
 TelemetrySheet sheet_of(std::uint32_t cuts) {
