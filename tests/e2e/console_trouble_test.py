@@ -189,14 +189,14 @@ def test_tunnel(programs, source, folder):
     console.stop()
 
 
-def test_full_disk(programs, source, folder, work):
-    """The log is on the full disk, too. The console still says what happened."""
+def console_on_small_disk(programs, source, folder, work):
+    """A console whose folder, with its log, is on a disk of 3 MB; None if this machine allows no file system of one's own."""
     disk = work / "disk"
     disk.mkdir(exist_ok=True)
     inside = ["unshare", "-rm", "sh", "-c", f'mount -t tmpfs -o size=3m tmpfs "{disk}" && exec "$@"', "sh"]
     if subprocess.run([*inside, "true"], capture_output=True, check=False).returncode != 0:
         print("a full disk was not tried: this machine allows no file system of one's own")
-        return
+        return None
     wrapper = work / "console_on_disk"
     wrapper.write_text("#!/bin/sh\n" + f'cp -r "{folder}/scenes" "{folder}/sample.glb" "{disk}/"\n' +
                        f'exec "{programs / "trocar-console"}" "{disk}" "$@"\n')
@@ -204,7 +204,14 @@ def test_full_disk(programs, source, folder, work):
     start = work / "start_on_disk"
     start.write_text("#!/bin/sh\nexec " + " ".join(f"'{word}'" for word in inside) + f' "{wrapper}" "$@"\n')
     start.chmod(0o755)
-    console = Console(start, page=source / "runtime/console/page", stderr=subprocess.DEVNULL)
+    return Console(start, page=source / "runtime/console/page", stderr=subprocess.DEVNULL)
+
+
+def test_full_disk(programs, source, folder, work):
+    """The log is on the full disk, too. The console still says what happened."""
+    console = console_on_small_disk(programs, source, folder, work)
+    if console is None:
+        return
     live = begin(console, duration_s=15)
     check(live.until(lambda l: l.state() == "ended", 60), f"a full disk ends nothing: {live.states[-1]}")
     check(live.states[-1].get("exit_code") == 4 and "disk" in live.states[-1]["message"], f"a full disk: {live.states[-1]}")

@@ -448,6 +448,7 @@ window.trocar = {
   get words() { return `${by_id("state").textContent}: ${by_id("words").textContent}`; },
   get row() { return row_of(app.live); },
   get events() { return app.live?.events ?? []; },
+  get history_s() { return app.live?.history.t ?? []; },
   get camera() {
     if (!app.view) return null;
     const { cameras } = app.view, { right, up } = cameras.plane([0, 0, 0], 1);

@@ -61,6 +61,8 @@ await until(page, `${pill} === "Running"`, "forces again");
 // ---- Esc on a page of the audience ----
 const audience = await browser.open(given.view_link);
 await until(audience, `trocar.role === "view" && trocar.row`, "the audience's page");
+const [begin_s] = await get(audience, "trocar.history_s"), late_s = await get(audience, "trocar.row.t_s[0]");
+check(late_s > 2 && begin_s < 0.5, `a page that came after ${late_s} s shows the force from ${begin_s} s on`);
 await audience.keyboard.press("Escape");
 await until(audience, `/Esc commands nothing/.test(trocar.words)`, "what Esc means for the audience");
 await page.waitForTimeout(500);
