@@ -17,9 +17,10 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
-  std::string public_url;  ///< for the links, as public_url_of() returns it; empty if there is none
-  std::string start;       ///< JSON of /api/folder's `start`, the scene's name; empty: none
-  std::string playback;    ///< JSON of /api/folder's `playback`; empty: none
+  /// The links begin with this address, made by public_url_of(); if it is empty, with that on which the console listens.
+  std::string public_url;
+  std::string start;     ///< JSON of /api/folder's `start`, the scene's name; empty: none
+  std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
 };
 
 /// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends its sessions. Errors:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_tutorial_test.py SOURCE PROGRAMS WORK: TUTORIAL.md's step in the console, in a headless Chromium (console/drive_tutorial.mjs), with
 the asset and the scene of the tutorial. It leaves the step's pictures in WORK/pictures; copied to scripts/plots they are the tutorial's."""
+import json
 import pathlib
 import re
 import shutil
@@ -28,6 +29,9 @@ def main():
     run(PROGRAMS / "trocar-mesh", HEAD_CT, *words, "-o", folder / "head.glb", "--quiet")
     scene = re.search(r"^```json puncture\.json\n(.*?)^```$", text, re.M | re.S)[1]
     (folder / "puncture.json").write_text(scene, encoding="utf-8")
+    stay = json.loads(scene) | {"name": "The tool stays above the bone", "duration_s": 600}
+    stay["hand"]["trajectory"] = stay["hand"]["trajectory"][:2]
+    (folder / "stay.json").write_text(json.dumps(stay), encoding="utf-8")
     with (WORK / "console.log").open("w") as log:
         console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
         drive("drive_tutorial.mjs", {**links_of(console), "out": str(pictures)})

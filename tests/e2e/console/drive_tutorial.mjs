@@ -34,8 +34,9 @@ await browser.picture(page, "tutorial_playback");
 
 // ---- the keys, as the page says ----
 await page.click("[data-to=folder]");
+await page.selectOption("#start-scene", "stay.json");
 await page.click("#start");
-await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && ${pill} === "Running"`, "a second session");
+await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && ${pill} === "Running"`, "a session of 600 s");
 await page.keyboard.press("Space");
 await until(page, `${pill} === "Paused"`, "the pause");
 await page.keyboard.press("Space");
