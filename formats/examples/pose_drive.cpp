@@ -125,7 +125,7 @@ int main(int argc, char** argv) {
   if (sodium_init() < 0 || file == nullptr || std::fread(text, 1, 64, file) != 64 ||
       sodium_hex2bin(shared_key.data(), 32, text, 64, nullptr, nullptr, nullptr) != 0)
     return std::fputs("usage: pose_drive KEY_FILE PORT [move]\nKEY_FILE has 64 hexadecimal digits.\n", stderr), 2;
-  hand_speed = argc > 3 ? 1 : 0, watchdog_s = 0.25;  // not 0.01: without motors, a busy computer may hold it up
+  if (argc > 3) hand_speed = 1, watchdog_s = 0.25;  // without motors a busy computer may hold the drive up for longer
   fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK, 0);
   sockaddr_in at{AF_INET, htons(uint16_t(std::atoi(argv[2]))), {htonl(INADDR_LOOPBACK)}, {}};  // for this computer only
   if (bind(fd, reinterpret_cast<const sockaddr*>(&at), sizeof at) != 0) return std::perror("pose_drive"), 2;

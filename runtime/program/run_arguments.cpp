@@ -176,7 +176,8 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   device.flag("--simulated", a.simulated,
               "the device process simulates its device. Without this it is taken to have\n"
               "motors: contact is half as stiff, because its mass was only measured, and late\n"
-              "ticks or 10 ms of silence (else 250 ms) are a fault");
+              "ticks are a fault. With udp: and pose: it also raises the limit of the time\n"
+              "without data from 10 to 250 ms, unless --late-ticks-in-row is given");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
               "and say whether a session at --rate would hold");
@@ -283,8 +284,9 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
 }  // namespace
 
 double no_data_max_s(const RunArguments& arguments) {
-  return arguments.simulated && is_device_process(arguments.device) ? kSimulatedNoData_s
-                                                                    : SafetyLimits{}.no_data_max_s;
+  const bool may_stall = arguments.simulated && is_device_process(arguments.device) &&
+                         arguments.late_ticks_in_row.value_or(0) == 0 && arguments.clock == "real";
+  return may_stall ? kSimulatedNoData_s : SafetyLimits{}.no_data_max_s;
 }
 
 void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
@@ -308,10 +310,8 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   options.limits.missed_deadlines_max =
       late_ticks > 0 ? late_ticks - 1 : std::numeric_limits<int>::max();
   // A simulated device process is not harmed by a gap or a stall either. (The device in the process has none.)
-  if (arguments.simulated && late_ticks == 0) {
-    options.limits.gap_max_s = 0;
-    if (options.clock == Clock::kReal) options.limits.no_data_max_s = no_data_max_s(arguments);
-  }
+  if (arguments.simulated && late_ticks == 0) options.limits.gap_max_s = 0;
+  options.limits.no_data_max_s = no_data_max_s(arguments);
   if (!arguments.black_box.empty()) {
     options.black_box = arguments.black_box;
   } else if (arguments.replay.empty() && !arguments.check) {

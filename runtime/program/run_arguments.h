@@ -47,7 +47,7 @@ void declare_run_options(CLI::App& app, RunArguments& arguments);
 /// Checks the options. Errors: (usage) a value is out of range, or options exclude each other.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
-/// Returns the SafetyLimits::no_data_max_s of the device.
+/// Returns the SafetyLimits::no_data_max_s of a session with these arguments.
 double no_data_max_s(const RunArguments& arguments);
 
 /// Sets the options of the haptic loop and of its safety layer.
