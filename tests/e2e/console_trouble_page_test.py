@@ -59,9 +59,8 @@ def check_outside(folder):
     links = links_of(console)
     drive("drive_outside.mjs", {"full_link": links["link"], "full_view_link": links["view_link"], "tunnel": f"http://localhost:{tunnel_to(console.port)}/",
                                 "disk_link": links_of(small)["link"] if small else None, "out": str(WORK / "pictures")})
-    console.stop()
-    if small:
-        small.stop()
+    for each in filter(None, (console, small)):
+        check(each.stop() == 0, "a console did not end as it should")
     shutil.rmtree(WORK / "disk", ignore_errors=True)
 
 
