@@ -76,7 +76,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   for (TickObserver* observer : observers_)
     observer->on_tick(view);
   const std::int64_t done_ns = monotonic_ns();
-  statistics_.add_tick_time(done_ns - start_ns);
+  statistics_.add_tick_time(done_ns - start_ns, result_.device_ns);
   late_ticks_.spend(TickPart::kLaw, result_.law_ns);
   late_ticks_.spend(TickPart::kPublishing, done_ns - start_ns - result_.law_ns - result_.device_ns);
   advance_(1 / model_.rate_Hz);

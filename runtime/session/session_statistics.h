@@ -50,6 +50,7 @@ struct SessionReport {
   RealtimeReport realtime;         ///< empty with a virtual clock
   LateTicks::Counts late_ticks{};  ///< missed deadlines by the part of the tick that caused them
   Histogram tick;                  ///< wall time of a tick, without the simulated device's step
+  Histogram device;                ///< part of `tick`: reading and writing the device
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
   /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim,
   /// coupling and damping. Compensation of the device's own forces does not count, because it
@@ -75,7 +76,11 @@ class SessionStatistics final : public TickObserver {
 
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
-  void add_tick_time(std::int64_t duration_ns) noexcept { report_.tick.add(duration_ns); }
+  /// `device_ns`: the part of the tick that read and wrote the device.
+  void add_tick_time(std::int64_t duration_ns, std::int64_t device_ns) noexcept {
+    report_.tick.add(duration_ns);
+    report_.device.add(device_ns);
+  }
 
   /// Returns the report. Called after the last tick. `is_complete`: every tick of the
   /// session was done.

@@ -114,6 +114,8 @@ def test_recovery(source, programs, scan, work):
     assert summary["ticks"] == 2400 and len(boxes(signalled)) == 1, summary["ticks"]
     assert "scheduling" in summary["realtime"] and isinstance(summary["realtime"]["kernel_is_realtime"], bool), summary["realtime"]
     assert sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram does not add up"
+    device, tick = summary["device_us"], summary["tick_us"]
+    assert device["samples"] == tick["samples"] and 0 < device["max"] <= tick["max"], (device, tick)
 
     # A full disk at the end: the files that fit are written, and the exit code is the fault's.
     full = work / "full"
