@@ -74,6 +74,9 @@ const char* to_string(SafetyState state);
 /// Not for kEndOfData, which is never recorded.
 const char* to_string(DeviceStatus status);
 
+/// Bits of RecordingRow::xray: a single picture was taken, X-ray was on.
+inline constexpr std::uint8_t kXrayPicture = 1, kXrayBeam = 2;
+
 /// One tick. Everything is in frame {B}. A wrench acts at the plate's origin: force, then torque.
 struct RecordingRow {
   double t_s = 0;                       ///< number of the tick, divided by the loop rate
@@ -106,6 +109,8 @@ struct RecordingRow {
   Fault outside_fault =
       Fault::kNone;                 ///< fault detected outside the tick: late ticks, a full queue
   std::uint8_t recovery_asked = 0;  ///< 1: the operator requested recovery at this tick
+  /// The operator's X-ray in this tick: kXrayPicture, kXrayBeam, both or 0.
+  std::uint8_t xray = 0;
   // Results of the tick.
   SafetyState safety = SafetyState::kIdle;
   double authority = 1;    ///< factor on the wanted wrench; rises from 0 to 1 after a recovery
@@ -141,8 +146,9 @@ struct RecordingRow {
 struct RecordingKind {
   bool has_cutting = false;      ///< columns of the force law `cutting`
   bool has_pose_device = false;  ///< columns of a pose device instead of torques and encoder angles
+  bool has_xray = false;         ///< the column of the operator's X-ray
 };
-/// The kind that these entries of the origin state: `force-law=cutting`, `device-kind=pose`.
+/// The kind that these entries of the origin state: `force-law=cutting`, `device-kind=pose`, `xray=counted`.
 RecordingKind recording_kind(const RecordingOrigin& origin);
 
 /// The header line without its line feed: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
@@ -154,7 +160,8 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin
 /// contains `force-law=cutting`, further columns precede it:
 /// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
-/// tissue_stored_J,steps. If it contains `device-kind=pose`, device_x_m,device_y_m,device_z_m,
+/// tissue_stored_J,steps. If it contains `xray=counted`, the column xray precedes all of these, after
+/// motor_heat_max. If it contains `device-kind=pose`, device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 

@@ -61,6 +61,7 @@ std::vector<std::string> make_columns(const RecordingKind& kind) {
         "motor_heat_max"}) {
     columns.emplace_back(name);
   }
+  if (kind.has_xray) columns.emplace_back("xray");
   if (kind.has_cutting)
     columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
   columns.emplace_back("origin");  // the last: text, in the first row only
@@ -91,9 +92,10 @@ RecordingColumns recording_columns(const RecordingKind& kind) {
 }
 
 RecordingColumns columns_in_header(std::string_view header) {
-  for (const RecordingKind kind :
-       {RecordingKind{true, false}, RecordingKind{false, true}, RecordingKind{true, true}})
+  for (unsigned bits = 1; bits < 8; ++bits) {
+    const RecordingKind kind{(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0};
     if (header == recording_header(kind)) return recording_columns(kind);
+  }
   // Recordings of older versions lack one or both of these columns.
   for (const auto& [has_state_time, has_origin] :
        {std::pair(true, true), std::pair(false, true), std::pair(true, false),
@@ -112,7 +114,8 @@ RecordingKind recording_kind(const RecordingOrigin& origin) {
   const std::string *const law = origin.find("force-law"), *const device =
                                                                origin.find(kOriginDeviceKind);
   return {.has_cutting = law != nullptr && *law == "cutting",
-          .has_pose_device = device != nullptr && *device == kPoseDeviceKind};
+          .has_pose_device = device != nullptr && *device == kPoseDeviceKind,
+          .has_xray = origin.find(kOriginXray) != nullptr};
 }
 
 const char* to_string(ContactPhase phase) {

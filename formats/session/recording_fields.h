@@ -32,7 +32,7 @@ RecordingColumns columns_in_header(std::string_view header);
 
 /// Calls the visitor for each field of a row except the origin, in the order of the columns.
 /// number() takes any number; finite() takes a number that must not be infinite or nan; flag()
-/// takes 0 or 1; name() takes an enumerator and the list of names.
+/// takes 0 or 1; bits() takes an integer of these bits; name() takes an enumerator and the list of names.
 template <typename Row, typename Visitor>
 void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
   visitor.finite(row.t_s);
@@ -74,6 +74,7 @@ void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
   visitor.finite(row.passivity_J);
   visitor.finite(row.passivity_N_s_per_m);
   visitor.finite(row.motor_heat_max);
+  if (columns.kind.has_xray) visitor.bits(row.xray, kXrayPicture | kXrayBeam);
   if (columns.kind.has_cutting) {
     auto& cutting = row.cutting;
     visitor.finite(cutting.wrench_tissue);

@@ -24,6 +24,8 @@ inline constexpr const char* kOriginDevice = "device";  ///< or "built-in"
 /// Key of the kind of device, which only recordings of a pose device have; its value.
 inline constexpr const char* kOriginDeviceKind = "device-kind";
 inline constexpr const char* kPoseDeviceKind = "pose";
+/// Key of recordings that have the operator's X-ray; its value is "counted".
+inline constexpr const char* kOriginXray = "xray";
 
 struct RecordingOrigin {
   std::vector<std::pair<std::string, std::string>> entries;  ///< key, value; no entries if unknown

@@ -46,6 +46,10 @@ class RowReader {
     number(x);
     if (ok() && x > 1) why_ = "is neither 0 nor 1";
   }
+  void bits(std::uint8_t& x, unsigned all) {
+    number(x);
+    if (ok() && (x & ~all) != 0) why_ = "is an unknown number";
+  }
   void finite(double& x) {
     number(x);
     if (ok() && !std::isfinite(x)) why_ = "is not finite";

@@ -38,6 +38,7 @@ class RowWriter {
       number(x);
   }
   void flag(std::uint8_t x) { number(x); }
+  void bits(std::uint8_t x, unsigned) { number(x); }
   template <typename Enum, std::size_t N>
   void name(Enum value, const std::array<const char*, N>& names) {
     out_.append(names.at(static_cast<std::size_t>(value))).push_back(',');

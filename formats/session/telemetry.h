@@ -45,10 +45,11 @@ enum class TelemetryCommand : std::uint8_t {
   kResume,
   kZero,
   kRecover,
-  kEmergencyStop
+  kEmergencyStop,
+  kXrayShot
 };
-inline constexpr std::size_t kTelemetryCommands = 6;
-/// "stop", "pause", "resume", "zero", "recover", "emergency_stop".
+inline constexpr std::size_t kTelemetryCommands = 7;
+/// "stop", "pause", "resume", "zero", "recover", "emergency_stop", "xray_shot".
 const char* to_string(TelemetryCommand command);
 
 /// In parentheses: the members of TelemetryEvent that the event uses in addition to its time.
@@ -65,10 +66,13 @@ enum class TelemetryEventKind : std::uint8_t {
   kHand,          ///< a live hand holds the tool
   kHandLetGo,     ///< the live hand let go
   kHandLost,      ///< the live hand was silent for too long, and counts as let go
+  kXrayShot,      ///< an X-ray picture was taken
+  kXrayOn,        ///< X-ray screening began
+  kXrayOff,       ///< X-ray screening ended
 };
-inline constexpr std::size_t kTelemetryEventKinds = 11;
+inline constexpr std::size_t kTelemetryEventKinds = 14;
 /// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended", "hand",
-/// "hand_let_go", "hand_lost".
+/// "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off".
 const char* to_string(TelemetryEventKind kind);
 
 enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };
@@ -166,6 +170,12 @@ class TelemetryWriter {
     return commands_[static_cast<std::size_t>(command)].load(std::memory_order_acquire);
   }
 
+  /// The state of X-ray screening: odd while it is held. A holder changes it again and again (telemetry.md).
+  /// Wait-free, for the haptic thread.
+  std::uint64_t screening() const noexcept {
+    return commands_[kTelemetryCommands].load(std::memory_order_acquire);
+  }
+
   /// Reads the live hand in one attempt. Returns false, and leaves `hand` unchanged, if nothing was
   /// written yet, a write is in progress, or the session has no live hand. Wait-free, for the haptic
   /// thread.
@@ -248,6 +258,9 @@ class TelemetryReader {
   /// False if the process has ended, normally or not.
   bool writer_is_alive() const noexcept;
   void command(TelemetryCommand command) noexcept;
+  /// Holds X-ray screening or lets it go. Holding it lasts 400 ms; call this again before. No other process may
+  /// call it.
+  void screen(bool is_held) noexcept;
   bool has_hand() const noexcept { return hand_ != nullptr; }
   /// Writes the live hand. The session must have one, and no other process may write it.
   void hand(const TelemetryHand& hand) noexcept;

@@ -26,15 +26,16 @@ bool is_session_link(const std::string& target) {
 }  // namespace telemetry_layout
 
 const char* to_string(TelemetryCommand command) {
-  constexpr std::array kNames{"stop", "pause", "resume", "zero", "recover", "emergency_stop"};
+  constexpr std::array kNames{"stop",    "pause",          "resume",   "zero",
+                              "recover", "emergency_stop", "xray_shot"};
   static_assert(kNames.size() == kTelemetryCommands);
   return kNames.at(static_cast<std::size_t>(command));
 }
 
 const char* to_string(TelemetryEventKind kind) {
-  constexpr std::array kNames{"puncture",  "fault",       "not_recovered", "recovered",
-                              "cut_shown", "paused",      "resumed",       "ended",
-                              "hand",      "hand_let_go", "hand_lost"};
+  constexpr std::array kNames{"puncture",  "fault",     "not_recovered", "recovered", "cut_shown",
+                              "paused",    "resumed",   "ended",         "hand",      "hand_let_go",
+                              "hand_lost", "xray_shot", "xray_on",       "xray_off"};
   static_assert(kNames.size() == kTelemetryEventKinds);
   return kNames.at(static_cast<std::size_t>(kind) - 1);
 }

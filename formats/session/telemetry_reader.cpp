@@ -286,6 +286,12 @@ bool TelemetryReader::writer_is_alive() const noexcept {
   return ::fcntl(fd_, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
 }
 
+void TelemetryReader::screen(bool is_held) noexcept {
+  Word& word = commands_[kTelemetryCommands];
+  const std::uint64_t now = word.load(std::memory_order_acquire);
+  word.store(is_held ? (now | 1) + 2 : (now & ~std::uint64_t{1}) + 2, std::memory_order_release);
+}
+
 void TelemetryReader::command(TelemetryCommand command) noexcept {
   commands_[static_cast<std::size_t>(command)].fetch_add(1, std::memory_order_acq_rel);
 }

@@ -25,8 +25,9 @@ struct DeviceTrialOptions {
   double rate_Hz = 1000, duration_s = 5;
   int cpu = -1;               ///< RealtimeOptions::cpu
   bool is_simulated = false;  ///< no motors, so that late ticks of this machine do no harm
-  double no_data_max_s = SafetyLimits{}.no_data_max_s;  ///< of a session with this device
-  const std::atomic<bool>* stop = nullptr;              ///< ends the trial between two ticks
+  /// The limit of the time without data that a session with this device would have.
+  double no_data_max_s = SafetyLimits{}.no_data_max_s;
+  const std::atomic<bool>* stop = nullptr;  ///< ends the trial between two ticks
 };
 
 /// Noise of a value that moves slowly, from its second differences: a steady motion does not count.

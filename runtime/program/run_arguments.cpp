@@ -49,6 +49,9 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   session.option("--live", a.live,
                  "publish the session in shared memory and take commands from other programs;\n"
                  "while the session runs, this file is a symbolic link to the memory");
+  session.flag("--xray", a.xray,
+               "take X-ray shots and screening from those programs, and count them in recording,\n"
+               "summary and report; with --live");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -203,6 +206,8 @@ Result<void> check_run_arguments(const RunArguments& a) {
   if (!a.replay.empty() && a.device != kDefaultDevice) {
     return usage("--replay: has no device; leave --device out");
   }
+  if (a.xray && a.live.empty())
+    return usage("--xray: needs --live, by which other programs take pictures");
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
   }

@@ -26,7 +26,7 @@ struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
   std::string procedure, strength;  ///< formats/session/procedures.h
   bool explain = false;
-  bool check = false, strict = false, live_hand = false;
+  bool check = false, strict = false, live_hand = false, xray = false;
   std::string device{kDefaultDevice}, key_file, description, compensate = "none";
   bool simulated = false, test_device = false;
   std::string clock = "real", replay, live;

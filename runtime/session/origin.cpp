@@ -74,6 +74,7 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
   if (options.limits.gap_max_s == 0) origin.entries.emplace_back(kStateGap, "any");
   if (options.limits.no_data_max_s != SafetyLimits{}.no_data_max_s)
     origin.entries.emplace_back(kNoDataLimit, origin_number(options.limits.no_data_max_s));
+  if (options.counts_xray) origin.entries.emplace_back(kOriginXray, "counted");
   // Only the force law that renders such a stiffness has these entries, and only if they are not the default.
   if (!traits_of(scene.force_law.kind).uses_bone_volume) return origin;
   if (options.stiffness.margin != 1)

@@ -50,6 +50,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     const TelemetryCommands given = publisher_->take_commands();
     if (given.stop) return false;
     commands_.apply(given, state_.safety.fault);
+    xray_.apply(given, start_ns);
     receive_hand(start_ns);
     if (pauses(start_ns)) return true;
   }
@@ -62,6 +63,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   haptic_tick(model_, inputs(timing), device_, law_, state_, result_);
   if (result_.end_of_data) return false;
   result_.row.cuts_published = cuts_published;
+  result_.row.xray = xray_of_tick();
   for (const CutRequest& cut : result_.contact.cuts())
     request_hole(cut);
   last_hand_N_ = Eigen::Vector3d(result_.row.wrench_delivered.data()).norm();
@@ -82,6 +84,13 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   advance_(1 / model_.rate_Hz);
   late_ticks_.spend(TickPart::kDevice, result_.device_ns + (monotonic_ns() - done_ns));
   return goes_on();
+}
+
+/// Returns RecordingRow::xray of this tick. state_.tick counts it already.
+std::uint8_t SessionLoop::xray_of_tick() noexcept {
+  if (!options_.counts_xray) return 0;
+  const RecordingRow* const recorded = clock_.recorded(state_.tick - 1);
+  return recorded != nullptr ? recorded->xray : xray_.take();
 }
 
 void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {

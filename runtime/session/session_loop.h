@@ -16,6 +16,7 @@
 #include "runtime/session/session_options.h"
 #include "runtime/session/session_statistics.h"
 #include "runtime/session/session_workers.h"
+#include "runtime/session/xray_commands.h"
 #include "runtime/telemetry/operator_messages.h"
 #include "runtime/workers/remesher.h"
 
@@ -55,6 +56,7 @@ class SessionLoop {
 
  private:
   void receive_hand(std::int64_t now_ns) noexcept;
+  std::uint8_t xray_of_tick() noexcept;
   bool pauses(std::int64_t now_ns) noexcept;
   TickInputs inputs(const TickTiming& timing) noexcept;
   void request_hole(const CutRequest& cut) noexcept;
@@ -72,6 +74,7 @@ class SessionLoop {
   SessionClock& clock_;
   SessionPublisher* publisher_;  ///< source of the operator's commands; null: none
   OperatorCommands commands_;
+  XrayCommands xray_;
   TelemetryHand hand_;  ///< latest complete message of a live hand
   MessageSource messages_;
   SessionStatistics statistics_;

@@ -69,6 +69,8 @@ struct SessionOptions {
   /// If set, the session is published in memory that other processes read, and their commands
   /// are taken (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
+  /// X-ray shots and screening are taken from other processes, or from the rows of a replay.
+  bool counts_xray = false;
   /// Takes what `telemetry` says of a live hand; null: there is none. It must outlive the session.
   HandReceiver* hand = nullptr;
   /// Called at the frame rate, never on the realtime haptic thread.

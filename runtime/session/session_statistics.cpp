@@ -46,6 +46,7 @@ void SessionStatistics::on_tick(const TickView& tick) noexcept {
   const RecordingRow& row = tick.result.row;
   count_faults(tick);
   compare_with_replay(tick);
+  report_.xray.add(row);
   report_.damping_max_N_s_per_m = std::max(report_.damping_max_N_s_per_m, row.passivity_N_s_per_m);
   if (row.passivity_N_s_per_m > 0) ++report_.damped_ticks;
   for (const double tau : row.tau_Nm)

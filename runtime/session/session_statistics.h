@@ -12,6 +12,7 @@
 #include "formats/base/result.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
+#include "formats/session/xray_use.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/realtime/histogram.h"
 #include "runtime/realtime/late_ticks.h"
@@ -57,6 +58,7 @@ struct SessionReport {
   /// is not felt.
   double max_force_N = 0;
   double torque_max_Nm = 0;
+  XrayUse xray;
   double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques / 0.05 m
   std::uint64_t scaled_ticks = 0;  ///< ticks in which the motors could not render the whole wrench
   std::vector<PunctureEvent> punctures;  ///< the first kMaxListedPunctures punctures

@@ -37,6 +37,7 @@ struct PublishedSession {
   double rate_Hz = 1000, duration_s = 1;
   std::string clock;  ///< "real", "virtual" or "replay"
   std::optional<std::filesystem::path> record;
+  bool counts_xray = false;  ///< X-ray shots and screening are taken and counted
   SafetyLimits limits;
 };
 

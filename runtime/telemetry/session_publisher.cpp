@@ -17,6 +17,7 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(const Scene& sc
                                                                  const PublishedSession& session) {
   std::unique_ptr<SessionPublisher> made(new SessionPublisher);
   made->prefetch_ = prefetch;
+  made->rate_Hz_ = session.rate_Hz;
   made->tool_ = make_tool(scene.tool);
   made->values_.resize(snapshot_size());
   TelemetrySizes sizes;
@@ -51,7 +52,9 @@ TelemetryCommands SessionPublisher::take_commands() noexcept {
           .resume = given(TelemetryCommand::kResume),
           .zero = given(TelemetryCommand::kZero),
           .recover = given(TelemetryCommand::kRecover),
-          .emergency_stop = given(TelemetryCommand::kEmergencyStop)};
+          .emergency_stop = given(TelemetryCommand::kEmergencyStop),
+          .xray_shot = given(TelemetryCommand::kXrayShot),
+          .screening = writer_->screening()};
 }
 
 void SessionPublisher::push(const TelemetryEvent& event) noexcept {
@@ -94,7 +97,18 @@ void SessionPublisher::on_message(const OperatorMessage& message) noexcept {
   push(event);
 }
 
+void SessionPublisher::count_xray(const RecordingRow& row) noexcept {
+  const bool was_screening = xray_.is_screening;
+  xray_.add(row);
+  if ((row.xray & kXrayPicture) != 0) push_event(TelemetryEventKind::kXrayShot, row.t_s);
+  if (xray_.is_screening != was_screening)
+    push_event(was_screening ? TelemetryEventKind::kXrayOff : TelemetryEventKind::kXrayOn, row.t_s);
+  tick_.xray_shots = xray_.shots;
+  tick_.xray_screening_s = xray_.screening_s(rate_Hz_);
+}
+
 void SessionPublisher::on_tick(const TickView& view) noexcept {
+  count_xray(view.result.row);
   tick_times_.add(monotonic_ns() - view.start_ns);
   if (view.is_real_time) wake_times_.add(view.timing.late_ns);
   const ContactOutput& contact = view.result.contact;

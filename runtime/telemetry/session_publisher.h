@@ -15,6 +15,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/telemetry.h"
+#include "formats/session/xray_use.h"
 #include "runtime/contact/prefetch_worker.h"
 #include "runtime/realtime/spsc_queue.h"
 #include "runtime/realtime/triple_buffer.h"
@@ -30,7 +31,8 @@ namespace trocar::runtime {
 /// The commands that other processes have given since take_commands() was called last.
 struct TelemetryCommands {
   bool stop = false, pause = false, resume = false, zero = false, recover = false,
-       emergency_stop = false;
+       emergency_stop = false, xray_shot = false;
+  std::uint64_t screening = 0;  ///< TelemetryWriter::screening()
 };
 
 class SessionPublisher final : public TickObserver {
@@ -77,6 +79,7 @@ class SessionPublisher final : public TickObserver {
  private:
   SessionPublisher();
   void push(const TelemetryEvent& event) noexcept;
+  void count_xray(const RecordingRow& row) noexcept;
   void publish_shape();
   void write(const TelemetryTick& tick);
 
@@ -84,6 +87,8 @@ class SessionPublisher final : public TickObserver {
   SpscQueue<TelemetryEvent, 1024> sheet_events_;  ///< filled by the thread that publishes meshes
   TripleBuffer<TelemetryTick> ticks_;
   TelemetryTick tick_;  ///< latest tick, for the haptic thread only
+  XrayUse xray_;
+  double rate_Hz_ = 0;
   TelemetryHistogram tick_times_, wake_times_;
   std::atomic<std::uint64_t> lost_events_{0};
   std::array<std::uint64_t, kTelemetryCommands> taken_{};

@@ -88,6 +88,8 @@ constexpr Column kColumns[] = {
     one("punctures", [](const S& s) { return s.tick.punctures; }),
     one("faults", [](const S& s) { return s.tick.faults; }),
     one("events", [](const S& s) { return s.last_event; }),
+    one("xray_shots", [](const S& s) { return s.tick.xray_shots; }),
+    one("xray_screening_s", [](const S& s) { return s.tick.xray_screening_s; }),
     one("paused", [](const S& s) { return s.tick.is_paused; }),
     one("ended", [](const S& s) { return s.tick.has_ended; }),
     many("tick_us", TelemetryHistogram::kBins, [](const S& s) { return counts_of(s.tick_times); }),

@@ -30,6 +30,8 @@ struct TelemetryTick {
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
   LateTicks::Counts late_ticks{};  ///< missed deadlines, by the part of the tick that caused them
   std::int64_t late_max_ns = 0;
+  std::uint64_t xray_shots = 0;
+  double xray_screening_s = 0;
   std::uint64_t sheets_touched = 0, sheets_punctured = 0;  ///< one bit for each sheet
   std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};
   bool is_paused = false, has_ended = false;

@@ -332,6 +332,19 @@ TEST(TelemetryMemory, CommandsArrive) {
   }
 }
 
+TEST(TelemetryMemory, ScreeningIsOddWhileItIsHeldAndChangesEachTime) {
+  const auto writer = make_writer();
+  const auto reader = open_reader(*writer);
+  EXPECT_EQ(writer->screening(), 0U);
+  std::uint64_t before = 0;
+  for (const bool is_held : {true, true, false, false, true, false}) {
+    reader->screen(is_held);
+    EXPECT_EQ(writer->screening() % 2, is_held ? 1U : 0U);
+    EXPECT_GT(writer->screening(), before);
+    before = writer->screening();
+  }
+}
+
 /// A hand whose numbers follow from its count.
 TelemetryHand hand_of(std::uint64_t count) {
   TelemetryHand hand;

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// How much X-ray a session used, counted from the rows of its ticks, so that the live page, the recording, the report
+// and a replay agree.
+// Tests: tests/formats/session/xray_use_test.cpp
+#pragma once
+
+#include <cstdint>
+
+#include "formats/session/recording.h"
+
+namespace trocar {
+
+struct XrayUse {
+  std::uint64_t shots = 0;            ///< single pictures
+  std::uint64_t screening_ticks = 0;  ///< ticks in which X-ray was on
+  bool is_screening = false;          ///< X-ray was on in the last tick
+
+  void add(const RecordingRow& row) noexcept {
+    shots += (row.xray & kXrayPicture) != 0 ? 1 : 0;
+    is_screening = (row.xray & kXrayBeam) != 0;
+    screening_ticks += is_screening ? 1 : 0;
+  }
+  double screening_s(double rate_Hz) const noexcept {
+    return static_cast<double>(screening_ticks) / rate_Hz;
+  }
+};
+
+}  // namespace trocar

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The operator's X-ray, as other processes command it. A shot is one picture. Screening lasts as long as its key is held: whoever
+// holds it says so again and again, so that X-ray ends by itself if that process dies.
+// Tests: tests/runtime/session/xray_commands_test.cpp
+#pragma once
+
+#include <cstdint>
+
+#include "formats/session/recording.h"
+#include "runtime/telemetry/session_publisher.h"
+
+namespace trocar::runtime {
+
+/// Only the haptic thread uses it. It does not allocate.
+class XrayCommands {
+ public:
+  /// Screening that nobody has confirmed for this long ends.
+  static constexpr std::int64_t kHeld_ns = 400'000'000;
+
+  /// Applies the commands given since the last call, in each period, also while the session is paused; a shot that
+  /// is given then is not taken. `now_ns`: CLOCK_MONOTONIC.
+  void apply(const TelemetryCommands& given, std::int64_t now_ns) noexcept {
+    has_shot_ = given.xray_shot;
+    if (given.screening != word_) {
+      word_ = given.screening;
+      confirmed_ns_ = now_ns;
+    }
+    is_held_ = (word_ & 1) != 0 && now_ns - confirmed_ns_ < kHeld_ns;
+  }
+
+  /// RecordingRow::xray of the tick that follows apply().
+  std::uint8_t take() const noexcept {
+    return static_cast<std::uint8_t>((has_shot_ ? kXrayPicture : 0) | (is_held_ ? kXrayBeam : 0));
+  }
+
+ private:
+  std::uint64_t word_ = 0;
+  std::int64_t confirmed_ns_ = 0;
+  bool has_shot_ = false, is_held_ = false;
+};
+
+}  // namespace trocar::runtime
