@@ -11,6 +11,7 @@
 #include "runtime/console/bone.h"
 #include "runtime/console/programs/session_files.h"
 #include "runtime/console/rows.h"
+#include "runtime/console/volume.h"
 
 namespace trocar::runtime {
 namespace {
@@ -44,6 +45,20 @@ Answer command(ConsoleState& console, const json& body) {
     if (name == to_string(command)) return result_of(console, console.supervisor.command(command));
   }
   return failure(kBadRequest, "body: /command: must be stop, pause, resume, zero or recover");
+}
+
+Answer xray(ConsoleState& console, const json& body) {
+  JsonErrors errors{"body", {}};
+  StrictObject object(body, "", errors);
+  const std::string take = object.string("take");
+  object.finish();
+  if (errors.first) return failure(kBadRequest, errors.first->message);
+  for (const auto& [name, request] :
+       {std::pair("shot", XrayRequest::kShot), std::pair("screening", XrayRequest::kScreen),
+        std::pair("nothing", XrayRequest::kEnd)}) {
+    if (take == name) return result_of(console, console.supervisor.xray(request));
+  }
+  return failure(kBadRequest, "body: /take: must be shot, screening or nothing");
 }
 
 /// Reads the device: the name or the index of one that the console offers. Without one it is the first. Nothing else is
@@ -125,9 +140,12 @@ Reply get_folder(ConsoleState& console, Role role) {
   };
 }
 
-/// Answers /api/bone. Runs on the worker thread.
-Answer bone(ConsoleState& console, const HiddenTexts& hidden, const std::filesystem::path& scene,
-            const std::filesystem::path& asset) {
+using MakeBone = Result<std::string> (*)(const std::filesystem::path& scene,
+                                         const std::filesystem::path& asset);
+
+/// Answers /api/bone and /api/volume. Runs on the worker thread.
+Answer bone(BoneCache& cache, MakeBone make, const HiddenTexts& hidden,
+            const std::filesystem::path& scene, const std::filesystem::path& asset) {
   std::string key = scene.string() + '\n' + asset.string();
   std::error_code error;
   const Result<Scene> read = read_scene(scene);
@@ -136,15 +154,16 @@ Answer bone(ConsoleState& console, const HiddenTexts& hidden, const std::filesys
     const auto time = std::filesystem::last_write_time(file, error);
     key += '\n' + std::to_string(error ? 0 : time.time_since_epoch().count());
   }
-  if (console.bone.key != key) {
-    Result<std::string> made = bone_of(scene, asset);
+  if (cache.key != key) {
+    Result<std::string> made = make(scene, asset);
     if (!made) return unprocessable(hidden, made.error());
-    console.bone = {std::move(key), std::move(*made)};
+    cache = {std::move(key), std::move(*made)};
   }
-  return binary(console.bone.answer);
+  return binary(cache.answer);
 }
 
-Reply get_bone(ConsoleState& console, const RequestTarget& target) {
+Reply get_bone(ConsoleState& console, const RequestTarget& target, BoneCache& cache,
+               MakeBone make) {
   std::filesystem::path scene, asset;
   if (target.parameter("session") == "1") {
     scene = console.supervisor.scene_file();
@@ -160,8 +179,8 @@ Reply get_bone(ConsoleState& console, const RequestTarget& target) {
       asset = *found_asset;
     }
   }
-  return [&console, hidden = console.supervisor.hidden(), scene, asset] {
-    return bone(console, hidden, scene, asset);
+  return [&cache, make, hidden = console.supervisor.hidden(), scene, asset] {
+    return bone(cache, make, hidden, scene, asset);
   };
 }
 
@@ -213,6 +232,7 @@ Answer post(ConsoleState& console, const ApiRequest& request) {
   if (!body->is_object()) return failure(kBadRequest, "body: must be an object");
   const std::string& path = request.target.path;
   if (path == "/api/start") return start(console, *body);
+  if (path == "/api/xray") return xray(console, *body);
   return path == "/api/test" ? test_device(console, *body) : command(console, *body);
 }
 
@@ -232,11 +252,13 @@ Answer answer_emergency_stop(ConsoleState& console) {
 
 Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   const std::string& path = request.target.path;
-  if (path == "/api/start" || path == "/api/command" || (path == "/api/test" && !request.is_get))
+  if (path == "/api/start" || path == "/api/command" || path == "/api/xray" ||
+      (path == "/api/test" && !request.is_get))
     return post(console, request);
   if (!request.is_get) return method_not_allowed();
   if (path == "/api/folder") return get_folder(console, request.role);
-  if (path == "/api/bone") return get_bone(console, request.target);
+  if (path == "/api/bone") return get_bone(console, request.target, console.bone, bone_of);
+  if (path == "/api/volume") return get_bone(console, request.target, console.volume, volume_of);
   if (path == "/api/recording") return get_recording(console, request.target);
   if (path == "/api/report") return get_report(console, request.target);
   if (path == "/api/log") return get_log(console);

@@ -7,19 +7,15 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
-#include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/one_sheet.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
-#include "formats/session/scene.h"
 #include "runtime/console/container.h"
-#include "runtime/console/files.h"
+#include "runtime/console/placed_bone.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
 
@@ -27,86 +23,6 @@ namespace trocar::runtime {
 namespace {
 
 using nlohmann::json;
-
-constexpr std::uint64_t kMaxAssetBytes = std::uint64_t{1} << 30;
-// Two slices lie relative to each other as in the scan if they differ from it by no more than this.
-constexpr double kMaxAside_mm = 0.02, kMaxApart_m = 2e-5, kMaxTurned = 1e-4;
-
-struct Loaded {
-  Scene scene;
-  Asset asset;  ///< contains only the scene's slices, with one mesh each
-  std::vector<std::unique_ptr<const Sheet>> sheets;
-  std::vector<AssetSurface> surfaces;
-  std::vector<AssetSlice> all;  ///< the scan's slices with HU; empty without a surface
-};
-
-bool is_of_scene(const Scene& scene, int index) {
-  return (scene.body && index >= scene.body->from && index <= scene.body->to) ||
-         std::any_of(scene.slices.begin(), scene.slices.end(),
-                     [index](const SceneSlice& slice) { return slice.index == index; });
-}
-
-Result<Loaded> load(const std::filesystem::path& scene_file, const std::filesystem::path& asset) {
-  Loaded loaded;
-  Result<Scene> scene = read_scene(scene_file);
-  if (!scene) return scene.error();
-  loaded.scene = std::move(*scene);
-  if (!asset.empty()) loaded.scene.asset = asset;
-  const std::string name = loaded.scene.asset.string();
-  const Result<std::string> text = glb_json(loaded.scene.asset);
-  if (!text) return text.error();
-  if (has_surface(*text)) {
-    const auto bytes = read_file(loaded.scene.asset, kMaxAssetBytes);
-    if (!bytes) return bytes.error();
-    Result<Asset> whole = decode_asset(*bytes, name);
-    if (!whole) return whole.error();
-    loaded.surfaces = std::move(whole->surfaces);
-    loaded.asset = std::move(*whole);
-    add_hu_at_vertices(loaded.asset);
-    loaded.all = loaded.asset.slices;
-    std::erase_if(loaded.asset.slices,
-                  [&](const AssetSlice& slice) { return !is_of_scene(loaded.scene, slice.index); });
-  } else {
-    std::vector<int> indices;
-    for (const SceneSlice& slice : loaded.scene.slices)
-      indices.push_back(slice.index);
-    if (const auto& body = loaded.scene.body) {
-      for (int index = body->from; index <= body->to; ++index)
-        indices.push_back(index);
-    }
-    Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(indices));
-    if (!part) return part.error();
-    loaded.asset = std::move(part->asset);
-    add_hu_at_vertices(loaded.asset);
-  }
-  if (const auto ok = weld_materials(loaded.asset, name); !ok) return ok.error();
-  if (const auto ok = place_body(loaded.scene, loaded.asset, name); !ok) return ok.error();
-  auto sheets = place_slices(loaded.scene, loaded.asset, name);
-  if (!sheets) return sheets.error();
-  loaded.sheets = std::move(*sheets);
-  return loaded;
-}
-
-const AssetSlice& slice_of(const Asset& asset, int index) {
-  return *std::find_if(asset.slices.begin(), asset.slices.end(),
-                       [index](const AssetSlice& slice) { return slice.index == index; });
-}
-
-/// Returns the transform from the patient's frame to the plane of the topmost sheet (both in mm).
-/// None: the sheets do not lie relative to each other as in the scan.
-std::optional<Eigen::Affine3d> plane_of_surface(const Loaded& loaded) {
-  const Sheet& top = *loaded.sheets.front();
-  const Eigen::Affine3d T_plane_lps = slice_of(loaded.asset, top.slice_index).T_lps_plane.inverse();
-  for (const auto& sheet : loaded.sheets) {
-    const Eigen::Affine3d between =
-        T_plane_lps * slice_of(loaded.asset, sheet->slice_index).T_lps_plane;
-    const Eigen::Vector3d shift = between.translation();
-    if (!between.linear().isIdentity(kMaxTurned) || !(shift.head<2>().norm() < kMaxAside_mm) ||
-        !(std::abs(shift.z() * 1e-3 - (sheet->z_m - top.z_m)) < kMaxApart_m))
-      return std::nullopt;
-  }
-  return T_plane_lps;
-}
 
 /// Finds the HU of the nearest vertex of a scan's slices. Positions are in the plane of
 /// the topmost sheet.
@@ -179,7 +95,7 @@ json array_of(Arrays& arrays, const std::vector<std::uint32_t>& numbers) {
   return arrays.add(std::span<const std::uint32_t>(numbers));
 }
 
-json describe_surface(const Loaded& loaded, Arrays& arrays) {
+json describe_surface(const PlacedBone& loaded, Arrays& arrays) {
   if (loaded.surfaces.empty()) return nullptr;
   const auto T_plane_lps = plane_of_surface(loaded);
   if (!T_plane_lps) return nullptr;
@@ -261,7 +177,7 @@ json goals_of(const std::filesystem::path& scene_file) {
 
 Result<std::string> bone_of(const std::filesystem::path& scene_file,
                             const std::filesystem::path& asset) {
-  const Result<Loaded> loaded = load(scene_file, asset);
+  const Result<PlacedBone> loaded = load_bone(scene_file, asset, BoneParts::kForView);
   if (!loaded) return loaded.error();
   Arrays arrays;
   json slices = json::array();

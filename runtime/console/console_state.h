@@ -35,8 +35,8 @@ class RefusalLog {
   std::optional<std::chrono::steady_clock::time_point> last_stop_;
 };
 
-/// The answer to the last request for a bone. It is kept because all pages of a session ask for
-/// the same bone.
+/// The answer to the last request for a bone, or for its volume. It is kept because all pages of a session ask for
+/// the same one.
 struct BoneCache {
   std::string key;  ///< names and times of the files
   std::string answer;
@@ -70,7 +70,7 @@ struct ConsoleState {
   bool has_new_snapshot = false;  ///< the last poll found one
   /// The worker thread reads files of any size, so that they never delay live data.
   boost::asio::thread_pool worker{1};
-  BoneCache bone;
+  BoneCache bone, volume;
 };
 
 /// Removes the connections that have ended. Returns the number of the remaining ones.

@@ -93,6 +93,15 @@ json as_json(const TelemetryEvent& event) {
     case TelemetryEventKind::kHandLost:
       text = "the hand was lost" + at + ": nothing came from it for 250 ms, so it lets go";
       break;
+    case TelemetryEventKind::kXrayShot:
+      text = "X-ray shot" + at;
+      break;
+    case TelemetryEventKind::kXrayOn:
+      text = "X-ray screening began" + at;
+      break;
+    case TelemetryEventKind::kXrayOff:
+      text = "X-ray screening ended" + at;
+      break;
     case TelemetryEventKind::kEnded:
       out.update({{"end", to_string(event.end)}, {"fault", words.name}});
       text = "ended" + at;

@@ -13,6 +13,7 @@
 #include "formats/base/text_line.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
+#include "formats/session/xray_use.h"
 #include "runtime/console/container.h"
 
 namespace trocar::runtime {
@@ -27,7 +28,11 @@ constexpr int kContactPhases = static_cast<int>(ContactPhase::kFault) + 1;
 struct Column {
   const char* name;
   int count;
-  bool of_cutting = false;
+  enum class Of : std::uint8_t {
+    kAll,
+    kCutting,
+    kXray
+  } of = Of::kAll;  ///< recordings that have it
 };
 // The columns, in the order of append().
 constexpr std::array kColumns{Column{"t_s", 1},
@@ -49,15 +54,18 @@ constexpr std::array kColumns{Column{"t_s", 1},
                               Column{"authority", 1},
                               Column{"passivity_J", 1},
                               Column{"motor_heat_max", 1},
-                              Column{"front_z_m", 1, true},
-                              Column{"front_HU", 1, true},
-                              Column{"tip_N", 1, true},
-                              Column{"embedded_m", 1, true},
-                              Column{"cut_J", 1, true},
-                              Column{"absorbed_J", 1, true},
-                              Column{"stored_J", 1, true}};
+                              Column{"xray_shots", 1, Column::Of::kXray},
+                              Column{"xray_screening_s", 1, Column::Of::kXray},
+                              Column{"front_z_m", 1, Column::Of::kCutting},
+                              Column{"front_HU", 1, Column::Of::kCutting},
+                              Column{"tip_N", 1, Column::Of::kCutting},
+                              Column{"embedded_m", 1, Column::Of::kCutting},
+                              Column{"cut_J", 1, Column::Of::kCutting},
+                              Column{"absorbed_J", 1, Column::Of::kCutting},
+                              Column{"stored_J", 1, Column::Of::kCutting}};
 
-void append(std::vector<double>& out, const RecordingRow& row, bool with_cutting) {
+void append(std::vector<double>& out, const RecordingRow& row, const RecordingKind& kind,
+            const XrayUse& xray, double rate_Hz) {
   const auto all = [&out](std::span<const double> numbers) {
     out.insert(out.end(), numbers.begin(), numbers.end());
   };
@@ -75,7 +83,11 @@ void append(std::vector<double>& out, const RecordingRow& row, bool with_cutting
         static_cast<double>(row.fault), static_cast<double>(row.safety), row.authority,
         row.passivity_J, row.motor_heat_max})
     out.push_back(x);
-  if (!with_cutting) return;
+  if (kind.has_xray) {
+    out.push_back(static_cast<double>(xray.shots));
+    out.push_back(xray.screening_s(rate_Hz));
+  }
+  if (!kind.has_cutting) return;
   const RecordingRow::Cutting& c = row.cutting;
   for (const double x :
        {c.front_z_m, c.front_HU, c.tip_N, c.embedded_m, c.cut_J, c.absorbed_J, c.stored_J})
@@ -88,6 +100,10 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
   constexpr std::size_t kMaxEvents = 20'000;
   json events = json::array();
   RecordingRow before;
+  const auto add_xray = [&events](const char* kind, const char* what, double t_s) {
+    events.push_back(
+        {{"kind", kind}, {"t_s", t_s}, {"text", text_line("%s at %.3f s", what, t_s)}});
+  };
   for (const RecordingRow& row : rows) {
     if (events.size() == kMaxEvents) break;
     const bool is_punctured =
@@ -118,6 +134,11 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
            {"fault", to_string(before.fault)},
            {"text", text_line("recovered from %s at %.3f s", to_string(before.fault), row.t_s)}});
     }
+    if ((row.xray & kXrayPicture) != 0) add_xray("xray_shot", "X-ray shot", row.t_s);
+    if (const int is_on = row.xray & kXrayBeam; is_on != (before.xray & kXrayBeam)) {
+      add_xray(is_on != 0 ? "xray_on" : "xray_off",
+               is_on != 0 ? "X-ray screening began" : "X-ray screening ended", row.t_s);
+    }
     before = row;
   }
   return events;
@@ -132,20 +153,25 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   const auto rows = parse_recording({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
                                     recording.filename().string(), &origin);
   if (!rows) return rows.error();
-  const std::string* const law = origin.find("force-law");
-  const bool with_cutting = law != nullptr && *law == "cutting";
+  const RecordingKind kind = recording_kind(origin);
+  const double rate_Hz = origin.number("rate_Hz").value_or(0);
+  if (kind.has_xray && !(rate_Hz > 0))
+    return refused(recording.filename().string() + ": has X-ray, but not the rate of its ticks");
   const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMaxRows - 1) / kMaxRows);
   json columns = json::array();
   std::size_t width = 0;
   for (const Column& column : kColumns) {
-    if (column.of_cutting && !with_cutting) continue;
+    if (column.of == Column::Of::kCutting && !kind.has_cutting) continue;
+    if (column.of == Column::Of::kXray && !kind.has_xray) continue;
     columns.push_back({{"name", column.name}, {"count", column.count}});
     width += static_cast<std::size_t>(column.count);
   }
   std::vector<double> table;
   table.reserve((rows->size() / every + 2) * width);
+  XrayUse xray;
   for (std::size_t i = 0; i < rows->size(); ++i) {
-    if (i % every == 0 || i + 1 == rows->size()) append(table, (*rows)[i], with_cutting);
+    xray.add((*rows)[i]);
+    if (i % every == 0 || i + 1 == rows->size()) append(table, (*rows)[i], kind, xray, rate_Hz);
   }
   const std::optional<double> scale = origin.number("force-scale");
   Arrays arrays;
@@ -159,7 +185,7 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
                                      {"faults", names_of<Fault>(kFaults)},
                                      {"safety_states", names_of<SafetyState>(kSafetyStates)},
                                      {"force_scale", scale ? json(*scale) : json(nullptr)},
-                                     {"events", events_of(*rows, !with_cutting)}}));
+                                     {"events", events_of(*rows, !kind.has_cutting)}}));
 }
 
 }  // namespace trocar::runtime

@@ -41,6 +41,8 @@ class SessionTelemetry {
   void poll();
   /// Passes a command on. A session must be attached.
   void command(TelemetryCommand command) { reader_->command(command); }
+  /// Holds X-ray screening or lets it go (TelemetryReader::screen()). A session must be attached.
+  void screen(bool is_held) { reader_->screen(is_held); }
   /// True if a live hand can be moved.
   bool has_hand() const noexcept { return reader_ && reader_->has_hand() && !has_ended_; }
   /// Moves the live hand, which must exist; none: it lets go.

@@ -157,6 +157,7 @@ Result<void> Supervisor::start_run() {
                                     file / "session.summary.json",
                                     "--session-report",
                                     file / "session.html",
+                                    "--xray",
                                     "--quiet"};
   const auto add = [&words](const char* option, const std::string& value) {
     words.emplace_back(option);
@@ -271,6 +272,18 @@ Result<void> Supervisor::command(TelemetryCommand command) {
   telemetry_.command(command);
   if (command == TelemetryCommand::kEmergencyStop)
     stop_check_ = StopCheck{Clock::now() + kZeroWithin, telemetry_.value("ticks")};
+  return {};
+}
+
+Result<void> Supervisor::xray(XrayRequest request) {
+  if (!telemetry_.is_attached() || telemetry_.has_ended() || !run_ || run_->has_ended())
+    return refused("no session runs");
+  if (!telemetry_.about().takes_xray)
+    return refused("this session takes no X-ray; it was started without --xray");
+  if (request == XrayRequest::kShot)
+    telemetry_.command(TelemetryCommand::kXrayShot);
+  else
+    telemetry_.screen(request == XrayRequest::kScreen);
   return {};
 }
 

@@ -27,6 +27,9 @@ enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPause
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
 
+/// Take one X-ray picture, hold screening, or end it.
+enum class XrayRequest : std::uint8_t { kShot, kScreen, kEnd };
+
 struct StartRequest {
   std::filesystem::path scene;
   std::filesystem::path asset;  ///< empty: the scene's own
@@ -60,6 +63,9 @@ class Supervisor {
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
   /// Hides what pages must not see: absolute paths and the files of the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
+  /// Takes an X-ray picture, or holds screening or lets it go; holding lasts 400 ms. Errors: (refused) there is no
+  /// session, or it takes no X-ray.
+  Result<void> xray(XrayRequest request);
   /// Passes a command on; `stop` also ends a test. Errors: (refused) there is no session.
   Result<void> command(TelemetryCommand command);
   /// True if a session runs whose live hand can be moved.

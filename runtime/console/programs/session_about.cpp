@@ -47,6 +47,7 @@ SessionAbout parse_about(std::string_view text, std::size_t snapshot_values) {
   out.clock = text_of(about, "clock");
   out.device = text_of(about, "device");
   out.has_live_hand = about.contains("hand") && about["hand"].is_object();
+  out.takes_xray = about.value("xray", json()) == json(true);
   std::size_t at = 0;
   json columns = json::array();
   if (about.contains("columns") && about["columns"].is_array()) {

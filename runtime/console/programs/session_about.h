@@ -22,7 +22,7 @@ struct SessionAbout {
   std::string id;                    ///< process and time of the start
   std::string scene, asset, record;  ///< names of files as given to the session
   std::string clock, device;
-  bool has_live_hand = false;
+  bool has_live_hand = false, takes_xray = false;
   std::string columns;  ///< JSON with those `columns` that fit into a snapshot
   std::vector<std::pair<std::string, std::size_t>> column_at;  ///< name, index of its first value
   std::vector<std::int32_t> slices;  ///< slice index of each sheet; -1: not given

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scene's bone as the console shows it: the asset, and where its slices lie in {B}.
+// Tests: tests/e2e/console_server_test.py
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "formats/asset/asset.h"
+#include "formats/base/result.h"
+#include "formats/session/scene.h"
+#include "runtime/contact/sheet.h"
+
+namespace trocar::runtime {
+
+struct PlacedBone {
+  Scene scene;
+  Asset asset;  ///< contains only the scene's slices, with one mesh each
+  std::vector<std::unique_ptr<const Sheet>> sheets;
+  std::vector<AssetSurface> surfaces;
+  std::vector<AssetSlice> all;  ///< the scan's slices, if the whole asset was read
+};
+
+/// kForView: with HU at the vertices; the whole asset is read if it has a surface. kWithVolumes: the whole asset,
+/// with its volumes of HU.
+enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
+
+/// If `asset` is not empty, it replaces the scene's own. Errors: (refused) what trocar-run refuses.
+Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
+                             const std::filesystem::path& asset, BoneParts parts);
+
+/// The slice of the asset with this AssetSlice::index, which must exist.
+const AssetSlice& slice_of(const Asset& asset, int index);
+
+/// Returns the transform from the patient's frame (LPS) to the plane of the topmost sheet, both in mm. None: the
+/// sheets do not lie relative to each other as in the scan.
+std::optional<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded);
+
+/// Returns the transform from the patient's frame (LPS, mm) to {B} (m), with its scale. None: as above.
+std::optional<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded);
+
+}  // namespace trocar::runtime

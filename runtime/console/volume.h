@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// The HU of a scene's scan in {B}, from which pages draw X-ray pictures and planes of the CT.
+// Tests: tests/e2e/console_volume_test.py
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "formats/base/result.h"
+
+namespace trocar::runtime {
+
+/// Returns the answer of /api/volume (protocol.md). If `asset` is not empty, it replaces the scene's
+/// own asset. Errors: (refused) what trocar-run refuses.
+Result<std::string> volume_of(const std::filesystem::path& scene_file,
+                              const std::filesystem::path& asset);
+
+}  // namespace trocar::runtime
