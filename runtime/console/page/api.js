@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Requests to the console by HTTP, and its binary container (protocol.md).
+// Requests to the console by HTTP.
 // Tests: tests/e2e/console_page_test.py
+import { parse_container } from "./container.js";
 
 const KEY = "trocar-token";
 
@@ -30,7 +31,8 @@ async function answer(path, options = {}) {
 
 export const get_json = async (path) => (await answer(path)).json();
 export const get_blob = async (path) => (await answer(path)).blob();
-export const get_container = async (path) => parse_container(await (await answer(path)).arrayBuffer());
+export const get_bytes = async (path) => (await answer(path)).arrayBuffer();
+export const get_container = async (path) => parse_container(await get_bytes(path));
 export const post = (path, body) =>
   answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
@@ -42,11 +44,3 @@ export const file_query = (path, values) => {
   for (const [name, value] of Object.entries(values)) if (value) query.set(name, value);
   return `${path}?${query}`;
 };
-
-/// Returns {json, floats([offset, count]), uints(..), doubles(..)}; throws if a length does not fit.
-export function parse_container(buffer) {
-  const size = new DataView(buffer).getUint32(0, true);
-  const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  const of = (Type) => ([offset, count]) => new Type(buffer, 4 + size + offset, count);
-  return { json, floats: of(Float32Array), uints: of(Uint32Array), doubles: of(Float64Array) };
-}

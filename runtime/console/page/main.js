@@ -8,6 +8,7 @@ import { Devices } from "./devices.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
 import { Hand } from "./hand/hand.js";
+import { Imaging } from "./imaging/imaging.js";
 import { listen_to_keys } from "./keys.js";
 import { Live } from "./live.js";
 import { Playback } from "./playback.js";
@@ -67,6 +68,7 @@ function show_bone() {
     if (source.shape) app.view?.set_shape(source.shape);
   }
   if (app.tab === "playback" && app.playback.first?.bone) app.view?.set_marks(app.playback.marks);
+  app.imaging?.changed_source();
   changed();
 }
 
@@ -209,6 +211,7 @@ app.link = new Live({
   events: (events) => {
     app.live?.events.push(...events);
     app.hand?.take_events(events);
+    app.imaging.take_events(events);
     changed();
   },
   missed: (count) => { if (app.live) app.live.missed += count; },
@@ -236,6 +239,9 @@ app.link = new Live({
 });
 
 if (app.view) app.hand = new Hand(app);
+
+app.imaging = new Imaging({ source: shown, tab: () => app.tab, is_running: () => is_running(), is_operator: () => app.role === "operator",
+  scene: () => app.playback.scene, changed, error: notice });
 
 const is_running = () => ["starting", "running", "silent", "paused"].includes(app.state.state);
 const command = guarded(async (name) => { await post("/api/command", { command: name }); });
@@ -419,6 +425,7 @@ function frame(now) {
   const source = shown();
   if (source && app.has_moved) app.view?.update(source);
   app.has_moved = false;
+  app.imaging.frame(now);
   if (app.view?.frame(now) || is_old()) app.panels_are_old = true;
   if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(kSlowPanels_ms, 8 * (app.view?.pace.frame_ms ?? 0)))) return;
   app.panels_are_old = false;
@@ -426,6 +433,7 @@ function frame(now) {
   draw_status();
   draw_overlay(source);
   app.hand?.draw_bar();
+  app.imaging.draw();
   if (app.tab === "playback") draw_player();
   if (!source || app.tab === "folder") return;
   app.gauges.update(source);
@@ -458,6 +466,10 @@ window.trocar = {
     if (!app.hand) return null;
     const { is_held, holder, target, force_N, lag_mm, words, sent, felt, scale_N } = app.hand;
     return { is_held, holder, target, force_N, lag_mm, words, sent, felt, scale_N };
+  },
+  get imaging() {
+    const { open, why, xray, volume } = app.imaging;
+    return { open, why, is_ready: Boolean(xray.is_ready), has_context: Boolean(volume?.context), positions: xray.pictures.size, drawn: xray.drawn, tip_px: xray.tip_px ?? null, is_screening: xray.is_screening };
   },
   get missed() { return app.live?.missed ?? 0; },
   get slices() { return app.view?.slices.map(({ slice, z_m, triangles, positions, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: positions.length / 2, cuts: cuts ?? 0 })) ?? []; },

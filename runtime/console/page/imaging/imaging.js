@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pictures beside the 3D view: X-ray and planes of the CT. They load the scan when they are opened first.
+// Tests: tests/e2e/console_imaging_page_test.py
+import { file_query, get_bytes } from "../api.js";
+import { parse_container } from "../container.js";
+import { CtPlanes } from "./ct_planes.js";
+import { read_volume } from "./volume.js";
+import { Xray } from "./xray.js";
+
+const by_id = (id) => document.getElementById(id);
+
+export class Imaging {
+  /// `act`: {source(): the Shown, tab(), is_running(), is_operator(), scene(): its file in playback, changed(), error(words)}.
+  constructor(act) {
+    this.act = act;
+    const needle = () => this.needle();
+    this.xray = new Xray({ needle, is_operator: act.is_operator, mode: () => this.mode(), error: act.error });
+    this.ct = new CtPlanes({ needle });
+    this.open = "";
+    for (const button of document.querySelectorAll("[data-picture]"))
+      button.addEventListener("click", () => this.show(this.open === button.dataset.picture ? "" : button.dataset.picture));
+    this.show("");
+  }
+
+  /// "live" in a session, "playback" in a recording; "none" elsewhere.
+  mode() {
+    if (this.act.tab() === "playback") return "playback";
+    return this.act.tab() === "session" && this.act.is_running() ? "live" : "none";
+  }
+
+  show(name) {
+    this.open = name;
+    by_id("pictures").hidden = !name;
+    by_id("xray-box").hidden = name !== "xray";
+    by_id("ct-box").hidden = name !== "ct";
+    for (const button of document.querySelectorAll("[data-picture]")) button.setAttribute("aria-pressed", String(button.dataset.picture === name));
+    this.#load();
+    this.act.changed();
+  }
+
+  /// The needle in {B}; null before the device has been read.
+  needle() {
+    const source = this.act.source();
+    if (!source?.row || !source.bone || !source.is_placed()) return null;
+    const [w, x, y, z] = source.values("q"), [a, b, c] = source.bone.tool.axis_in_plate;
+    // The axis of the plate's frame, turned by its quaternion.
+    const t = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+    const axis = [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]];
+    return { tip: Array.from(source.values("tool_m")), axis, radius_m: source.bone.tool.radius_m };
+  }
+
+  /// Loads the scan of what is shown, if a picture is open and it is another scan than before.
+  async #load() {
+    const source = this.act.source();
+    if (!this.open || !source?.bone || source.bone === this.loaded) return;
+    this.loaded = source.bone;
+    this.#set(null, null, "The scan is being loaded.");
+    const path = this.act.tab() === "playback" ? file_query("/api/volume", { scene: this.act.scene() }) : "/api/volume?session=1";
+    try {
+      const container = await get_bytes(path);
+      if (this.loaded !== source.bone) return;
+      const volume = read_volume(parse_container(container));
+      this.#set(volume, container, volume.bone ? "" : `There is no X-ray and no CT. ${volume.why}`);
+    } catch (error) {
+      if (this.loaded === source.bone) this.#set(null, null, error.message);
+    }
+    this.act.changed();
+  }
+
+  #set(volume, container, why) {
+    this.why = why;
+    this.volume = volume;
+    this.ct.set_volume(volume);
+    this.xray.set_volume(volume, container);
+  }
+
+  /// Another source is shown, or its bone has come.
+  changed_source() { this.#load(); }
+  take_events(events) { this.xray.take_events(events); }
+  frame(now) {
+    if (!this.open) return;
+    this.xray.frame(now);
+    this.ct.frame(now);
+  }
+
+  draw() {
+    if (!this.open) return;
+    const source = this.act.source(), takes = source?.about.xray !== false || this.mode() !== "live";
+    const why = this.why || (source ? "" : "Start a session, or open a recording.") || (takes ? "" : "This session takes no X-ray: it was started without --xray.");
+    this.xray.draw({ shots: source?.value("xray_shots") ?? NaN, seconds: source?.value("xray_screening_s") ?? NaN, why });
+    const target = source?.bone?.goals?.target, tip = this.needle()?.tip;
+    const target_mm = target && tip ? 1000 * Math.hypot(...target.at_m.map((at, k) => at - tip[k])) : NaN;
+    this.ct.draw({ depth_mm: source?.depth_mm(), target_mm, why });
+  }
+}

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+// The X-ray of the page: positions of the C-arm, shots, screening while a key is held, and two monitors, the second of which keeps the last
+// picture of another position. In a session the loop counts, and a picture appears when the loop has counted it. In playback X-ray
+// is always on and costs nothing.
+// Tests: tests/e2e/console_imaging_page_test.py
+import { post } from "../api.js";
+import { project, view_of } from "./c_arm.js";
+import { Picture } from "./picture.js";
+
+const kSize = 512, kCoarse = 256, kKept = 4, kHold_ms = 150, kPulse_ms = 30;
+const kPositions = { ap: [0, 0], lateral: [90, 0] };
+const by_id = (id) => document.getElementById(id);
+
+/// One picture on the page: a canvas with a line of text below.
+class Monitor {
+  constructor(id) {
+    this.canvas = by_id(id);
+    this.canvas.width = this.canvas.height = kSize;
+    this.context = this.canvas.getContext("2d");
+    this.caption = by_id(`${id}-caption`);
+    this.key = "";
+  }
+  show(picture, needle, key, shot, is_inverted, words) {
+    const { size } = picture;
+    if (this.canvas.width !== size) this.canvas.width = this.canvas.height = size;
+    if (this.image?.width !== size) this.image = new ImageData(size, size);
+    picture.draw(this.image.data, needle, shot, is_inverted);
+    this.context.putImageData(this.image, 0, 0);
+    Object.assign(this, { key, last: { picture, needle, key, shot, words } });
+    this.caption.textContent = words;
+  }
+  copy_from(other, is_inverted) {
+    if (!other.last) return;
+    const { picture, needle, key, shot, words } = other.last;
+    this.show(picture, needle, key, shot, is_inverted, words);
+  }
+  clear() {
+    this.last = null;
+    this.key = "";
+    this.caption.textContent = "";
+    this.context.clearRect(0, 0, this.canvas.width, this.canvas.height);
+  }
+}
+
+export class Xray {
+  /// `act`: {needle(): {tip, axis, radius_m} or null, is_operator(), mode(): "live", "playback" or "none", error(words)}.
+  constructor(act) {
+    this.act = act;
+    this.live = new Monitor("xray-live");
+    this.other = new Monitor("xray-other");
+    this.pictures = new Map();  // key: Picture, the latest positions last
+    this.asked = new Set();
+    this.drawn = 0;
+    this.shots_seen = 0;
+    this.is_screening = this.is_held = this.is_inverted = false;
+    this.turn_deg = this.tilt_deg = 0;
+    for (const name of Object.keys(kPositions)) by_id(`xray-${name}`).addEventListener("click", () => this.move_to(...kPositions[name]));
+    for (const id of ["xray-turn", "xray-tilt"])
+      by_id(id).addEventListener("change", () => this.move_to(Number(by_id("xray-turn").value), Number(by_id("xray-tilt").value)));
+    by_id("xray-width").addEventListener("change", () => this.move_to(this.turn_deg, this.tilt_deg));
+    by_id("xray-invert").addEventListener("change", (event) => {
+      this.is_inverted = event.target.checked;
+      for (const monitor of [this.live, this.other]) monitor.copy_from(monitor, this.is_inverted);
+    });
+    by_id("xray-shot").addEventListener("click", () => this.#take_shot());
+    const screen = by_id("xray-screen");
+    screen.addEventListener("pointerdown", (event) => {
+      screen.setPointerCapture(event.pointerId);
+      this.#hold(true);
+    });
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) screen.addEventListener(end, () => this.#hold(false));
+    addEventListener("keydown", (event) => {
+      if (by_id("xray-box").hidden || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+      if (event.target instanceof Element && event.target.closest("input:not([type]), input[type=text], textarea")) return;
+      if (event.code === "KeyX") this.#take_shot();
+      if (event.code === "KeyC") this.#hold(true);
+    });
+    addEventListener("keyup", ({ code }) => { if (code === "KeyC") this.#hold(false); });
+    addEventListener("blur", () => this.#hold(false));
+    addEventListener("visibilitychange", () => { if (document.hidden) this.#hold(false); });
+  }
+
+  /// Takes a scan: read_volume() and the bytes of its container, which the worker reads for itself; null: there is no X-ray.
+  set_volume(volume, container) {
+    this.worker?.terminate();
+    this.worker = null;
+    this.volume = volume?.bone ? volume : null;
+    this.is_ready = false;
+    this.pictures.clear();
+    this.asked.clear();
+    this.pending = null;
+    for (const monitor of [this.live, this.other]) monitor.clear();
+    if (!this.volume) return;
+    this.worker = new Worker(new URL("./xray_worker.js", import.meta.url), { type: "module" });
+    this.worker.onmessage = ({ data }) => this.#take(data);
+    this.worker.onerror = (event) => this.act.error(`The X-ray cannot be computed: ${event.message}`);
+    this.worker.postMessage({ container });
+    this.move_to(0, 0);
+  }
+
+  get view() { return view_of(this.volume, this.turn_deg, this.tilt_deg, Number(by_id("xray-width").value) / 1000); }
+  get key() { return `${this.turn_deg} ${this.tilt_deg} ${by_id("xray-width").value}`; }
+
+  /// Moves the C-arm. The last picture stays until another one is taken.
+  move_to(turn_deg, tilt_deg) {
+    this.turn_deg = Math.min(180, Math.max(-180, turn_deg || 0));
+    this.tilt_deg = Math.min(45, Math.max(-45, tilt_deg || 0));
+    by_id("xray-turn").value = this.turn_deg;
+    by_id("xray-tilt").value = this.tilt_deg;
+    for (const [name, [turn, tilt]] of Object.entries(kPositions))
+      by_id(`xray-${name}`).setAttribute("aria-pressed", String(turn === this.turn_deg && tilt === this.tilt_deg));
+    if (!this.volume) return;
+    // The sum along the rays depends on the position only, so it is ready when a picture is taken.
+    this.#ask();
+  }
+
+  #ask() {
+    if (!this.is_ready || this.pictures.has(this.key) || this.asked.has(this.key)) return;
+    this.asked.add(this.key);
+    if (this.is_screening) this.worker.postMessage({ key: this.key, view: this.view, size: kCoarse, step: 2 });
+    this.worker.postMessage({ key: this.key, view: this.view, size: kSize, step: 0.8 });
+  }
+
+  #take(message) {
+    if (message.ready) {
+      this.is_ready = true;
+      return this.#ask();
+    }
+    this.asked.delete(message.key);
+    this.pictures.delete(message.key);
+    this.pictures.set(message.key, new Picture(message.view, message.size, message.sum, message.is_covered));
+    for (const key of this.pictures.keys()) {
+      if (this.pictures.size <= kKept) break;
+      this.pictures.delete(key);
+    }
+    if (this.pending?.key === message.key) {
+      this.#show(this.pending.needle);
+      this.pending = null;
+    }
+  }
+
+  async #post(take) {
+    try {
+      await post("/api/xray", { take });
+    } catch (error) {
+      this.#hold(false, false);
+      this.act.error(error.message);
+    }
+  }
+
+  #take_shot() {
+    if (this.act.mode() === "live" && this.act.is_operator() && this.volume) this.#post("shot");
+  }
+
+  #hold(is_held, says_so = true) {
+    if (is_held === this.is_held || (is_held && !(this.act.mode() === "live" && this.act.is_operator() && this.volume))) return;
+    this.is_held = is_held;
+    clearInterval(this.holding);
+    if (is_held) this.holding = setInterval(() => this.#post("screening"), kHold_ms);
+    if (says_so) this.#post(is_held ? "screening" : "nothing");
+  }
+
+  take_events(events) {
+    for (const { kind } of events) {
+      if (kind === "xray_on" || kind === "xray_off") this.is_screening = kind === "xray_on";
+      if (kind !== "xray_shot" || !this.volume) continue;
+      ++this.shots_seen;
+      const needle = this.act.needle();
+      if (this.pictures.has(this.key)) this.#show(needle);
+      else {
+        this.pending = { key: this.key, needle };
+        this.#ask();
+      }
+    }
+  }
+
+  #show(needle) {
+    const picture = this.pictures.get(this.key);
+    if (!picture) return;
+    const name = Object.keys(kPositions).find((each) => kPositions[each][0] === this.turn_deg && kPositions[each][1] === this.tilt_deg);
+    const where = name === "ap" ? "AP" : name === "lateral" ? "Lateral" : `${this.turn_deg}° turned, ${this.tilt_deg}° tilted`;
+    const tissue = this.volume.context ? "training only" : "bone only; training only";
+    ++this.drawn;
+    if (this.live.last && this.live.key !== this.key) this.other.copy_from(this.live, this.is_inverted);
+    this.live.show(picture, needle, this.key, this.drawn, this.is_inverted, `${where}; ${tissue}`);
+    this.tip_px = needle ? project(picture.view, picture.size, needle.tip) : null;
+  }
+
+  /// Draws the next picture while X-ray is on.
+  frame(now) {
+    if (!this.volume || by_id("xray-box").hidden) return;
+    const is_on = this.is_screening || this.act.mode() === "playback";
+    if (!is_on || now - (this.drawn_at ?? -Infinity) < kPulse_ms) return;
+    const needle = this.act.needle(), at = needle ? [...needle.tip, ...needle.axis].join() : "";
+    if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.key === this.key) return;
+    if (!this.pictures.has(this.key)) return this.#ask();
+    this.drawn_at = now;
+    this.drawn_needle = at;
+    this.#show(needle);
+  }
+
+  /// Draws the counts and what can be pressed. `shots`, `seconds`: NaN if they are not counted.
+  draw({ shots, seconds, why }) {
+    const can = this.act.mode() === "live" && this.act.is_operator() && this.volume !== null && !why;
+    for (const id of ["xray-shot", "xray-screen"]) by_id(id).disabled = !can;
+    by_id("xray-screen").setAttribute("aria-pressed", String(this.is_screening));
+    by_id("xray-count").textContent = why || (Number.isFinite(shots) ? `${shots} ${shots === 1 ? "shot" : "shots"}, ${seconds.toFixed(1)} s of screening` : "");
+  }
+}

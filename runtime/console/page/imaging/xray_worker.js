@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Computes X-ray pictures beside the page, which stays fluent. In: {container} once, then {key, view, size, step}. Out: {ready} once, then
+// {key, size, view, sum, is_covered}. Of requests that wait, only the last of each key is computed.
+// Tests: tests/e2e/console_imaging_page_test.py
+import { parse_container } from "../container.js";
+import { covered_pixels, xray_sum } from "./c_arm.js";
+import { harmonise } from "./picture.js";
+import { read_volume, xray_grids } from "./volume.js";
+
+let grids = null, has_context = false;
+const waiting = new Map();
+
+function work() {
+  const next = waiting.entries().next();
+  if (next.done) return;
+  const [key, { view, size, step }] = next.value;
+  waiting.delete(key);
+  let sum = xray_sum(grids, view, size, step);
+  const is_covered = has_context ? covered_pixels(grids[1], view, size) : null;
+  if (is_covered) sum = harmonise(sum, size, is_covered);
+  postMessage({ key, size, view, sum, is_covered }, [sum.buffer]);
+  setTimeout(work);  // lets newer requests come in
+}
+
+onmessage = ({ data }) => {
+  if (data.container) {
+    const volume = read_volume(parse_container(data.container));
+    grids = xray_grids(volume);
+    has_context = Boolean(volume.context);
+    postMessage({ ready: true });
+    return;
+  }
+  if (!grids) return;
+  const was_idle = waiting.size === 0;
+  waiting.set(data.key, data);
+  if (was_idle) setTimeout(work);
+};

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+// drive_imaging.mjs JSON: X-ray and planes of the CT in the console's page. The argument: {link, view_link, chromium, out, scene, apart}; `scene` is a
+// scene whose asset has a context volume, and `apart` one that has no X-ray. Prints one JSON object: {failures, figures, sessions}.
+import { Browser } from "./browser.mjs";
+
+const given = JSON.parse(process.argv[2]);
+const figures = {}, sessions = {};  // a session: {recording, shots, screening_s}
+const browser = await Browser.launch(given, { figures, sessions });
+const check = (condition, words) => browser.check(condition, words);
+const until = (page, expression, what, timeout_ms = 20000) => browser.until(page, expression, what, timeout_ms);
+const get = (page, expression) => page.evaluate(expression);
+const counts = `({ shots: trocar.row.xray_shots[0], screening_s: trocar.row.xray_screening_s[0], words: document.getElementById("xray-count").textContent })`;
+const events_of = (kind) => `trocar.events.filter((event) => event.kind === "${kind}").length`;
+
+async function start(page, scene) {
+  await page.click("[data-to=folder]");
+  await page.selectOption("#start-scene", scene);
+  const before = await get(page, "trocar.session");
+  await page.click("#start");
+  await until(page, `trocar.session !== ${JSON.stringify(before)} && trocar.state.state === "running" && trocar.row?.safety[0] === 2`, `the start of ${scene}`);
+}
+async function stop(page, name) {
+  const counted = await get(page, counts);
+  await page.keyboard.press("Shift+Q");
+  await until(page, `trocar.state.state === "ended"`, `the end of ${name}`);
+  sessions[name] = { recording: (await get(page, "trocar.state")).recording, ...counted };
+}
+/// Grey levels of a canvas: darkest, lightest, and their sum.
+const greys = (page, id) => page.evaluate((canvas_id) => {
+  const canvas = document.getElementById(canvas_id), { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let [low, high, sum] = [255, 0, 0];
+  for (let i = 0; i < data.length; i += 4) [low, high, sum] = [Math.min(low, data[i]), Math.max(high, data[i]), sum + data[i]];
+  return { low, high, sum, size: canvas.width };
+}, id);
+/// Presses the key X and waits for the picture; the time that it took, ms.
+async function shot(page, what) {
+  const [drawn, began] = await get(page, "[trocar.imaging.drawn, performance.now()]");
+  await page.keyboard.press("x");
+  await until(page, `trocar.imaging.drawn > ${drawn}`, `the picture of ${what}`);
+  return await get(page, "performance.now()") - began;
+}
+
+const page = await browser.open(given.link);
+await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
+await start(page, given.scene);
+
+// ---- shots ----
+await page.click("[data-picture=xray]");
+await until(page, "trocar.imaging.positions === 1", "the first sum along the rays");
+check(await get(page, "trocar.imaging.has_context"), "the asset's context is not used");
+check(await get(page, "trocar.imaging.drawn") === 0, "a picture was shown before one was taken");
+figures.ap_ms = await shot(page, "AP");
+const ap = await greys(page, "xray-live");
+check(ap.low < 60 && ap.high > 180, `the AP picture has grey levels ${ap.low} to ${ap.high}`);
+check((await page.innerText("#xray-live-caption")).includes("AP"), "the caption of the AP picture");
+await page.click("#xray-lateral");
+figures.lateral_ms = await shot(page, "the lateral picture");
+const lateral = await greys(page, "xray-live"), kept = await greys(page, "xray-other");
+check(Math.abs(kept.sum - ap.sum) < 1, "the second monitor does not keep the AP picture");
+check(lateral.sum !== ap.sum && (await page.innerText("#xray-live-caption")).includes("Lateral"), "the lateral picture is the AP picture");
+await page.fill("#xray-turn", "30");
+await page.fill("#xray-tilt", "-20");
+await page.keyboard.press("Tab");
+figures.free_ms = await shot(page, "a free position");
+check((await page.innerText("#xray-live-caption")).includes("30° turned, -20° tilted"), "the caption of a free position");
+await until(page, "trocar.row.xray_shots[0] === 3", "the count of three shots");
+check((await get(page, counts)).shots === 3, `${JSON.stringify(await get(page, counts))} after three shots`);
+await browser.picture(page, "xray");
+await browser.accessible(page, "xray");
+
+// ---- screening ----
+await page.click("#xray-ap");
+await until(page, "trocar.imaging.positions >= 3", "the sums of three positions");
+await page.keyboard.down("c");
+await until(page, "trocar.imaging.is_screening", "screening");
+const first = await get(page, "[trocar.imaging.drawn, performance.now()]");
+await page.waitForTimeout(2000);
+const second = await get(page, "[trocar.imaging.drawn, performance.now()]");
+figures.pictures_per_s = 1000 * (second[0] - first[0]) / (second[1] - first[1]);
+check(second[0] - first[0] >= 10, `${second[0] - first[0]} pictures in 2 s of screening`);
+await browser.picture(page, "screening");
+await page.keyboard.up("c");
+await until(page, "!trocar.imaging.is_screening", "the end of screening");
+await until(page, `${events_of("xray_shot")} === 3 && ${events_of("xray_on")} === 1 && ${events_of("xray_off")} === 1`, "the events of X-ray");
+await page.waitForTimeout(600);
+const after = await get(page, counts);
+check(after.screening_s > 1.9 && after.shots === 3, `${JSON.stringify(after)} after screening`);
+check(after.words.includes("3 shots") && after.words.includes(`${after.screening_s.toFixed(1)} s`), `the page counts "${after.words}"`);
+// The key is up when the window has lost the focus, and X-ray ends by itself when the page is silent.
+await page.keyboard.down("c");
+await until(page, "trocar.imaging.is_screening", "screening again");
+await page.evaluate(() => { dispatchEvent(new Event("blur")); });
+await until(page, "!trocar.imaging.is_screening", "the end of screening by blur");
+await page.keyboard.up("c");
+await page.evaluate(() => { window.real_fetch = window.fetch; });
+await page.keyboard.down("c");
+await until(page, "trocar.imaging.is_screening", "screening a third time");
+await page.evaluate(() => { window.fetch = () => new Promise(() => {}); });  // the page's requests do not arrive any more
+await until(page, "!trocar.imaging.is_screening", "the end of screening whose page is silent");
+await page.evaluate(() => { window.fetch = window.real_fetch; });
+await page.keyboard.up("c");
+await page.evaluate(() => fetch("/api/xray", { method: "POST" })).catch(() => {});
+
+// ---- the needle's place ----
+await shot(page, "AP again");
+const place = await get(page, "({ tip: trocar.imaging.tip_px, size: document.getElementById('xray-live').width })");
+check(place.tip?.every((x) => x > 0 && x < place.size), `the tip is at ${place.tip} of ${place.size} pixels`);
+
+// ---- the audience ----
+const before = await get(page, events_of("xray_shot"));
+const viewer = await browser.open(given.view_link);
+await until(viewer, "trocar.row !== null", "the audience's page");
+await viewer.click("[data-picture=xray]");
+await until(viewer, "trocar.imaging.positions === 1", "the audience's sum along the rays");
+check(!await viewer.isVisible("#xray-shot"), "the audience has a button for shots");
+await viewer.keyboard.press("x");
+await viewer.waitForTimeout(300);
+check(await get(page, events_of("xray_shot")) === before, "the audience took a picture");
+await page.click("#xray-ap");
+await shot(page, "a picture that two pages show");
+await until(viewer, "trocar.imaging.drawn === 1", "the picture on the audience's page");
+await viewer.close();
+
+// ---- planes of the CT ----
+await page.click("[data-picture=ct]");
+await page.waitForTimeout(800);
+for (const name of ["coronal", "sagittal", "needle"]) {  // the tip is above the bone, where the axial plane has nothing
+  const grey = await greys(page, `ct-${name}`);
+  check(grey.high - grey.low > 100, `the ${name} plane has grey levels ${grey.low} to ${grey.high}`);
+}
+const words = await page.innerText("#ct-words");
+check(/HU (stored )?at the tip; needle points \d+° to the (head|feet), \d+° to the patient's (left|right); [\d.]+ mm (above|below) the first slice/.test(words), `below the planes stands "${words}"`);
+const bone = await greys(page, "ct-coronal");
+await page.selectOption("#ct-preset", "40 400");
+await page.waitForTimeout(600);
+check((await greys(page, "ct-coronal")).sum !== bone.sum && await page.inputValue("#ct-window") === "400", "the window for soft tissue");
+await browser.picture(page, "ct");
+await browser.accessible(page, "ct");
+await browser.sizes(page, "ct");
+await page.click("[data-picture=xray]");
+await browser.sizes(page, "xray");
+await stop(page, "vertebra");
+
+// ---- a hundred shots ----
+await start(page, given.scene);
+await until(page, "trocar.imaging.positions >= 1", "the sum along the rays of the second session");
+for (let i = 0; i < 100; ++i) {
+  await page.keyboard.press("x");
+  await page.waitForTimeout(60);
+}
+await until(page, `${events_of("xray_shot")} === 100`, "a hundred shots");
+await until(page, "trocar.row.xray_shots[0] === 100", "a hundred shots in the snapshot");
+await stop(page, "hundred");
+
+// ---- playback ----
+await page.click("#ended-play");
+await until(page, `trocar.tab === "playback" && trocar.playback.end_s > 0`, "playback");
+await until(page, "trocar.imaging.positions >= 1", "the sum along the rays in playback");
+await page.evaluate(() => { const seek = document.getElementById("seek"); seek.value = 1000; seek.dispatchEvent(new Event("input")); });
+await until(page, "trocar.playback_row.xray_shots?.[0] === 100", "a hundred shots at the end of the playback");
+check(await page.isDisabled("#xray-shot"), "a picture can be taken in playback");
+await until(page, `document.getElementById("xray-count").textContent.includes("100 shots")`, "the count in playback");
+const drawn = await get(page, "trocar.imaging.drawn");
+await page.evaluate(() => { const seek = document.getElementById("seek"); seek.value = 100; seek.dispatchEvent(new Event("input")); });
+await until(page, `trocar.imaging.drawn > ${drawn}`, "the picture at another time of the playback");
+await browser.picture(page, "playback");
+
+// ---- no X-ray ----
+await page.click("[data-to=folder]");
+await start(page, given.apart);
+await until(page, `trocar.imaging.why.includes("not as far apart")`, "the reason why there is no X-ray");
+check(await page.isDisabled("#xray-shot"), "a picture can be taken without X-ray");
+await until(page, `document.getElementById("xray-count").textContent.includes("not as far apart")`, "the words without X-ray");
+await browser.picture(page, "no_xray");
+await stop(page, "apart");
+await browser.finish();

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""console_imaging_page_test.py SOURCE PROGRAMS SCAN WORK: X-ray and planes of the CT in the console's page, in a headless Chromium
+(console/drive_imaging.mjs). Then the counts of the page are compared with the recording, the summary, the session report and a replay. The
+test prints times; TROCAR_JUDGE_TIMES=1 checks them against their bounds."""
+import csv
+import json
+import os
+import pathlib
+import shutil
+import sys
+
+from chromium_page import PAGE, drive, links_of, need_browser
+from console_client import Console
+from e2e import check, outcome, run
+
+SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
+PICTURE_ms, PICTURES_PER_S = 1500, 30
+
+
+def make_folder(folder):
+    folder.mkdir(parents=True)
+    run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", folder / "sample.glb", "--surface", "--context", "2", "--quiet")
+    for source, name, change in (("vertebra.json", "vertebra.json", {}), ("three_slices.json", "apart.json", {"z_m": 0.03})):
+        scene = json.loads((SOURCE / "runtime" / "scenes" / source).read_text())
+        scene |= {"asset": "sample.glb", "duration_s": 300}
+        for i, placed in enumerate(scene.get("slices", [])):
+            placed["z_m"] -= i * change["z_m"]
+        (folder / name).write_text(json.dumps(scene))
+
+
+def check_counts(name, folder, session):
+    """The counts of the page, recording, summary and replay are the same."""
+    recording = folder / session["recording"]
+    with recording.open() as file:
+        flags = [int(row["xray"]) for row in csv.DictReader(file)]
+    shots, beams = sum(flag & 1 for flag in flags), sum(flag >> 1 for flag in flags)
+    check(shots == session["shots"], f"{name}: the page counts {session['shots']} shots, the recording has {shots}")
+    check(abs(beams / 1000 - session["screening_s"]) < 1e-6, f"{name}: the page counts {session['screening_s']} s, the recording has {beams} ticks")
+    summary = json.loads((recording.parent / "session.summary.json").read_text())
+    check(summary["xray"] == {"shots": shots, "screening_s": beams / 1000}, f"{name}: the summary says {summary['xray']}")
+    again, said = WORK / f"{name}_again.csv", WORK / f"{name}_again.json"
+    scene = folder / ("apart.json" if name == "apart" else "vertebra.json")
+    run(PROGRAMS / "trocar-run", scene, "--replay", recording, "--record", again, "--summary", said, "--quiet")
+    check(again.read_bytes() == recording.read_bytes(), f"{name}: the replay differs")
+    check(json.loads(said.read_text())["xray"] == summary["xray"], f"{name}: the replay counts {json.loads(said.read_text())['xray']}")
+    print(f"{name}: {shots} shots, {beams / 1000} s; {summary['missed_deadlines']} missed deadlines, tick p99.9 {summary['tick_us']['p999']:.1f} us")
+    return shots
+
+
+def main():
+    need_browser()
+    shutil.rmtree(WORK, ignore_errors=True)
+    (WORK / "pictures").mkdir(parents=True)
+    folder = WORK / "folder"
+    make_folder(folder)
+    with (WORK / "console.log").open("w") as log:
+        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
+        result = drive("drive_imaging.mjs", {**links_of(console), "out": str(WORK / "pictures"), "scene": "vertebra.json", "apart": "apart.json"})
+        check(console.stop() == 0, "the console did not end as it should")
+    shots = {name: check_counts(name, folder, session) for name, session in result["sessions"].items()}
+    check(shots.get("hundred") == 100 and shots.get("vertebra", 0) >= 5 and "apart" in shots, f"{shots}")
+    figures = result["figures"]
+    print(json.dumps(figures))
+    if os.environ.get("TROCAR_JUDGE_TIMES"):
+        for what in ("ap_ms", "lateral_ms"):
+            check(figures[what] <= PICTURE_ms, f"{what}: {figures[what]:.0f} ms from the key to the picture")
+        check(figures["pictures_per_s"] >= PICTURES_PER_S, f"{figures['pictures_per_s']:.1f} pictures a second")
+    return outcome()
+
+
+sys.exit(main())

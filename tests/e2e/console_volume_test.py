@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: Apache-2.0
+"""X-ray pictures and planes of the CT, as the console's page computes them, against the voxels of the scan.
+
+ 1. Ray sums of an asset against ray sums of the scan's voxels inside the asset's outlines, with the same function: AP, lateral, oblique.
+ 2. With the context volume, against ray sums of the whole scan: the detail, which is the picture without what changes slowly.
+ 3. The needle's shadow ends within a pixel of its tip's projection.
+ 4. HU at the centres of voxels, the directions of the planes, and grey levels of a window.
+ 5. What has no X-ray says why.
+
+The geometry of the C-arm, the sums and the planes are computed here again, from the scan's own file. The page's code runs in node.
+"""
+import json
+import math
+import subprocess
+
+import numpy as np
+import pytest
+
+from console_client import Console
+from hu_volume_test import Volume, segments_of
+from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
+
+nibabel = pytest.importorskip("nibabel")
+
+VIEWS = {"AP": (0, 0), "lateral": (90, 0), "oblique": (25, -15)}
+SOURCE_TO_MIDDLE_MM, SIZE = 600.0, 160
+LEAST_CORRELATION, LEAST_DETAIL, SOFT_TISSUE_HU = 0.985, 0.96, 40
+
+
+class Case:
+    """A scan, its asset and a scene with all slices. `axes`: the scan's axes along a slice's rows and columns, and along its normal;
+    `flips`: which of them count backwards."""
+
+    def __init__(self, name, scan, axes=(0, 1, 2), flips=(False, False, False), options=(), width_mm=110):
+        self.name, self.width_mm = name, width_mm
+        self.asset = WORK / f"{name}.glb"
+        run(PROGRAMS / "trocar-mesh", scan, "-o", self.asset, "--quiet", *options)
+        run(PROGRAMS / "trocar-mesh", "export", self.asset, "-o", WORK / name)
+        run(PROGRAMS / "trocar-run", "--new-scene", self.asset, "-o", WORK / f"{name}.json")
+        scene = json.loads((WORK / f"{name}.json").read_text())
+        image = nibabel.load(scan)
+        hu = np.transpose(np.asanyarray(image.dataobj).astype(np.float32), axes)
+        self.hu = hu[tuple(slice(None, None, -1 if flip else 1) for flip in flips)]
+        to_lps = np.diag([-1, -1, 1]) @ image.affine[:3, :3]
+        columns = [to_lps[:, a] * (-1 if flip else 1) for a, flip in zip(axes, flips)]
+        self.pitch = np.array([np.linalg.norm(c) for c in columns])
+        self.axes = np.array([c / np.linalg.norm(c) for c in columns]).T  # of {B}, in LPS
+        anchor, top = scene["placement"]["anchor_mm"], scene["body"]["to"]
+        # A voxel (i, j, k) lies in {B}, mm, at pitch * (i, j, k) + origin.
+        self.origin = np.array([-anchor[0], -anchor[1], scene["body"]["top_z_m"] * 1000 - top * self.pitch[2]])
+        self.bits = json.loads((self.asset.read_bytes()[20:20 + int.from_bytes(self.asset.read_bytes()[12:16], "little")]))["extras"]["trocar"]["lattice_bits"]
+
+    def inside(self):
+        """True for the voxels whose centre lies in the outlines of its slice."""
+        mask = np.zeros(self.hu.shape, bool)
+        for k in range(mask.shape[2]):
+            file = WORK / self.name / f"slice_{k:04d}.poly"
+            if not file.exists():
+                continue
+            a, b = (np.array(ends, float) / 2**self.bits / self.pitch[:2] for ends in zip(*segments_of(WORK / self.name, k, self.bits)))
+            for j in range(mask.shape[1]):
+                crosses = (a[:, 1] > j) != (b[:, 1] > j)
+                at = np.sort(a[crosses, 0] + (j - a[crosses, 1]) / (b[crosses, 1] - a[crosses, 1]) * (b[crosses, 0] - a[crosses, 0]))
+                for low, high in zip(at[0::2], at[1::2]):
+                    mask[math.ceil(low):math.floor(high) + 1, j, k] = True
+        return mask
+
+    def ray_sum(self, values, middle_mm, turn_deg, tilt_deg):
+        """The integral of trilinear values / 1000 along the rays of the C-arm, in mm."""
+        a, b = math.radians(turn_deg), math.radians(tilt_deg)
+        to_device = self.axes.T
+        ray = to_device @ [math.cos(b) * math.sin(a), math.cos(b) * math.cos(a), math.sin(b)]
+        right = to_device @ [math.cos(a), -math.sin(a), 0]
+        up = to_device @ np.cross([math.cos(a), -math.sin(a), 0], [math.cos(b) * math.sin(a), math.cos(b) * math.cos(a), math.sin(b)])
+        at = ((np.arange(SIZE) + 0.5) / SIZE - 0.5) * self.width_mm
+        rays = SOURCE_TO_MIDDLE_MM * ray + at[None, :, None] * right - at[:, None, None] * up
+        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+        source, step = middle_mm - SOURCE_TO_MIDDLE_MM * ray, 0.7 * self.pitch.min()
+        # Only the box that has values, with zeros around it.
+        boxes = [np.flatnonzero(values.any(axis=tuple(k for k in range(3) if k != axis))) for axis in range(3)]
+        first = np.array([box[0] for box in boxes])
+        padded = np.pad(values[tuple(slice(box[0], box[-1] + 1) for box in boxes)], 1)
+        corner = self.origin + self.pitch * (first - 1)
+        ends = corner + np.array(list(np.ndindex(2, 2, 2))) * self.pitch * (np.array(padded.shape) - 1)
+        depths = (ends - source) @ ray
+        total, most = np.zeros((SIZE, SIZE)), np.array(padded.shape) - 1.0001
+        for t in np.arange(depths.min(), 1.05 * depths.max(), step):
+            place = (source + t * rays - corner) / self.pitch
+            good = np.all((place >= 0) & (place <= most), axis=2)
+            place = place[good]
+            low = place.astype(int)
+            part, value = place - low, np.zeros(len(place))
+            for corner_of in range(8):
+                shift = np.array([corner_of & 1, corner_of >> 1 & 1, corner_of >> 2])
+                weight = np.prod(np.where(shift, part, 1 - part), axis=1)
+                value += weight * padded[tuple((low + shift).T)]
+            total[good] += value
+        return total * step / 1000
+
+
+def correlation(a, b):
+    return float(np.corrcoef(np.ravel(a), np.ravel(b))[0, 1])
+
+
+def detail(picture, blur=True):
+    """The picture less its blur, or as it is, without its edges."""
+    width, wide = 12 * SIZE // 256 | 1, picture if blur else 0
+    for axis in (0, 1, 0, 1) if blur else ():
+        wide = np.apply_along_axis(lambda line: np.convolve(np.pad(line, width // 2, "edge"), np.ones(width) / width, "valid"), axis, wide)
+    edge = SIZE // 8
+    return (picture - wide)[edge:-edge, edge:-edge]
+
+
+@pytest.fixture(name="console", scope="module")
+def started_console():
+    WORK.mkdir(parents=True, exist_ok=True)
+    console = Console(PROGRAMS / "trocar-console", WORK, page=SOURCE / "runtime/console/page")
+    yield console
+    console.stop()
+
+
+def volume_of(console, name):
+    """The answer of the console as bytes, and its JSON."""
+    status, answer = console.get(f"/api/volume?scene={name}.json")
+    assert status == 200, answer
+    return answer, json.loads(answer[4:4 + int.from_bytes(answer[:4], "little")])
+
+
+def page_computes(answer, **job):
+    (WORK / "volume.bin").write_bytes(answer)
+    (WORK / "job.json").write_text(json.dumps(job))
+    done = subprocess.run(["node", SOURCE / "tests/e2e/console/imaging.mjs", WORK / "volume.bin", WORK / "job.json"],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def page_sums(answer, width_mm, **job):
+    sums = [{"turn_deg": turn, "tilt_deg": tilt, "width_m": width_mm / 1000, "size": SIZE, "file": str(WORK / f"{name}.f32")}
+            for name, (turn, tilt) in VIEWS.items()]
+    out = page_computes(answer, sums=sums, **job)
+    return {name: np.fromfile(WORK / f"{name}.f32", np.float32).reshape(SIZE, SIZE) for name in VIEWS}, out
+
+
+CASES = {"sample": ((SCAN / "sample.nii.gz",), {}),
+         "l3": ((L3_SCAN, (2, 0, 1), (True, False, True), ("--preset", "vertebra")), {}),
+         "head": ((HEAD_CT,), {"width_mm": 260})}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_bone_alone(console, name):
+    arguments, keys = CASES[name]
+    if not arguments[0].is_file():
+        pytest.skip(f"no scan {arguments[0]}")
+    case = Case(name, *arguments, **keys)
+    answer, about = volume_of(console, name)
+    assert np.allclose([about["patient"][key] for key in ("left", "back", "head")], case.axes, atol=1e-5), about["patient"]
+    excess = np.where(case.inside(), np.maximum(0, case.hu - SOFT_TISSUE_HU), 0)
+    pictures, out = page_sums(answer, case.width_mm)
+    for (view, angles), ms in zip(VIEWS.items(), out["ms"]):
+        true = case.ray_sum(excess, np.array(about["middle_m"]) * 1000, *angles)
+        r = correlation(pictures[view], true)
+        rms = math.sqrt(np.mean((pictures[view] - true)**2))
+        print(f"{name}, {view}: r {r:.4f}, rms {rms:.2f} of at most {true.max():.1f} mm of water, {ms:.0f} ms for {SIZE} x {SIZE}")
+        assert r >= LEAST_CORRELATION, (name, view)
+
+
+@pytest.mark.parametrize("name", ["sample", "l3"])
+def test_context(console, name):
+    arguments, keys = CASES[name]
+    if not arguments[0].is_file():
+        pytest.skip(f"no scan {arguments[0]}")
+    padded = list(arguments) + [(0, 1, 2), (False, False, False), ()][len(arguments) - 1:]
+    padded[3] = (*padded[3], "--context", "2")
+    case = Case(f"{name}_context", *padded, **keys)
+    answer, about = volume_of(console, f"{name}_context")
+    assert about["context"]["planes"], about
+    pictures, _ = page_sums(answer, case.width_mm)
+    middle_mm = np.array(about["middle_m"]) * 1000
+    # The scan's first and last slices are edges that no patient has, and its detail there is that of the edge.
+    ends = np.zeros(case.hu.shape, np.float32)
+    thick = math.ceil(12 * case.width_mm / 256 / case.pitch[2])
+    ends[:, :, :thick] = ends[:, :, -thick:] = 1
+    for view, angles in VIEWS.items():
+        true = case.ray_sum(np.maximum(0, 1000 + case.hu), middle_mm, *angles)
+        good = detail(case.ray_sum(ends, middle_mm, *angles), blur=False) == 0
+        if good.mean() < 0.1:  # oblique rays through a short stack all pass its ends
+            good[:] = True
+        r = correlation(detail(pictures[view])[good], detail(true)[good])
+        print(f"{name} with its context, {view}: detail r {r:.4f}, whole r {correlation(pictures[view], true):.4f}")
+        assert r >= LEAST_DETAIL, (name, view)
+
+
+@pytest.fixture(name="sample", scope="module")
+def sample_case(console):
+    case = Case("planes", SCAN / "sample.nii.gz")
+    return (case, *volume_of(console, "planes"))
+
+
+def test_needle_ends_at_its_tip(sample):
+    case, answer, about = sample
+    for axis in ((0, 0, 1), (0.3, 0.5, 0.81240384)):
+        _, out = page_sums(answer, case.width_mm, tip=about["middle_m"], axis=axis)
+        for view, changed, (tip, up) in zip(VIEWS, out["needles"], out["projected"]):
+            along, changed = np.subtract(up, tip), np.array(changed)
+            if np.linalg.norm(along) < 5:  # seen along its axis
+                assert np.linalg.norm(changed - tip, axis=1).min() < 1, (view, axis)
+                continue
+            way = (changed - tip) @ along / np.linalg.norm(along)
+            assert abs(way.min()) <= 1 + 0.5 * SIZE / case.width_mm, (view, axis, way.min())  # the needle's radius is 0.5 mm
+            ends = changed[way < way.min() + 1.5].mean(axis=0)
+            assert np.linalg.norm(ends - tip) <= 1.5, (view, axis, ends, tip)
+
+
+def test_planes_have_the_hu_of_the_asset(sample):
+    """At each sample that the asset stores, and in no other, the page has its HU. The reader of the asset was written from asset.md."""
+    case, answer, about = sample
+    volume, places, stored = Volume(case.asset.read_bytes()), [], []
+    for plane in about["bone"]["planes"][::5]:
+        hu = volume.plane(plane["slice"], segments_of(WORK / case.name, plane["slice"], case.bits))
+        (first_x, first_y), pitch = volume.about["origin_mm"], volume.about["pitch_mm"]
+        for column in range(0, volume.about["size"][0], 3):
+            for row in range(0, volume.about["size"][1], 3):
+                at = np.array([first_x + column * pitch[0], first_y + row * pitch[1], plane["slice"] * case.pitch[2]])
+                if not all(0.5 < (at[k] / 1000 + case.origin[k] / 1000 - plane["origin_m"][k]) / np.linalg.norm(plane[way]) < plane[count] - 1.5
+                           for k, way, count in ((0, "column_m", "columns"), (1, "row_m", "rows"))):
+                    continue
+                places.append(((at + case.origin) / 1000).tolist())
+                stored.append(hu.get((column, row)))
+    found = page_computes(answer, hu=places)["hu"]
+    pairs = [(a, b) for a, b in zip(found, stored) if b is not None]
+    assert len(pairs) > 1000
+    assert max(abs(a - b) for a, b in pairs) < 0.5  # places are exact to rounding only
+
+
+def test_planes_show_the_voxels(sample):
+    """Samples carry their rounding on to the next ones, so that means are exact: those of discs of 3 mm, to the stored step."""
+    case, answer, about = sample
+    step, inside, chance = about["bone"]["step_HU"], case.inside(), np.random.default_rng(3)
+    middles = chance.permutation(np.argwhere(inside))
+    disc = np.array([(x, y) for x in np.arange(-1.5, 1.51, 0.25) for y in np.arange(-1.5, 1.51, 0.25) if x * x + y * y <= 2.25])
+    reach = np.ceil(1.5 / case.pitch[:2]).astype(int) + 1
+    discs, true = [], []
+    for i, j, k in middles:
+        if len(true) == 200:
+            break
+        box = inside[i - reach[0]:i + reach[0] + 1, j - reach[1]:j + reach[1] + 1, k]
+        if not box.all():
+            continue
+        at = np.array([i, j]) + disc / case.pitch[:2]
+        low, value = at.astype(int), 0
+        for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            weight = np.prod(np.where([dx, dy], at - low, 1 - at + low), axis=1)
+            value += weight * case.hu[low[:, 0] + dx, low[:, 1] + dy, k]
+        true.append(value.mean())
+        discs += [(place / 1000).tolist() for place in np.column_stack([at * case.pitch[:2], np.full(len(at), k * case.pitch[2])]) + case.origin]
+    shown = np.array(page_computes(answer, hu=discs)["hu"], float).reshape(len(true), -1).mean(axis=1)
+    errors = np.abs(shown - true)
+    print(f"{len(true)} discs of 3 mm: HU differ by {np.sqrt((errors**2).mean()):.1f} (rms), {errors.max():.1f} at most; stored step {step} HU")
+    assert len(true) == 200 and errors.max() <= step
+
+
+def test_directions_of_the_planes_and_angles(sample):
+    case, answer, about = sample
+    way_lps = np.array([0.2, -0.9, 0.3])
+    way_lps /= np.linalg.norm(way_lps)
+    axis = -(case.axes.T @ way_lps)  # up the shaft, in {B}
+    out = page_computes(answer, tip=about["middle_m"], axis=axis.tolist())
+    assert out["angles"]["cranial_deg"] == pytest.approx(math.degrees(math.asin(way_lps[2])), abs=1e-3)
+    assert out["angles"]["lateral_deg"] == pytest.approx(math.degrees(math.atan2(0.2, 0.9)), abs=1e-3)
+    expected = {"axial": ([1, 0, 0], [0, -1, 0]), "coronal": ([1, 0, 0], [0, 0, 1]), "sagittal": ([0, 1, 0], [0, 0, 1])}
+    for name, axes in expected.items():
+        assert np.allclose([case.axes @ axis for axis in out["axes"][name]], axes, atol=1e-5), name
+    right, up = map(np.array, out["axes"]["needle"])
+    assert np.allclose(up, axis) and abs(right @ up) < 1e-9 and abs(np.linalg.norm(right) - 1) < 1e-9
+    # The values of a plane are those at its places: 5 x 5 over 30 mm, from the upper left.
+    places = [(np.array(about["middle_m"]) + (column - 2) * 0.006 * right + (2 - row) * 0.006 * up).tolist() for row in range(5) for column in range(5)]
+    assert out["planes"]["needle"] == pytest.approx(page_computes(answer, hu=places)["hu"], nan_ok=True, abs=1e-6)
+
+
+def test_window_is_that_of_dicom(sample):
+    """Examples of PS3.3, C.11.2.1.2.1: c=2048, w=4096; c=2048, w=1; c=0, w=100; c=0, w=1."""
+    _, answer, _ = sample
+
+    def dicom(x, c, w):
+        if x <= c - 0.5 - (w - 1) / 2:
+            return 0
+        if x > c - 0.5 + (w - 1) / 2:
+            return 255
+        return math.floor(((x - (c - 0.5)) / (w - 1) + 0.5) * 255 + 0.5)
+    windows = [(x, c, w) for c, w in ((2048, 4096), (2048, 1), (0, 100), (0, 1), (40, 400), (500, 2000)) for x in range(-1100, 4200, 37)]
+    assert page_computes(answer, windows=windows)["greys"] == [dicom(*window) for window in windows]
+
+
+def test_no_xray_says_why(console):
+    scene = json.loads((SOURCE / "runtime/scenes/three_slices.json").read_text())
+    run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", WORK / "without.glb", "--quiet", "--no-hu")
+    run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", WORK / "with.glb", "--quiet")
+    top = scene["slices"][0]["z_m"]
+    for slice_, height in zip(scene["slices"], (top, top - 0.02, top - 0.05)):
+        slice_["z_m"] = height
+    for name, asset, why in (("without", "without.glb", "The asset has no HU."),
+                             ("apart", "with.glb", "The scene's slices are not as far apart as in the scan.")):
+        if name == "without":
+            run(PROGRAMS / "trocar-run", "--new-scene", WORK / asset, "-o", WORK / f"{name}.json")
+        else:
+            scene["asset"] = asset
+            (WORK / f"{name}.json").write_text(json.dumps(scene))
+        _, about = volume_of(console, name)
+        assert about["bone"] is None and about["why"] == why, about
+    assert console.get("/api/volume?scene=nothing.json")[0] == 404
+    assert console.get("/api/volume?session=1")[0] == 409
+    assert console.get("/api/volume?scene=planes.json", token=None)[0] == 401
