@@ -258,7 +258,7 @@ class TelemetryReader {
   /// False if the process has ended, normally or not.
   bool writer_is_alive() const noexcept;
   void command(TelemetryCommand command) noexcept;
-  /// Holds X-ray screening or lets it go. Holding it lasts 400 ms; call this again before. No other process may
+  /// Holds X-ray screening or lets it go. Holding it lasts 1 s; call this again before. No other process may
   /// call it.
   void screen(bool is_held) noexcept;
   bool has_hand() const noexcept { return hand_ != nullptr; }

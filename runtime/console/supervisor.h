@@ -63,7 +63,7 @@ class Supervisor {
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
   /// Hides what pages must not see: absolute paths and the files of the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
-  /// Takes an X-ray picture, or holds screening or lets it go; holding lasts 400 ms. Errors: (refused) there is no
+  /// Takes an X-ray picture, or holds screening or lets it go; holding lasts 1 s. Errors: (refused) there is no
   /// session, or it takes no X-ray.
   Result<void> xray(XrayRequest request);
   /// Passes a command on; `stop` also ends a test. Errors: (refused) there is no session.

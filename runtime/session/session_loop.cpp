@@ -50,9 +50,10 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     const TelemetryCommands given = publisher_->take_commands();
     if (given.stop) return false;
     commands_.apply(given, state_.safety.fault);
-    xray_.apply(given, start_ns);
     receive_hand(start_ns);
-    if (pauses(start_ns)) return true;
+    const bool is_paused = pauses(start_ns);
+    xray_.apply(given, is_paused, start_ns);
+    if (is_paused) return true;
   }
   std::int64_t cuts_published = 0;
   for (std::size_t i = 0; i < sheets_.size(); ++i) {

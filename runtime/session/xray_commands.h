@@ -4,6 +4,7 @@
 // Tests: tests/runtime/session/xray_commands_test.cpp
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "formats/session/recording.h"
@@ -15,12 +16,15 @@ namespace trocar::runtime {
 class XrayCommands {
  public:
   /// Screening that nobody has confirmed for this long ends.
-  static constexpr std::int64_t kHeld_ns = 400'000'000;
+  static constexpr std::int64_t kHeld_ns = 1'000'000'000;
+  /// Shots that may wait, because each tick takes one; more are not taken.
+  static constexpr std::uint64_t kMaxWaiting = 16;
 
-  /// Applies the commands given since the last call, in each period, also while the session is paused; a shot that
-  /// is given then is not taken. `now_ns`: CLOCK_MONOTONIC.
-  void apply(const TelemetryCommands& given, std::int64_t now_ns) noexcept {
-    has_shot_ = given.xray_shot;
+  /// Applies the commands given since the last call. Called in each period, also while the session is paused: what is
+  /// given then is not taken. `now_ns`: CLOCK_MONOTONIC.
+  void apply(const TelemetryCommands& given, bool is_paused, std::int64_t now_ns) noexcept {
+    waiting_ =
+        is_paused ? 0 : std::min(waiting_ + std::min(given.xray_shots, kMaxWaiting), kMaxWaiting);
     if (given.screening != word_) {
       word_ = given.screening;
       confirmed_ns_ = now_ns;
@@ -28,15 +32,17 @@ class XrayCommands {
     is_held_ = (word_ & 1) != 0 && now_ns - confirmed_ns_ < kHeld_ns;
   }
 
-  /// RecordingRow::xray of the tick that follows apply().
-  std::uint8_t take() const noexcept {
-    return static_cast<std::uint8_t>((has_shot_ ? kXrayPicture : 0) | (is_held_ ? kXrayBeam : 0));
+  /// Returns RecordingRow::xray of the tick that follows apply().
+  std::uint8_t take() noexcept {
+    const bool has_shot = waiting_ > 0;
+    if (has_shot) --waiting_;
+    return static_cast<std::uint8_t>((has_shot ? kXrayPicture : 0) | (is_held_ ? kXrayBeam : 0));
   }
 
  private:
-  std::uint64_t word_ = 0;
+  std::uint64_t word_ = 0, waiting_ = 0;
   std::int64_t confirmed_ns_ = 0;
-  bool has_shot_ = false, is_held_ = false;
+  bool is_held_ = false;
 };
 
 }  // namespace trocar::runtime

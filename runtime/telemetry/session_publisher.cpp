@@ -47,13 +47,16 @@ TelemetryCommands SessionPublisher::take_commands() noexcept {
     const std::uint64_t count = writer_->commands(command);
     return count != std::exchange(taken_[static_cast<std::size_t>(command)], count);
   };
+  // Shots are counted: two of them between two ticks are two.
+  constexpr auto kShots = static_cast<std::size_t>(TelemetryCommand::kXrayShot);
+  const std::uint64_t shots = writer_->commands(TelemetryCommand::kXrayShot);
   return {.stop = given(TelemetryCommand::kStop),
           .pause = given(TelemetryCommand::kPause),
           .resume = given(TelemetryCommand::kResume),
           .zero = given(TelemetryCommand::kZero),
           .recover = given(TelemetryCommand::kRecover),
           .emergency_stop = given(TelemetryCommand::kEmergencyStop),
-          .xray_shot = given(TelemetryCommand::kXrayShot),
+          .xray_shots = shots - std::exchange(taken_[kShots], shots),
           .screening = writer_->screening()};
 }
 

@@ -31,7 +31,8 @@ namespace trocar::runtime {
 /// The commands that other processes have given since take_commands() was called last.
 struct TelemetryCommands {
   bool stop = false, pause = false, resume = false, zero = false, recover = false,
-       emergency_stop = false, xray_shot = false;
+       emergency_stop = false;
+  std::uint64_t xray_shots = 0;
   std::uint64_t screening = 0;  ///< TelemetryWriter::screening()
 };
 

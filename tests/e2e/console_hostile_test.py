@@ -51,10 +51,10 @@ def refused_socket(console, first=None, after=(), origin=None, host=None):
 
 def test_refusals(console):
     good = console.token
-    for path in ("/api/folder", "/api/log", "/api/test", "/api/bone?scene=scenes/one_slice.json"):
+    for path in ("/api/folder", "/api/log", "/api/test", "/api/bone?scene=scenes/one_slice.json", "/api/volume?scene=scenes/one_slice.json"):
         for token in (None, "0" * 32, good[:-1], good + "0", console.view.upper() + "x"):
             check(console.get(path, token=token)[0] == 401, f"{path} with the token {token}")
-    for command in ("/api/start", "/api/command"):
+    for command in ("/api/start", "/api/command", "/api/xray"):
         check(console.post(command, {"command": "stop"}, token=None)[0] == 401, f"{command} without a token")
         check(console.get(command)[0] == 405, f"GET {command}")
     check(console.get("/api/emergency_stop", token=None)[0] == 405, "GET /api/emergency_stop")
@@ -135,9 +135,9 @@ def requests_of(console):
     """Valid requests of each kind. The scenes that they name do not exist."""
     head = f"Host: {console.host}\r\nAuthorization: Bearer {console.token}\r\nOrigin: http://{console.host}\r\n"
     bodies = {"/api/start": {"scene": "scenes/none.json", "duration_s": 1.5, "device": "inproc", "clock": "real", "force_law": "hooke"},
-              "/api/command": {"command": "pause"}, "/api/test": {"device": "sim"}, "/api/emergency_stop": {}}
+              "/api/command": {"command": "pause"}, "/api/xray": {"take": "screening"}, "/api/test": {"device": "sim"}, "/api/emergency_stop": {}}
     for path in ("/", "/index.html", "/vendor/none.js", "/api/folder", "/api/bone?scene=scenes/one_slice.json&asset=sample.glb",
-                 "/api/bone?session=1", "/api/recording?file=one.csv", "/api/report?file=one.csv", "/api/log", "/api/test"):
+                 "/api/bone?session=1", "/api/volume?scene=scenes/one_slice.json&asset=sample.glb", "/api/recording?file=one.csv", "/api/report?file=one.csv", "/api/log", "/api/test"):
         yield f"GET {path} HTTP/1.1\r\n{head}\r\n".encode()
     for path, body in bodies.items():
         text = json.dumps(body)

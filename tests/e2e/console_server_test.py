@@ -201,6 +201,39 @@ def test_commands(console, folder):
         page.close()
 
 
+def test_xray(console, folder):
+    take = lambda what, **keys: console.post("/api/xray", {"take": what}, **keys)[0]
+    check(take("shot") == 409, "a picture without a session")
+    live = console.live()
+    start(console, live, scene="scenes/one_slice.json", duration_s=60)
+    check(live.until(lambda l: l.values and l.value("t_s") > 0.1), "no snapshots")
+    for body in ({"take": "x"}, {"take": 1}, {}, [], {"take": "shot", "x": 1}):
+        check(console.post("/api/xray", json.dumps(body))[0] == 400, f"X-ray {body}")
+    check(take("shot", token=console.view) == 403 and take("shot", token=None) == 401, "an audience takes a picture")
+    for _ in range(20):
+        check(take("shot") == 200, "a picture")
+    check(live.until(lambda l: l.value("xray_shots") == 20 and l.kinds().count("xray_shot") == 20, 5), f"20 pictures: {live.value('xray_shots')}, {live.kinds()}")
+    # Nobody holds it for longer than a second without saying so again.
+    check(take("screening") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_on", 5), f"screening: {live.kinds()[-1]}")
+    check(live.until(lambda l: l.kinds()[-1] == "xray_off", 5) and 0.9 < live.value("xray_screening_s") < 1.5, f"silence ends screening: {live.value('xray_screening_s')} s")
+    before = live.value("xray_screening_s")
+    check(take("screening") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_on", 5), f"screening: {live.kinds()[-1]}")
+    check(take("nothing") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_off", 5) and live.value("xray_screening_s") < before + 0.9, "the end of screening")
+    # Time stands still in a pause, and so do pictures.
+    console.post("/api/command", {"command": "pause"})
+    check(live.until(lambda l: l.state() == "paused", 5) and take("shot") == 200, "a picture in a pause")
+    time.sleep(0.3)
+    console.post("/api/command", {"command": "resume"})
+    check(live.until(lambda l: "resumed" in l.kinds(), 5), "going on")
+    time.sleep(0.3)
+    check(live.until(lambda l: l.state() == "running", 5) and live.value("xray_shots") == 20, f"a picture was taken in a pause: {live.value('xray_shots')}")
+    console.post("/api/command", {"command": "stop"})
+    check(live.until(lambda l: l.state() == "ended", 10) and take("shot") == 409, "the end")
+    shots = [int(row["xray"]) & 1 for row in rows_of(folder / live.states[-1]["recording"])]
+    check(sum(shots) == 20, f"the recording has {sum(shots)} shots")
+    live.close()
+
+
 def test_emergency_stop(console, folder):
     live = console.live()
     # The tool presses on the slice from 0.5 s on.
@@ -351,6 +384,8 @@ def test_attach(programs, page, folder):
         live = console.live()
         check(live.until(lambda l: l.values, 10), f"{live.states}")
         check(console.post("/api/start", {"scene": "scenes/one_slice.json"})[0] == 409, "a start beside an attached session")
+        status, answer = console.post("/api/xray", {"take": "shot"})
+        check(status == 409 and "--xray" in answer["error"], f"a picture of a session without --xray: {status} {answer}")
         check(console.stop() == 0 and run.poll() is None, "the attached session ended with the console")
         live.close()
     finally:
@@ -366,6 +401,7 @@ def main():
     test_bone(console)
     test_virtual(console, folder)
     test_commands(console, folder)
+    test_xray(console, folder)
     test_emergency_stop(console, folder)
     console = test_killed_console(program, page, console, folder)
     test_killed_session(console, folder)

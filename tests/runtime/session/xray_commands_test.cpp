@@ -8,45 +8,69 @@ namespace {
 
 constexpr std::int64_t kTick_ns = 1'000'000;
 
-TelemetryCommands given(bool shot, std::uint64_t screening) {
+TelemetryCommands given(std::uint64_t shots, std::uint64_t screening) {
   TelemetryCommands commands;
-  commands.xray_shot = shot;
+  commands.xray_shots = shots;
   commands.screening = screening;
   return commands;
 }
 
 TEST(XrayCommands, ShotIsTakenInOneTick) {
   XrayCommands xray;
-  xray.apply(given(true, 0), kTick_ns);
+  xray.apply(given(1, 0), false, kTick_ns);
   EXPECT_EQ(xray.take(), kXrayPicture);
-  xray.apply(given(false, 0), 2 * kTick_ns);
+  xray.apply(given(0, 0), false, 2 * kTick_ns);
+  EXPECT_EQ(xray.take(), 0);
+}
+
+TEST(XrayCommands, ShotsBetweenTwoTicksAreTakenOneAfterTheOther) {
+  XrayCommands xray;
+  xray.apply(given(3, 0), false, kTick_ns);
+  int taken = 0;
+  for (int tick = 0; tick < 10; ++tick) {
+    taken += xray.take();
+    xray.apply(given(0, 0), false, kTick_ns);
+  }
+  EXPECT_EQ(taken, 3 * kXrayPicture);
+  // A hostile process cannot keep the loop busy.
+  xray.apply(given(~std::uint64_t{0}, 0), false, kTick_ns);
+  for (taken = 0; xray.take() != 0;)
+    ++taken;
+  EXPECT_EQ(taken, static_cast<int>(XrayCommands::kMaxWaiting));
+}
+
+TEST(XrayCommands, NothingIsTakenWhileTimeStandsStill) {
+  XrayCommands xray;
+  xray.apply(given(2, 0), false, kTick_ns);
+  xray.apply(given(1, 0), true, kTick_ns);
+  xray.apply(given(0, 0), false, kTick_ns);
   EXPECT_EQ(xray.take(), 0);
 }
 
 TEST(XrayCommands, ScreeningLastsWhileItIsHeld) {
   XrayCommands xray;
-  xray.apply(given(false, 3), kTick_ns);
+  xray.apply(given(0, 3), false, kTick_ns);
   EXPECT_EQ(xray.take(), kXrayBeam);
-  xray.apply(given(true, 5), 2 * kTick_ns);
+  xray.apply(given(1, 5), false, 2 * kTick_ns);
   EXPECT_EQ(xray.take(), kXrayBeam | kXrayPicture);
-  xray.apply(given(false, 6), 3 * kTick_ns);
+  xray.apply(given(0, 6), false, 3 * kTick_ns);
   EXPECT_EQ(xray.take(), 0);
 }
 
 TEST(XrayCommands, ScreeningEndsIfNobodyConfirmsIt) {
   XrayCommands xray;
-  xray.apply(given(false, 1), 0);
-  xray.apply(given(false, 1), XrayCommands::kHeld_ns - 1);
+  xray.apply(given(0, 1), false, 0);
+  xray.apply(given(0, 1), false, XrayCommands::kHeld_ns - 1);
   EXPECT_EQ(xray.take(), kXrayBeam);
-  xray.apply(given(false, 1), XrayCommands::kHeld_ns);
+  xray.apply(given(0, 1), false, XrayCommands::kHeld_ns);
   EXPECT_EQ(xray.take(), 0);
-  xray.apply(given(false, 3), XrayCommands::kHeld_ns + kTick_ns);  // confirmed late: it goes on
+  xray.apply(given(0, 3), false, XrayCommands::kHeld_ns + kTick_ns);  // confirmed late: it goes on
   EXPECT_EQ(xray.take(), kXrayBeam);
 }
 
 TEST(XrayCommands, NothingIsOnBeforeTheFirstCommand) {
   XrayCommands xray;
-  xray.apply(given(false, 0), 0);
+  xray.apply(given(0, 0), false, 0);
   EXPECT_EQ(xray.take(), 0);
 }
 

@@ -7,7 +7,7 @@ import { post } from "../api.js";
 import { project, view_of } from "./c_arm.js";
 import { Picture } from "./picture.js";
 
-const kSize = 512, kCoarse = 256, kKept = 4, kHold_ms = 150, kPulse_ms = 30;
+const kSize = 512, kCoarse = 256, kKept = 4, kHold_ms = 200, kPulse_ms = 15;
 const kPositions = { ap: [0, 0], lateral: [90, 0] };
 const by_id = (id) => document.getElementById(id);
 
