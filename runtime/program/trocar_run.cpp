@@ -8,6 +8,7 @@
 #include <string>
 
 #include "formats/base/command_line.h"
+#include "runtime/program/export_command.h"
 #include "runtime/program/fit_command.h"
 #include "runtime/program/library_versions.h"
 #include "runtime/program/run_arguments.h"
@@ -25,14 +26,18 @@ int run_command_line(int argc, char** argv) {
                                 ", Draco and tinygltf for assets)");
   FitArguments fit_arguments;
   const CLI::App& fit = declare_fit(app, fit_arguments);
+  ExportArguments export_arguments;
+  const CLI::App& to_hdf5 = declare_export(app, export_arguments);
   declare_run_options(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;
-  if (fit.parsed()) {
+  for (const CLI::App* command : {&fit, &to_hdf5}) {
+    if (!command->parsed()) continue;
     for (const CLI::Option* option : app.get_options())
       if (option->count() > 0)
-        return report_error(
-            kProgram, usage("fit: is a command of its own; leave " + option->get_name() + " out"));
-    return run_fit(fit_arguments);
+        return report_error(kProgram,
+                            usage(command->get_name() + ": is a command of its own; leave " +
+                                  option->get_name() + " out"));
+    return command == &fit ? run_fit(fit_arguments) : run_export(export_arguments);
   }
   if (const Result<void> good = check_run_arguments(arguments); !good)
     return report_error(kProgram, good.error());

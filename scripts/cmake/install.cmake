@@ -4,7 +4,7 @@
 #   trocar-farm          scripts/farm, for a Slurm cluster (Apache-2.0)
 #   trocar-sample-ct     the sample scan's program (Apache-2.0)
 #   trocar-runtime       trocar-run, trocar-device-sim, device description, realtime rights (Apache-2.0)
-#   trocar-console       trocar-console and its page with the libraries that scripts/setup console fetches (Apache-2.0)
+#   trocar-console       trocar-console, trocar-export and the page with the libraries that scripts/setup console fetches (Apache-2.0)
 #   trocar-examples      scenes with their assets (Apache-2.0)
 #   trocar-formats-dev   headers, library and CMake files for programs that read assets (Apache-2.0)
 # Package files are made by scripts/package.
@@ -40,6 +40,7 @@ trocar_program(trocar-sample-ct trocar-sample-ct)
 trocar_program(trocar-run trocar-runtime)
 trocar_program(trocar-device-sim trocar-runtime)
 trocar_program(trocar-console trocar-console)
+trocar_program(trocar-export trocar-console)
 install(PROGRAMS scripts/farm RENAME trocar-farm DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT trocar-farm)
 install(DIRECTORY scripts/lib/farm DESTINATION ${share} COMPONENT trocar-farm FILES_MATCHING PATTERN *.py)
 trocar_man_page(trocar-farm trocar-farm ${CMAKE_SOURCE_DIR}/scripts/farm)
@@ -102,7 +103,7 @@ trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md docs/add-your-de
   formats/session/device_link.md formats/session/telemetry.md)
 install(FILES scripts/debian/realtime.md RENAME README.Debian
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
-trocar_pages(trocar-console docs/trocar-console.md docs/operating.md docs/glossary.md runtime/console/protocol.md)
+trocar_pages(trocar-console docs/trocar-console.md docs/hdf5.md docs/operating.md docs/glossary.md runtime/console/protocol.md)
 
 # --- the library of formats -----------------------------------------------------------------------
 target_compile_features(trocar_formats PUBLIC cxx_std_20)

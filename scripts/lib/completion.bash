@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# bash completion for trocar-mesh, trocar-sample-ct, trocar-run, trocar-device-sim and trocar-console. Options,
+# bash completion for trocar-mesh, trocar-sample-ct, trocar-run, trocar-device-sim, trocar-console and trocar-export. Options,
 # subcommands and choices are read from the program's own --help.
 
 _trocar() {
@@ -39,7 +39,7 @@ _trocar() {
             --scene) _filedir json ;;
             --attach) _filedir ;;
             --against) if [[ $program == *console ]]; then _filedir csv; else _filedir -d; fi ;;
-            -o | --output) if [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; elif [[ $subcommand == fit ]]; then _filedir json; else _filedir glb; fi ;;
+            -o | --output) if [[ $program == *export || $program == *run && $subcommand == export ]]; then _filedir '@(h5|hdf5)'; elif [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; elif [[ $subcommand == fit ]]; then _filedir json; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
         esac
@@ -67,12 +67,13 @@ _trocar() {
             fi
             ;;
         trocar-sample-ct | trocar-console) _filedir -d ;;
+        trocar-export) _filedir csv ;;
         trocar-run)
-            if [[ $subcommand == fit ]]; then _filedir csv; else
+            if [[ $subcommand == fit || $subcommand == export ]]; then _filedir csv; else
                 ((cword == 1)) && COMPREPLY=($(compgen -W "$subcommands" -- "$cur"))
                 _filedir json  # adds to them
             fi
             ;;
         *) _filedir json ;;
     esac
-} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim trocar-console
+} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim trocar-console trocar-export

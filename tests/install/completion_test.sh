@@ -49,6 +49,7 @@ offers trocar-mesh scan --contour '' -- subpixel pixel
 offers trocar-mesh scan --axis c -- coronal '!sagittal'
 offers trocar-run '' -- scene.json fit '!bone.glb'
 offers trocar-run scene.json --procedure tu -- tuohy-needle
+offers trocar-run export '' -- '!scene.json'
 offers trocar-run fit --g -- --gauge
 offers trocar-run fit --tool '' -- scene.json '!bone.glb'
 offers trocar-run fit --tip tro -- trocar

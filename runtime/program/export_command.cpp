@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/export_command.h"
+
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "formats/base/command_line.h"
+#include "runtime/program/session_messages.h"
+
+namespace trocar::runtime {
+
+CLI::App& declare_export(CLI::App& app, ExportArguments& a) {
+  CLI::App& command =
+      *app.add_subcommand("export", "writes a recording as an HDF5 file (with trocar-export)");
+  command.add_option("RECORDING", a.recording, "the recording, CSV, of --record")->required();
+  command.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
+  command.add_flag("--quiet", a.quiet, "print errors only");
+  return command;
+}
+
+int run_export(const ExportArguments& a) {
+  std::error_code error;
+  const std::filesystem::path program =
+      std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / "trocar-export";
+  std::vector<std::string> words = {kProgram, "--output=" + a.output};
+  if (a.quiet) words.emplace_back("--quiet");
+  words.emplace_back("--");  // the recording's name may begin with a dash
+  words.push_back(a.recording);
+  std::vector<char*> pointers;
+  for (std::string& word : words)
+    pointers.push_back(word.data());
+  pointers.push_back(nullptr);
+  ::execv(program.c_str(), pointers.data());
+  return fail(usage("export: cannot start " + program.string() + ": " +
+                    std::generic_category().message(errno) +
+                    "; the Debian package trocar-console has it"));
+}
+
+}  // namespace trocar::runtime

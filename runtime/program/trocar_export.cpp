@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// trocar-export: writes a recording as HDF5 (runtime/hdf5). It is a program of its own, so that trocar-run does not need libhdf5;
+// `trocar-run export` starts it.
+// Tests: tests/e2e/hdf5_export_test.py
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <filesystem>
+#include <string>
+
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
+#include "runtime/hdf5/hdf5_file.h"
+#include "runtime/hdf5/recording_hdf5.h"
+
+namespace trocar::runtime {
+namespace {
+
+struct Arguments {
+  std::string recording, output;
+  bool quiet = false;
+};
+
+Result<void> convert(const Arguments& a) {
+  const OutputFile outputs[] = {{"-o", a.output}};
+  const std::filesystem::path inputs[] = {a.recording};
+  if (auto good = check_outputs(outputs, inputs); !good) return good;
+  const Result<std::vector<std::uint8_t>> csv = read_file(a.recording);
+  if (!csv) return csv.error();
+  const Result<RecordingHdf5> made =
+      recording_hdf5({reinterpret_cast<const char*>(csv->data()), csv->size()}, a.recording);
+  if (!made) return made.error();
+  if (stop_requested.load()) return refused("stopped; nothing was written");
+  if (auto written = write_file_atomically(a.output, made->bytes); !written) return written;
+  if (!a.quiet)
+    std::printf("%s: %zu ticks, %zu datasets, %zu bytes\n", a.output.c_str(), made->ticks,
+                made->datasets, made->bytes.size());
+  return {};
+}
+
+int run_command_line(const std::string& name, int argc, char** argv) {
+  Arguments a;
+  CLI::App app("Writes a recording of trocar-run as an HDF5 file.", name);
+  add_help_and_version(app, "trocar-export " TROCAR_VERSION " (HDF5 " + hdf5_version() +
+                                ", CLI11 " CLI11_VERSION ")");
+  app.add_option("RECORDING", a.recording, "the recording, CSV, of trocar-run --record")
+      ->required();
+  app.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
+  app.add_flag("--quiet", a.quiet, "print errors only");
+  app.footer(
+      "Each quantity is a dataset with its units and its frame as attributes; no number loses a "
+      "bit.\n"
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the file could not be written; 1 a "
+      "bug.");
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  stop_on_signals();
+  if (const auto done = convert(a); !done) return report_error(name, done.error());
+  return 0;
+}
+
+}  // namespace
+}  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  // trocar-run starts this program under its own name, which messages then have.
+  const std::string name =
+      argc > 0 ? std::filesystem::path(argv[0]).filename().string() : "trocar-export";
+  return trocar::run_program(name,
+                             [&] { return trocar::runtime::run_command_line(name, argc, argv); });
+}
