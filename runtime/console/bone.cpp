@@ -24,6 +24,14 @@ namespace {
 
 using nlohmann::json;
 
+void add_triangles(const AssetSurface& surface, std::size_t first_vertex,
+                   std::vector<std::uint32_t>& triangles) {
+  for (const auto& triangle : surface.surface.triangles) {
+    for (const std::uint32_t v : triangle)
+      triangles.push_back(static_cast<std::uint32_t>(first_vertex) + v);
+  }
+}
+
 /// Finds the HU of the nearest vertex of a scan's slices. Positions are in the plane of
 /// the topmost sheet.
 class NearestHu {
@@ -104,7 +112,7 @@ json describe_surface(const PlacedBone& loaded, Arrays& arrays) {
   std::vector<float> vertices, hu;
   std::vector<std::uint32_t> triangles;
   for (const AssetSurface& one : loaded.surfaces) {
-    const auto first = static_cast<std::uint32_t>(vertices.size() / 3);
+    add_triangles(one, vertices.size() / 3, triangles);
     const double step_mm = one.surface.lattice.step_mm();
     for (const SpacePoint& p : one.surface.vertices) {
       const Eigen::Vector3d at = *T_plane_lps * (Eigen::Vector3d(p[0], p[1], p[2]) * step_mm);
@@ -113,10 +121,6 @@ json describe_surface(const PlacedBone& loaded, Arrays& arrays) {
       for (const double x : {xy.x(), xy.y(), top.z_m + at.z() * 1e-3})
         vertices.push_back(static_cast<float>(x));
       if (!field.is_empty()) hu.push_back(field.at(at));
-    }
-    for (const auto& triangle : one.surface.triangles) {
-      for (const std::uint32_t v : triangle)
-        triangles.push_back(first + v);
     }
   }
   return {{"vertices", array_of(arrays, vertices)},
@@ -190,6 +194,27 @@ Result<std::string> bone_of(const std::filesystem::path& scene_file,
                      {"force_scale", loaded->scene.force_law.force_scale},
                      {"goals", goals_of(scene_file)}};
   return arrays.with_json(json_text(head));
+}
+
+Result<PatientBone> patient_bone_of(const std::filesystem::path& scene_file,
+                                    const std::filesystem::path& asset) {
+  const Result<PlacedBone> loaded = load_bone(scene_file, asset, BoneParts::kForView);
+  if (!loaded) return loaded.error();
+  PatientBone bone;
+  const auto T_device_lps = device_of_patient(*loaded);
+  if (!T_device_lps) return bone;
+  // DICOM's LPS and RAS differ by the signs of x and y, and {B} is in m.
+  bone.T_patient_device =
+      Eigen::Scaling(-1.0, -1.0, 1.0) * T_device_lps->inverse() * Eigen::Scaling(1e-3);
+  for (const AssetSurface& one : loaded->surfaces) {
+    add_triangles(one, bone.vertices_mm.size() / 3, bone.triangles);
+    const double step_mm = one.surface.lattice.step_mm();
+    for (const SpacePoint& p : one.surface.vertices) {
+      for (const double x : {-step_mm * p[0], -step_mm * p[1], step_mm * p[2]})
+        bone.vertices_mm.push_back(static_cast<float>(x));
+    }
+  }
+  return bone;
 }
 
 }  // namespace trocar::runtime

@@ -4,8 +4,12 @@
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
+#include <Eigen/Geometry>
+#include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "formats/base/result.h"
 
@@ -15,5 +19,19 @@ namespace trocar::runtime {
 /// own asset. Errors: (refused) what trocar-run refuses.
 Result<std::string> bone_of(const std::filesystem::path& scene_file,
                             const std::filesystem::path& asset);
+
+/// Position of a scene's bone in the patient, and the asset's surface there. The frame is RAS, as in 3D
+/// Slicer: x to the right of the patient, y to the front, z to the head.
+struct PatientBone {
+  /// Transform from {B} to the patient's frame, both in mm. None: the scene has moved slices relative
+  /// to each other, so there is no such transform.
+  std::optional<Eigen::Affine3d> T_patient_device;
+  /// The surface, if the asset has one and the position is defined: x, y, z of each vertex in mm.
+  std::vector<float> vertices_mm;
+  std::vector<std::uint32_t> triangles;  ///< three vertices each
+};
+/// Arguments and errors are those of bone_of().
+Result<PatientBone> patient_bone_of(const std::filesystem::path& scene_file,
+                                    const std::filesystem::path& asset);
 
 }  // namespace trocar::runtime

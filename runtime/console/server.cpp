@@ -11,6 +11,7 @@
 #include "runtime/console/beast.h"
 #include "runtime/console/console_state.h"
 #include "runtime/console/http_connection.h"
+#include "runtime/console/igtl_session.h"
 #include "runtime/console/telemetry_client.h"
 
 namespace trocar::runtime {
@@ -31,11 +32,13 @@ std::string text_of(const tcp::endpoint& endpoint) {
 /// Accepts connections, polls the session, and ends on a signal.
 class Server {
  public:
-  Server(ConsoleState& console, tcp::acceptor acceptor)
+  /// `igtl`: null if OpenIGTLink clients are not served.
+  Server(ConsoleState& console, tcp::acceptor acceptor, std::unique_ptr<IgtlServer> igtl)
       : console_(console),
         acceptor_(std::move(acceptor)),
         timer_(console.context),
         signals_(console.context, SIGINT, SIGTERM, SIGHUP) {
+    if (igtl) igtl_.emplace(console_, std::move(igtl));
     console_.poll_soon = [this] {
       timer_.expires_after(Clock::duration::zero());
       wait();
@@ -96,6 +99,7 @@ class Server {
       if (const auto client = console_.clients[i].lock()) client->pump(now);
     }
     count_living(console_.clients);
+    if (igtl_) igtl_->poll(now);
     if (is_stopping_ && console_.supervisor.end_all(now, kEndWithin)) {
       console_.context.stop();
       return;
@@ -126,6 +130,7 @@ class Server {
   tcp::acceptor acceptor_;
   net::steady_timer timer_, retry_{console_.context};
   net::signal_set signals_;
+  std::optional<IgtlSession> igtl_;
   bool is_stopping_ = false;
 };
 
@@ -151,14 +156,26 @@ Result<void> serve(const ServerSettings& settings, Files files, PageFiles page) 
                                                     : address.to_string();
   ConsoleState console(context, settings, std::move(files), std::move(page),
                        HostNames(address.to_string(), port, settings.public_url));
+  std::unique_ptr<IgtlServer> igtl;
+  if (settings.igtl) {
+    auto listening = IgtlServer::listen(
+        context, *settings.igtl,
+        [&console](const char* kind, const std::string& from) { console.log.refused(kind, from); });
+    if (!listening) return listening.error();
+    igtl = std::move(*listening);
+  }
   const std::string link =
       (settings.public_url.empty() ? "http://" + host + ":" + std::to_string(port)
                                    : settings.public_url) +
       "/#";
+  const std::string igtl_endpoint = igtl ? igtl->endpoint() : "";
+  // The server must exist before the links are printed, because it catches the signals of whoever reads them.
+  Server server(console, std::move(acceptor), std::move(igtl));
   std::printf("operator: %s%s\naudience: %s%s\n", link.c_str(),
               console.tokens.of_operator().c_str(), link.c_str(), console.tokens.of_view().c_str());
+  if (!igtl_endpoint.empty()) std::printf("OpenIGTLink: %s\n", igtl_endpoint.c_str());
   std::fflush(stdout);
-  Server(console, std::move(acceptor)).run();
+  server.run();
   return {};
 }
 

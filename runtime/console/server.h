@@ -4,10 +4,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "formats/base/result.h"
 #include "runtime/console/files.h"
+#include "runtime/console/igtl/igtl_address.h"
 #include "runtime/console/page_files.h"
 #include "runtime/console/supervisor.h"
 
@@ -21,6 +23,7 @@ struct ServerSettings {
   std::string public_url;
   std::string start;     ///< JSON of /api/folder's `start`, the scene's name; empty: none
   std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
+  std::optional<IgtlAddress> igtl;  ///< address for OpenIGTLink clients; none: they are not served
 };
 
 /// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends its sessions. Errors:

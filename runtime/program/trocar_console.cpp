@@ -28,7 +28,7 @@ namespace {
 constexpr const char* kName = "trocar-console";
 
 struct Arguments {
-  std::string folder, listen = "127.0.0.1", public_url, attach, page;
+  std::string folder, listen = "127.0.0.1", public_url, attach, page, igtl;
   std::vector<std::string> devices;
   std::string recording, against, scene, start;
   int port = 4841;
@@ -41,7 +41,7 @@ int fail(const Error& error) {
 
 void declare(CLI::App& app, Arguments& arguments) {
   add_help_and_version(app, "trocar-console " TROCAR_VERSION " (" + library_versions() +
-                                ", Boost.Beast, Draco and tinygltf for assets)");
+                                ", Boost.Beast, OpenIGTLink, Draco and tinygltf for assets)");
   app.add_option("FOLDER", arguments.folder,
                  "scenes, assets and recordings to choose from; sessions are kept in its folder\n"
                  "sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
@@ -71,6 +71,11 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "a scene in FOLDER; its session starts when the operator's page is first opened");
   app.add_option("--page", arguments.page,
                  "folder of the page's files (default: the installed one)");
+  app.add_option(
+      "--igtl", arguments.igtl,
+      "show the session to 3D Slicer and other clients of OpenIGTLink: [ADDRESS:]PORT, for\n"
+      "instance 18944. The default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets\n"
+      "other machines watch. Clients cannot command");
   app.add_option("--recording", arguments.recording, "play this recording instead; needs --scene");
   app.add_option("--stiffness-limit", arguments.stiffness_limit_N_per_m,
                  "largest stiffness in N/m that the device may render in any session")
@@ -94,6 +99,7 @@ Result<void> check_arguments(const Arguments& a) {
   if (plays && !a.attach.empty()) return usage("--attach: is not for --recording");
   if (!a.start.empty() && (plays || !a.attach.empty()))
     return usage("--start: is not for --recording or --attach");
+  if (plays && !a.igtl.empty()) return usage("--igtl: is not for --recording");
   if (!plays && a.folder.empty())
     return usage("FOLDER is missing; or name a recording by --recording");
   return {};
@@ -163,6 +169,11 @@ int run_command_line(int argc, char** argv) {
     Result<std::string> url = public_url_of(arguments.public_url);
     if (!url) return fail(url.error());
     settings.public_url = std::move(*url);
+  }
+  if (!arguments.igtl.empty()) {
+    Result<IgtlAddress> address = parse_igtl_address(arguments.igtl);
+    if (!address) return fail(address.error());
+    settings.igtl = std::move(*address);
   }
   std::error_code error;
   settings.session.programs = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();

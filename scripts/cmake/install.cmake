@@ -103,7 +103,7 @@ trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md docs/add-your-de
   formats/session/device_link.md formats/session/telemetry.md)
 install(FILES scripts/debian/realtime.md RENAME README.Debian
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
-trocar_pages(trocar-console docs/trocar-console.md docs/hdf5.md docs/operating.md docs/glossary.md runtime/console/protocol.md)
+trocar_pages(trocar-console docs/trocar-console.md docs/hdf5.md docs/openigtlink.md docs/operating.md docs/glossary.md runtime/console/protocol.md)
 
 # --- the library of formats -----------------------------------------------------------------------
 target_compile_features(trocar_formats PUBLIC cxx_std_20)

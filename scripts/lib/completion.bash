@@ -37,6 +37,7 @@ _trocar() {
             --tip) COMPREPLY=($(compgen -W "needle-bevel needle-conical needle-diamond trocar jamshidi" -- "$cur")) ;;
             --recording) _filedir csv ;;
             --scene) _filedir json ;;
+            --igtl) COMPREPLY=($(compgen -W "18944" -- "$cur")) ;;
             --attach) _filedir ;;
             --against) if [[ $program == *console ]]; then _filedir csv; else _filedir -d; fi ;;
             -o | --output) if [[ $program == *export || $program == *run && $subcommand == export ]]; then _filedir '@(h5|hdf5)'; elif [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; elif [[ $subcommand == fit ]]; then _filedir json; else _filedir glb; fi ;;

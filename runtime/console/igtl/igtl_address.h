@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the console serves OpenIGTLink clients.
+// Tests: tests/e2e/console_igtl_test.py, tests/e2e/wrong_uses_test.py
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "formats/base/result.h"
+
+namespace trocar::runtime {
+
+struct IgtlAddress {
+  std::string address = "127.0.0.1";  ///< numerical
+  std::uint16_t port = 0;             ///< 0: any free one
+};
+/// Reads [ADDRESS:]PORT; an IPv6 address is in brackets. Errors: (usage).
+Result<IgtlAddress> parse_igtl_address(std::string_view text);
+
+}  // namespace trocar::runtime
