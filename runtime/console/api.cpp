@@ -8,10 +8,10 @@
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
 #include "formats/session/scene.h"
-#include "runtime/console/bone.h"
 #include "runtime/console/programs/session_files.h"
 #include "runtime/console/rows.h"
-#include "runtime/console/volume.h"
+#include "runtime/console/scan/bone.h"
+#include "runtime/console/scan/volume.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/bone.h"
+#include "runtime/console/scan/bone.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -15,7 +15,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "runtime/console/container.h"
-#include "runtime/console/placed_bone.h"
+#include "runtime/console/scan/placed_bone.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
 

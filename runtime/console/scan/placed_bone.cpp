@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/placed_bone.h"
+#include "runtime/console/scan/placed_bone.h"
 
 #include <algorithm>
 #include <cmath>
