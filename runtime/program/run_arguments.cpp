@@ -61,8 +61,19 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option("--summary", a.summary, "write a summary of the session, or of --test: JSON");
   recording.option(
       "--session-report", a.session_report,
-      "write a report for the debriefing, NAME.html, and the same figures, NAME.json:\n"
-      "path, forces, punctures, plunges, tremor, and the scene's goals");
+      "write a report for the debriefing, NAME.html, and the same figures, NAME.json and\n"
+      "NAME.figures.csv: path, forces, break-throughs, walls, tremor, the scene's goals");
+  recording.option(
+      "--trainee", a.trainee.code,
+      "code of the trainee, for recording, summary and report: 1 to 32 letters, digits,\n"
+      "- or _; no name is needed");
+  recording.option("--course", a.trainee.course, "name of the course, of the same characters");
+  recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
+  recording.option(
+      "--history", a.history,
+      "run no session; read the session reports' figures below this folder, and write\n"
+      "the learning curves of each trainee, course and scene to -o NAME.html, and the\n"
+      "same table to NAME.csv");
   recording.option("--hand-path", a.hand_path,
                    "write what a live hand did: JSON, a scene's `hand` that repeats it");
 }
@@ -123,9 +134,38 @@ Result<void> check_procedure(const RunArguments& a) {
   return {};
 }
 
+Result<void> check_trainee(const RunArguments& a) {
+  if (const std::string why = trainee_code_error(a.trainee.code); !why.empty())
+    return usage("--trainee " + a.trainee.code + ": " + why);
+  if (const std::string why = trainee_code_error(a.trainee.course); !why.empty())
+    return usage("--course " + a.trainee.course + ": " + why);
+  if (a.trainee.attempt)
+    if (const std::string why = attempt_error(*a.trainee.attempt); !why.empty())
+      return usage("--attempt: " + why);
+  if (a.trainee.is_stated() && !a.replay.empty())
+    return usage(
+        "--replay: trainee, course and attempt are the recording's; leave --trainee, --course and "
+        "--attempt out");
+  return {};
+}
+
+bool is_html_name(const std::filesystem::path& file) {
+  return file.extension() == ".html" && !file.stem().empty();
+}
+
+Result<void> check_history(const RunArguments& a) {
+  if (!a.scene.empty() || !a.new_scene.empty())
+    return usage("--history: runs no session; leave the scene out");
+  if (a.output.empty()) return usage("--history: needs -o NAME.html, the page to write");
+  if (!is_html_name(a.output))
+    return usage("-o " + a.output + ": must be a name that ends in .html");
+  return {};
+}
+
 Result<void> check_scene_arguments(const RunArguments& a) {
   if (auto good = check_procedure(a); !good) return good;
   if (a.explain) return {};
+  if (!a.history.empty()) return check_history(a);
   if (a.test_device) {
     if (!a.scene.empty() || !a.new_scene.empty())
       return usage("--test: runs no session; leave the scene out");
@@ -139,7 +179,8 @@ Result<void> check_scene_arguments(const RunArguments& a) {
     return usage("--new-scene: makes a scene; leave " + a.scene + " out");
   if (!a.new_scene.empty() && a.output.empty())
     return usage("--new-scene: needs -o SCENE.json, the file to write");
-  if (a.new_scene.empty() && !a.output.empty()) return usage("-o: is for --new-scene");
+  if (a.new_scene.empty() && !a.output.empty())
+    return usage("-o: is for --new-scene and --history");
   if (a.new_scene.empty() && a.live_hand)
     return usage("--live-hand: is for --new-scene; in a scene, `hand` has `live`");
   return {};
@@ -171,7 +212,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                "run no session; propose a scene for this asset (.glb) and write it to -o");
   scene.flag("--live-hand", a.live_hand,
              "with --new-scene: a scene whose hand you move yourself in trocar-console");
-  scene.option("-o,--output", a.output, "with --new-scene: the scene to write, JSON");
+  scene.option(
+      "-o,--output", a.output,
+      "with --new-scene: the scene to write, JSON; with --history: the page to write, HTML");
 
   Group device(app, "Device");
   device.option("--device", a.device,
@@ -201,6 +244,7 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
 
 Result<void> check_run_arguments(const RunArguments& a) {
   if (const Result<void> good = check_scene_arguments(a); !good) return good.error();
+  if (const Result<void> good = check_trainee(a); !good) return good.error();
   const Result<void> device = check_device_uri(a.device, !a.key_file.empty());
   if (!device) return device.error();
   if (!a.replay.empty() && a.device != kDefaultDevice) {
@@ -253,9 +297,7 @@ Result<void> check_run_arguments(const RunArguments& a) {
     return usage("--cpu " + std::to_string(a.cpu) + ": must be within 0 and " +
                  std::to_string(processors - 1) + ", the processors of this machine");
   }
-  if (!a.session_report.empty() &&
-      (std::filesystem::path(a.session_report).extension() != ".html" ||
-       std::filesystem::path(a.session_report).stem().empty()))
+  if (!a.session_report.empty() && !is_html_name(a.session_report))
     return usage("--session-report " + a.session_report + ": must be a name that ends in .html");
   if (a.late_ticks_in_row && *a.late_ticks_in_row < 0)
     return usage("--late-ticks-in-row: must not be negative");

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "formats/base/result.h"
+#include "formats/session/trainee.h"
 #include "runtime/devices/open_device.h"
 #include "runtime/session/session_options.h"
 
@@ -33,6 +34,8 @@ struct RunArguments {
   std::optional<double> rate_Hz, duration_s;
   bool quiet = false;
   std::string record, summary, session_report, meshes, frames, hand_path;
+  Trainee trainee;
+  std::string history;
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
   std::optional<double> force_limit_N, force_scale;

@@ -187,6 +187,10 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
                       options.origin);
   else if (arguments.force_scale)
     options.origin.entries.emplace_back("force-scale", origin_number(*arguments.force_scale));
+  const Result<Trainee> trainee = inputs.replay.empty() ? Result<Trainee>(arguments.trainee)
+                                                        : stated_trainee(inputs.replay_origin);
+  if (!trainee) return refused(arguments.replay + ": " + trainee.error().message);
+  state_trainee(*trainee, options.origin);
   if (inputs.replay.empty()) return {};
   const Result<std::string> warning =
       check_replay(inputs.replay_origin, options.origin, arguments.replay);

@@ -30,12 +30,14 @@ nlohmann::json describe(const LinkReport& link) {
   return out;
 }
 
-/// Returns the file of the session report's figures.
-std::filesystem::path figures_file(const RunArguments& arguments) {
+/// Returns the file of the session report's figures with this extension.
+std::filesystem::path figures_file(const RunArguments& arguments, const char* extension) {
   return arguments.session_report.empty()
              ? std::filesystem::path()
-             : std::filesystem::path(arguments.session_report).replace_extension(".json");
+             : std::filesystem::path(arguments.session_report).replace_extension(extension);
 }
+constexpr const char* kFiguresJson = ".json";
+constexpr const char* kFiguresCsv = ".figures.csv";  // NAME.csv may be the recording
 
 std::vector<ReportSheet> report_sheets(const SessionInputs& inputs) {
   std::vector<ReportSheet> sheets;
@@ -79,13 +81,15 @@ std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
 }  // namespace
 
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs) {
-  const OutputFile outputs[] = {{"--record", arguments.record},
-                                {"--summary", arguments.summary},
-                                {"--meshes", arguments.meshes},
-                                {"--frames", arguments.frames},
-                                {"--hand-path", arguments.hand_path},
-                                {"--session-report", arguments.session_report},
-                                {"--session-report (its figures)", figures_file(arguments)}};
+  const OutputFile outputs[] = {
+      {"--record", arguments.record},
+      {"--summary", arguments.summary},
+      {"--meshes", arguments.meshes},
+      {"--frames", arguments.frames},
+      {"--hand-path", arguments.hand_path},
+      {"--session-report", arguments.session_report},
+      {"--session-report (its figures)", figures_file(arguments, kFiguresJson)},
+      {"--session-report (its figures)", figures_file(arguments, kFiguresCsv)}};
   for (const OutputFile& output : outputs) {
     if (!arguments.live.empty() && output.file == arguments.live)
       return usage("--live " + arguments.live + ": is also the file of " + output.option);
@@ -124,6 +128,15 @@ ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOp
   facts.lost_ticks = report.ticks_not_observed;
   facts.faults = report.faults;
   facts.sheets = sheets_;
+  if (Result<Trainee> trainee = stated_trainee(options.origin); trainee)
+    facts.trainee = std::move(*trainee);
+  if (figures.counted > 0) {
+    std::vector<const Sheet*> bone;
+    for (std::size_t i = 0; i < remesher.size(); ++i)
+      bone.push_back(&remesher.first_version(i));
+    facts.final_wall = measure_wall_violation(bone, make_tool(inputs_.scene.tool), figures.lowest_m,
+                                              figures.lowest_q);
+  }
   for (const int axis : {0, 1}) {
     for (std::size_t i = 0; i < remesher.size(); ++i)
       facts.material_m[static_cast<std::size_t>(axis)].push_back(material_along(
@@ -159,8 +172,10 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
     const ReportFacts all = facts(figures, options, report, remesher);
     keep_error(write_file_atomically(arguments_.session_report,
                                      session_report_page(inputs_.scene, figures, all)));
-    keep_error(write_file_atomically(figures_file(arguments_),
-                                     session_report_json(inputs_.scene, figures, all) + "\n"));
+    const std::string json = session_report_json(inputs_.scene, figures, all);
+    keep_error(write_file_atomically(figures_file(arguments_, kFiguresJson), json + "\n"));
+    keep_error(
+        write_file_atomically(figures_file(arguments_, kFiguresCsv), session_report_csv(json)));
   }
   return errors;
 }

@@ -34,6 +34,14 @@
 //     point along the line. The distance of the tip to a zone is negative inside the zone. A breach
 //     is a run of rows with a negative distance.
 //  7. A miss is a run of rows in which the tool is below a slice, past the edge of its material.
+//  8. The tip is in bone in counted rows in contact or punctured that have an active slice. An
+//     attempt begins with the first such row, and with each such row after the tip has left the bone.
+//     The tip has left the bone when, in a counted row that is not in bone, it is at least kLeave_m
+//     away from where it was in the last row in bone. A re-entry is an attempt after the first.
+//  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
+// 10. The final position is the counted row with the lowest tip, the first of several.
+//     wall_violation.h defines how far the tool is outside bone there.
+// 11. The HU beside a force is front_HU of the same row (force law `cutting` only).
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -52,9 +60,10 @@ namespace trocar::runtime {
 
 inline constexpr double kPlunge_s = 0.5, kPlungeStop_s = 0.05, kPlungeStep_m = 5e-5;
 inline constexpr double kTremorLow_Hz = 4, kTremorHigh_Hz = 12, kTremorSettle_s = 0.5;
+inline constexpr double kLeave_m = 1e-3;
 inline constexpr std::size_t kMaxReportPunctures = 1024;
 inline constexpr std::size_t kMaxReportSpans =
-    64;  ///< largest number of breaches of a zone, of misses, of side cuts, and of faults
+    64;  ///< largest number of breaches of a zone, of misses, side cuts, attempts and faults
 inline constexpr std::size_t kMaxReportSamples = 1024;
 
 /// A sheet of the scene. Lists of sheets begin with the topmost one.
@@ -72,6 +81,7 @@ struct Punctured {
 struct ReportPuncture {
   Punctured what;
   double t_s = 0, force_N = 0, tip_N = 0, depth_m = 0, tip_z_m = 0;
+  std::optional<double> front_HU;
 };
 enum class PlungeEnd : std::uint8_t { kReversed, kStopped, kTime, kNext, kFault, kEnd };
 struct BreakThrough {
@@ -118,6 +128,7 @@ struct ReportSample {
   double t_s = 0;
   std::array<double, 3> tip_m{};
   double force_N = 0;
+  std::optional<double> front_HU;
 };
 
 struct SessionFigures {
@@ -127,9 +138,14 @@ struct SessionFigures {
   double length_m = 0;
   std::optional<double> insertion_m, straight_m;  ///< path length and distance
   double lowest_z_m = 0;
-  std::array<double, 3> lowest_m{};  ///< position of the lowest tip
+  std::array<double, 3> lowest_m{};            ///< position of the lowest tip
+  std::array<double, 4> lowest_q{1, 0, 0, 0};  ///< orientation of the plate then, w x y z
+  double lowest_t_s = 0;
+  std::vector<Span>
+      attempts;  ///< the first kMaxReportSpans, each from its first to its last row in bone
+  std::uint64_t attempts_count = 0;
   std::optional<double> first_contact_s, last_puncture_s;
-  double force_max_N = 0, force_max_t_s = 0, contact_sum_N = 0;
+  double force_max_N = 0, force_max_t_s = 0, contact_sum_N = 0, counted_sum_N = 0;
   std::array<double, 3> force_max_tip_m{};
   std::vector<ReportPuncture> punctures;  ///< the first kMaxReportPunctures
   std::uint64_t punctures_count = 0;

@@ -56,11 +56,13 @@ void SessionObserver::observe(const ObservedTick& tick) {
   }
   last_force_N_ = force_N;
   last_t_s_ = row.t_s;
+  last_front_HU_ = front_HU(row);
 }
 
 void SessionObserver::observe_counted(const ObservedTick& tick, double force_N) {
   const RecordingRow& row = tick.row;
   ++out_.counted;
+  out_.counted_sum_N += force_N;
   if (row.phase == ContactPhase::kFree) ++out_.free;
   if (row.phase == ContactPhase::kContact) {
     ++out_.contact;
@@ -68,6 +70,7 @@ void SessionObserver::observe_counted(const ObservedTick& tick, double force_N) 
   }
   if (row.phase == ContactPhase::kPunctured || row.phase == ContactPhase::kMissed) ++out_.through;
   observe_path(row);
+  observe_attempt(row);
   plunge_.observe(row, observe_punctures(tick), out_);
   tremor_.observe(row, out_);
   if (goals_) goals_->observe(row, out_);
@@ -91,6 +94,8 @@ void SessionObserver::observe_path(const RecordingRow& row) {
   if (tip[2] < out_.lowest_z_m) {
     out_.lowest_z_m = tip[2];
     out_.lowest_m = tip;
+    out_.lowest_q = row.q;
+    out_.lowest_t_s = row.t_s;
   }
   if (out_.first_contact_s) {
     length_since_contact_m_ += step_m;
@@ -106,6 +111,20 @@ void SessionObserver::observe_path(const RecordingRow& row) {
   }
 }
 
+void SessionObserver::observe_attempt(const RecordingRow& row) {
+  const bool is_in_bone =
+      (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
+      row.active_slice >= 0;
+  if (is_in_bone) {
+    if (!in_bone_tip_)
+      keep(out_.attempts, kMaxReportSpans, out_.attempts_count, Span{-1, row.t_s, row.t_s, 0, 0});
+    if (out_.attempts_count <= kMaxReportSpans) out_.attempts.back().to_s = row.t_s;
+    in_bone_tip_ = row.tool_m;
+  } else if (in_bone_tip_ && length(minus(row.tool_m, *in_bone_tip_)) >= kLeave_m) {
+    in_bone_tip_.reset();
+  }
+}
+
 /// Returns the lowest sheet or layer that is punctured in this tick.
 std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& tick) {
   const RecordingRow& row = tick.row;
@@ -114,7 +133,8 @@ std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& 
   const auto add = [&](const Punctured& what) {
     const double tip_z_m = row.tool_m[2];
     keep(out_.punctures, kMaxReportPunctures, out_.punctures_count,
-         ReportPuncture{what, row.t_s, last_force_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m});
+         ReportPuncture{what, row.t_s, last_force_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m,
+                        last_front_HU_});
     out_.last_puncture_s = row.t_s;
     if (!lowest || height(what) < height(*lowest)) lowest = what;
   };
@@ -156,12 +176,17 @@ void SessionObserver::observe_fault(const RecordingRow& row) {
   }
 }
 
+std::optional<double> SessionObserver::front_HU(const RecordingRow& row) const {
+  return traits_of(scene_.force_law.kind).uses_bone_volume ? std::optional(row.cutting.front_HU)
+                                                           : std::nullopt;
+}
+
 void SessionObserver::sample(const RecordingRow& row, double force_N) {
   std::vector<ReportSample>& list = out_.samples;
   const auto larger = [](const ReportSample& a, const ReportSample& b) {
     return b.force_N > a.force_N ? b : a;
   };
-  const ReportSample made{row.t_s, row.tool_m, force_N};
+  const ReportSample made{row.t_s, row.tool_m, force_N, front_HU(row)};
   if (rows_sampled_ % out_.stride != 0) {
     list.back() = larger(list.back(), made);
   } else {

@@ -32,9 +32,11 @@ class SessionObserver {
   void observe_counted(const ObservedTick& tick, double force_N);
   void observe_gap(const RecordingRow& row);
   void observe_path(const RecordingRow& row);
+  void observe_attempt(const RecordingRow& row);
   std::optional<Punctured> observe_punctures(const ObservedTick& tick);
   void observe_miss(const RecordingRow& row);
   void observe_fault(const RecordingRow& row);
+  std::optional<double> front_HU(const RecordingRow& row) const;
   void sample(const RecordingRow& row, double force_N);
 
   const Scene& scene_;
@@ -44,9 +46,11 @@ class SessionObserver {
   TremorMeter tremor_;
   std::optional<GoalMeter> goals_;
   double last_force_N_ = 0, last_t_s_ = 0;
+  std::optional<double> last_front_HU_;
   std::optional<Vector3> last_tip_;
   Vector3 contact_tip_{};
   double length_since_contact_m_ = 0, lowest_inserted_m_ = 0;
+  std::optional<Vector3> in_bone_tip_;  ///< tip in the last row in bone; none: it has left the bone
   bool is_missed_ = false;
   std::int32_t missed_slice_ = -1;
   Fault last_fault_ = Fault::kNone;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "embedded/runtime/reporting/session_page.html.h"
+#include "formats/base/csv_field.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
 #include "formats/session/fault_words.h"
@@ -78,9 +79,9 @@ json describe_goals(const Scene& scene, const SessionFigures& f) {
 json describe_samples(const SessionFigures& f) {
   json rows = json::array();
   for (const ReportSample& s : f.samples)
-    rows.push_back({s.t_s, s.tip_m[0], s.tip_m[1], s.tip_m[2], s.force_N});
+    rows.push_back({s.t_s, s.tip_m[0], s.tip_m[1], s.tip_m[2], s.force_N, or_null(s.front_HU)});
   return {{"stride", f.stride},
-          {"columns", {"t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N"}},
+          {"columns", {"t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N", "front_HU"}},
           {"rows", std::move(rows)}};
 }
 
@@ -136,9 +137,34 @@ json describe_force(const SessionFigures& f) {
   json out = {{"max_N", f.force_max_N},
               {"max_t_s", f.force_max_t_s},
               {"max_tip_m", f.force_max_tip_m},
+              {"time_integral_N_s", f.counted_sum_N / f.rate_Hz},
               {"contact_mean_N", nullptr}};
   if (f.contact > 0) out["contact_mean_N"] = f.contact_sum_N / static_cast<double>(f.contact);
   return out;
+}
+
+json describe_attempts(const SessionFigures& f) {
+  json listed = json::array();
+  for (const Span& span : f.attempts)
+    listed.push_back({{"from_s", span.from_s}, {"to_s", span.to_s}});
+  return {{"count", f.attempts_count},
+          {"reentries", f.attempts_count > 0 ? f.attempts_count - 1 : 0},
+          {"leave_m", kLeave_m},
+          {"listed", std::move(listed)}};
+}
+
+/// Returns how far the tool is outside bone at its final position; null if it is not in bone.
+json describe_final_wall(const SessionFigures& f, const ReportFacts& facts) {
+  if (!facts.final_wall) return nullptr;
+  const WallViolation& wall = *facts.final_wall;
+  return {{"t_s", f.lowest_t_s},
+          {"tip_m", f.lowest_m},
+          {"outside_m", wall.outside_m},
+          {"grade", grade_of(wall.outside_m)},
+          {"grade_is", words_of_grade(grade_of(wall.outside_m))},
+          {"slice", wall.slice < 0 ? json(nullptr) : json(wall.slice)},
+          {"first_slice", wall.first_slice},
+          {"slices_judged", wall.slices_judged}};
 }
 
 json describe_punctures(const Scene& scene, const SessionFigures& f, const ReportFacts& facts) {
@@ -149,7 +175,8 @@ json describe_punctures(const Scene& scene, const SessionFigures& f, const Repor
                  {"force_N", p.force_N},
                  {"tip_N", p.tip_N},
                  {"depth_m", p.depth_m},
-                 {"tip_z_m", p.tip_z_m}});
+                 {"tip_z_m", p.tip_z_m},
+                 {"front_HU", or_null(p.front_HU)}});
     out.push_back(std::move(made));
   }
   return out;
@@ -260,6 +287,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                                 const ReportFacts& facts) {
   json out = describe_goals(scene, f);
   out["schema"] = "trocar.session-report/1";
+  out["trainee"] = json::parse(to_json(facts.trainee));
   out["program"] = "trocar-run " TROCAR_VERSION;
   out["use"] = "for training, not for planning";
   out["scene"] = scene.name;
@@ -285,7 +313,9 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                    {"settle_s", kTremorSettle_s},
                    {"free", describe(f.tremor_free)},
                    {"contact", describe(f.tremor_contact)}};
+  out["attempts"] = describe_attempts(f);
   out["walls"] = describe_walls(f);
+  out["walls"]["final"] = describe_final_wall(f, facts);
   out["faults"] = describe_faults(f, facts);
   out["faults_count"] = f.faults_count;
   out["operator_stops_count"] = f.operator_stops_count;
@@ -294,6 +324,19 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                                    [](const GoalResult& goal) { return goal.met; });
   out["samples"] = describe_samples(f);
   return json_text(out, 1);
+}
+
+std::string session_report_csv(const std::string& report_json) {
+  json report = json::parse(report_json);
+  report.erase("samples");
+  std::string csv = "figure,value\n";
+  const json flat = report.flatten();
+  for (const auto& [path, value] : flat.items()) {
+    std::string text = value.is_string() ? value.get<std::string>() : json_text(value);
+    if (value.is_null() || value.is_structured()) text.clear();  // no value, or an empty list
+    csv += csv_field(path.substr(1)) + ',' + csv_field(text) + '\n';
+  }
+  return csv;
 }
 
 std::string session_report_page(const Scene& scene, const SessionFigures& figures,

@@ -6,6 +6,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/session/trainee.h"
 
 namespace trocar::runtime {
 namespace {
@@ -148,6 +149,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
       {"schema", "trocar.summary/1"},
       {"program", "trocar-run " TROCAR_VERSION},
       {"scene", scene.name},
+      {"trainee", nullptr},
       {"clock", is_virtual ? "virtual" : "real"},
       {"rate_Hz", options.rate_Hz},
       {"end", end},
@@ -179,6 +181,8 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
       {"scaled_ticks", report.scaled_ticks},
       {"torque_max_Nm", report.torque_max_Nm},
   };
+  if (const Result<Trainee> trainee = stated_trainee(options.origin); trainee)
+    summary["trainee"] = json::parse(to_json(*trainee));
   if (report.allocations_in_loop) summary["allocations_in_loop"] = *report.allocations_in_loop;
   if (const SummarySection law = report.law->summary(); !law.key.empty())
     summary[law.key] = json::parse(law.json);

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// One field of a CSV line (RFC 4180).
+// Tests: tests/formats/session/trainee_test.cpp
+#pragma once
+
+#include <string>
+
+namespace trocar {
+
+/// The text, in quotes if it has a comma, a quote or a line break. A text that a spreadsheet would take
+/// for a formula is written after an apostrophe.
+inline std::string csv_field(const std::string& text) {
+  const bool is_number =
+      !text.empty() && text.find_first_not_of("0123456789+-.eE") == std::string::npos;
+  std::string field =
+      !text.empty() && !is_number && std::string("=+-@\t\r").find(text[0]) != std::string::npos
+          ? "'" + text
+          : text;
+  if (field.find_first_of(",\"\r\n") == std::string::npos) return field;
+  std::string quoted = "\"";
+  for (const char c : field) {
+    if (c == '"') quoted += '"';
+    quoted += c;
+  }
+  return quoted + '"';
+}
+
+}  // namespace trocar
