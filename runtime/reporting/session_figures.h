@@ -35,8 +35,9 @@
 //     is a run of rows with a negative distance.
 //  7. A miss is a run of rows in which the tool is below a slice, past the edge of its material.
 //  8. The tip is in bone in counted rows in contact or punctured that have an active slice. An
-//     attempt begins with the first such row, and with each such row after the tip has left the bone.
-//     The tip has left the bone when, in a counted row that is not in bone, it is at least kLeave_m
+//     attempt begins with the first such row, and with each such row after the tip has left the bone,
+//     unless the tip is higher than in the counted row directly before: it then comes back through the
+//     bone from below. The tip has left the bone when, in a counted row that is not in bone, it is at least kLeave_m
 //     away from where it was in the last row in bone. A re-entry is an attempt after the first.
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
 // 10. The final position is the counted row with the lowest tip, the first of several.

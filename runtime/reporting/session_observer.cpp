@@ -69,8 +69,8 @@ void SessionObserver::observe_counted(const ObservedTick& tick, double force_N) 
     out_.contact_sum_N += force_N;
   }
   if (row.phase == ContactPhase::kPunctured || row.phase == ContactPhase::kMissed) ++out_.through;
-  observe_path(row);
   observe_attempt(row);
+  observe_path(row);
   plunge_.observe(row, observe_punctures(tick), out_);
   tremor_.observe(row, out_);
   if (goals_) goals_->observe(row, out_);
@@ -116,9 +116,11 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
       (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
       row.active_slice >= 0;
   if (is_in_bone) {
-    if (!in_bone_tip_)
+    const bool is_upward = last_tip_ && row.tool_m[2] > (*last_tip_)[2];
+    if (!in_bone_tip_ && !is_upward)
       keep(out_.attempts, kMaxReportSpans, out_.attempts_count, Span{-1, row.t_s, row.t_s, 0, 0});
-    if (out_.attempts_count <= kMaxReportSpans) out_.attempts.back().to_s = row.t_s;
+    if (out_.attempts_count > 0 && out_.attempts_count <= kMaxReportSpans)
+      out_.attempts.back().to_s = row.t_s;
     in_bone_tip_ = row.tool_m;
   } else if (in_bone_tip_ && length(minus(row.tool_m, *in_bone_tip_)) >= kLeave_m) {
     in_bone_tip_.reset();

@@ -170,7 +170,96 @@ def named(what):
     return {"layer": name if kind == "layer" else None, "slice": name if kind == "slice" else None}
 
 
-def expected(scene, rows, asset_info, rate, layer_punctures=()):
+def outlines_on(scene, rows, k, z):
+    """Corners and axis of the tool in the planes of these heights, for the tip and the plate's orientation of row k."""
+    tool, w = scene["tool"], np.array([rows[name][k] for name in ("qw", "qx", "qy", "qz")])
+    spin = math.radians(tool.get("rotation_deg", 0))
+    flat = np.array(tool["outline_m"], float) if "outline_m" in tool else tool.get("radius_m", 0.003) * np.array(
+        [[math.cos(2 * math.pi * i / tool.get("sides", 6)), math.sin(2 * math.pi * i / tool.get("sides", 6))] for i in range(tool.get("sides", 6))])
+    flat = flat @ np.array([[math.cos(spin), math.sin(spin)], [-math.sin(spin), math.cos(spin)]])
+    tilt, towards = math.radians(tool.get("tilt_deg", 0)), math.radians(tool.get("tilt_azimuth_deg", 0))
+    cos_t, u = math.cos(tilt), np.array([-math.sin(towards), math.cos(towards), 0])
+
+    def turned(v, c, s, n):  # Rodrigues
+        return v * c + np.cross(n, v) * s + np.outer(v @ n, n) * (1 - c)
+
+    def by_plate(v):
+        n = w[1:]
+        return v + 2 * np.cross(n, np.cross(n, v) + w[0] * v)
+
+    axis = by_plate(turned(np.array([[0.0, 0, 1]]), cos_t, math.sin(tilt), u))[0]
+    points = np.vstack([np.zeros(3), by_plate(turned(np.column_stack([flat, np.zeros(len(flat))]), cos_t, math.sin(tilt), u))])
+    points += [rows[name][k] for name in ("tool_x_m", "tool_y_m", "tool_z_m")]
+    return [(points + np.outer((height - points[:, 2]) / axis[2], axis))[:, :2] for height in z]
+
+
+def from_material(sheet, points):
+    """Distance of points in a sheet's plane from its material: by the triangles, and by their edges, inner ones too."""
+    corners = sheet["corners"]
+    best = np.full(len(points), np.inf)
+    inside = np.zeros(len(points), bool)
+    sides = []
+    for i in range(3):
+        a, b = corners[:, i], corners[:, (i + 1) % 3]
+        way = b - a
+        to = points[:, None, :] - a
+        sides.append(way[:, 0] * to[:, :, 1] - way[:, 1] * to[:, :, 0])
+        along = np.clip((to * way).sum(axis=2) / (way**2).sum(axis=1), 0, 1)
+        best = np.minimum(best, np.sqrt(((to - along[:, :, None] * way)**2).sum(axis=2)).min(axis=1))
+    inside = (np.minimum(np.minimum(sides[0], sides[1]), sides[2]) >= 0).any(axis=1)
+    return np.where(inside, 0, best)
+
+
+def final_wall(scene, rows, counts, meshes):
+    """The grade at the lowest tip, from the sheets before the session (`--meshes`)."""
+    if not counts.any():
+        return None
+    k = int(np.flatnonzero(counts)[np.argmin(rows["tool_z_m"][counts])])
+    step = 2.0**-meshes["lattice_bits"]
+    sheets = []
+    for sheet in meshes["sheets"]:
+        turn = math.radians(sheet["rotation_deg"])
+        flat = (np.array(sheet["before"]["vertices"], float) * step - sheet["anchor_mm"]) / 1e3
+        flat = flat @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) + sheet["at_m"]
+        sheets.append({"slice": sheet["slice"], "z": sheet["z_m"], "corners": flat[np.array(sheet["before"]["triangles"])]})
+    above = [sheet for sheet in sheets if sheet["z"] >= rows["tool_z_m"][k]]
+    judged, begin, past = [], None, False
+    for sheet, points in zip(above, outlines_on(scene, rows, k, [sheet["z"] for sheet in above])):
+        if begin is None and from_material(sheet, points[:1])[0] == 0:
+            begin = sheet["z"]
+        if begin is None:
+            continue
+        own = from_material(sheet, points[1:])
+        apart = [np.where(own > 0, np.hypot(from_material(other, points[1:]), other["z"] - sheet["z"]), 0) for other in sheets]
+        outside = np.min(apart, axis=0).max()
+        past = past or outside == 0 or begin - sheet["z"] > 0.005
+        if past:
+            judged.append((round(outside, 9), sheet["slice"]))
+    if not judged:
+        return None
+    worst = max(judged, key=lambda each: each[0])
+    grade = 0 if worst[0] <= 0 else 1 if worst[0] < 0.002 else 2 if worst[0] <= 0.004 else 3
+    return {"t_s": rows["t_s"][k], "tip_m": [rows[name][k] for name in ("tool_x_m", "tool_y_m", "tool_z_m")], "outside_m": worst[0], "grade": grade,
+            "grade_is": ["0", "under 2 mm", "2 to 4 mm", "over 4 mm"][grade], "slice": worst[1] if worst[0] > 0 else None, "first_slice": judged[0][1],
+            "slices_judged": len(judged)}
+
+
+def attempts_of(rows, counts, tip, t):
+    """From the rows in bone: those that follow another without the tip being 1 mm away from it in between belong together."""
+    in_bone = counts & np.isin(rows["state"], ["contact", "punctured"]) & (rows["active_slice"] >= 0)
+    at = np.flatnonzero(in_bone)
+    entries = []
+    for before, k in zip([None, *at[:-1]], at):
+        between = [] if before is None else [j for j in range(before + 1, k) if counts[j] and np.linalg.norm(tip[j] - tip[before]) >= 0.001]
+        is_new = before is None or len(between) > 0
+        if is_new and not (k > 0 and counts[k - 1] and tip[k, 2] > tip[k - 1, 2]):
+            entries.append({"from_s": t[k], "to_s": t[k]})
+        if entries:
+            entries[-1]["to_s"] = t[k]
+    return {"count": len(entries), "reentries": max(0, len(entries) - 1), "leave_m": 0.001, "listed": entries[:SPANS]}
+
+
+def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     out, t = {}, rows["t_s"]
     n = len(t)
     cutting = "front_z_m" in rows
@@ -192,7 +281,8 @@ def expected(scene, rows, asset_info, rate, layer_punctures=()):
         struck.setdefault(k, []).append(("slice", sheets[i][0], sheets[i][1], sheets[i][1]))
     for k in sorted(struck):
         for what in struck[k]:
-            listed.append({**named(what), "t_s": t[k], "force_N": force[k - 1], "depth_m": what[2] - tip[k, 2], "tip_z_m": tip[k, 2]})
+            listed.append({**named(what), "t_s": t[k], "force_N": force[k - 1], "depth_m": what[2] - tip[k, 2], "tip_z_m": tip[k, 2],
+                           "front_HU": rows["front_HU"][k - 1] if cutting else None})
     out["punctures"], out["punctures_count"] = listed[:PUNCTURES], len(listed)
     plunges = break_throughs(scene, rows, counts, struck, lambda what: what[2], lambda what: what[3], rate)
     out["break_throughs"], out["break_throughs_count"] = plunges[:PUNCTURES], len(plunges)
@@ -218,6 +308,7 @@ def expected(scene, rows, asset_info, rate, layer_punctures=()):
                    "contact_to_last_puncture_s": last_s - first_s if both else None}
     k = int(np.argmax(force))
     out["force"] = {"max_N": force[k], "max_t_s": t[k], "max_tip_m": list(tip[k]),
+                    "time_integral_N_s": force[counts].sum() / rate,
                     "contact_mean_N": force[contact].mean() if contact.any() else None}
 
     squares = {"free": [], "contact": []}
@@ -240,7 +331,8 @@ def expected(scene, rows, asset_info, rate, layer_punctures=()):
     spans.sort(key=lambda span: span[1])
     cuts = int(rows["cuts_published"][-1]) - sum(1 for each in listed if each["layer"] is None)
     out["walls"] = {"beside": [{"slice": None if name < 0 else int(name), "from_s": t[a], "to_s": t[b]} for name, a, b in spans[:SPANS]],
-                    "beside_count": len(spans), "beside_s": beside.sum() / rate, "side_cuts_count": cuts}
+                    "beside_count": len(spans), "beside_s": beside.sum() / rate, "side_cuts_count": cuts, "final": final_wall(scene, rows, counts, meshes)}
+    out["attempts"] = attempts_of(rows, counts, tip, t)
     stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1])]
     faults = [k for k in stops if rows["fault"][k] not in ("paused", "forces_off")]
     out["operator_stops_count"] = len(stops) - len(faults)
@@ -255,8 +347,8 @@ def expected(scene, rows, asset_info, rate, layer_punctures=()):
     while len(known) > SAMPLES * stride:
         stride *= 2
     kept = [group[np.argmax(force[group])] for group in (known[i:i + stride] for i in range(0, len(known), stride))]
-    out["samples"] = {"stride": stride, "columns": ["t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N"],
-                      "rows": [[t[k], *tip[k], force[k]] for k in kept]}
+    out["samples"] = {"stride": stride, "columns": ["t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N", "front_HU"],
+                      "rows": [[t[k], *tip[k], force[k], rows["front_HU"][k] if cutting else None] for k in kept]}
     return out
 
 
@@ -332,6 +424,30 @@ def compare(where, want, got):
         check(abs(want - got) <= CLOSE * max(abs(want), abs(got)) + 1e-15, f"{where}: {got!r}, not {want!r}")
 
 
+def check_csv(name, report, file):
+    """The CSV has every number and text of the figures but the samples, under its path."""
+    def leaves(value, path=""):
+        if isinstance(value, (dict, list)):
+            for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+                yield from leaves(inner, f"{path}/{key}" if path else str(key))
+        else:
+            yield path, value
+    want = {path: value for path, value in leaves({key: value for key, value in report.items() if key != "samples"})}
+    with open(file, newline="") as lines:
+        got = {row["figure"]: row["value"] for row in csv.DictReader(lines)}
+    empty = {path for path, text in got.items() if text == "" and path not in want}  # empty lists
+    check(set(got) - empty == set(want), f"{name}: csv: {sorted(set(got) ^ set(want))[:5]}")
+    for path, value in want.items():
+        text = got.get(path, "")
+        if isinstance(value, bool) or value is None:
+            is_same = text == {True: "true", False: "false", None: ""}[value]
+        elif isinstance(value, str):
+            is_same = text in (value, "'" + value)
+        else:
+            is_same = float(text) == value
+        check(is_same, f"{name}: csv: {path} is {text!r}, not {value!r}")
+
+
 class Elements(html.parser.HTMLParser):
     """Tags and attributes of a rendered page; every element must be closed."""
 
@@ -379,13 +495,16 @@ class Sessions:
     def run(self, name, scene, *options, expect=0, clock="virtual", layer_punctures=None):
         made = self.work / f"{name}.json.scene"
         made.write_text(json.dumps(scene))
+        meshes = self.work / f"{name}.meshes.json"
         page, record, summary = self.work / f"{name}.html", self.work / f"{name}.csv", self.work / f"{name}.summary.json"
         run(self.programs / "trocar-run", made, "--asset", self.asset, "--clock", clock, "--quiet", "--session-report", page,
-            *(() if "--replay" in options else ("--black-box", self.work)), "--record", record, "--summary", summary, *options, expect=expect)
+            *(() if "--replay" in options else ("--black-box", self.work)), "--record", record, "--summary", summary, "--meshes", meshes, *options, expect=expect)
         report, summed = json.loads(page.with_suffix(".json").read_text()), json.loads(summary.read_text())
         rows = read_rows(record)
         found = layer_punctures(rows) if layer_punctures else ()
-        compare(name, expected(scene, rows, self.planes, summed["rate_Hz"], found), report)
+        compare(name, expected(scene, rows, self.planes, summed["rate_Hz"], json.loads(meshes.read_text()), found), report)
+        check(report["trainee"] == summed["trainee"], f"{name}: trainee: {report['trainee']}, summary: {summed['trainee']}")
+        check_csv(name, report, page.with_suffix(".figures.csv"))
         self.schema.check(name, report)
         check(report["scene"] == scene["name"] and report["end"] == summed["end"] and report["ticks_lost"] == 0, f"{name}: {report['end']}")
         check(abs(report["force"]["max_N"] - summed["max_force_N"]) <= CLOSE * summed["max_force_N"], f"{name}: largest force")
@@ -411,17 +530,27 @@ class Sessions:
         elements = Elements(page)
         check(not elements.links and not set(elements.tags) & {"img", "iframe", "link", "object", "base"}, f"{name}: page holds {elements.links}")
         check(elements.tags.count("script") == 3 and not elements.open, f"{name}: page: {elements.tags.count('script')} scripts, not closed: {elements.open}")
-        check(elements.tags.count("svg") == 4 and elements.tags.count("circle") >= 2 * len(report["punctures"]), f"{name}: page: pictures")
+        has_hu = any(row[5] not in (None, 0) and row[5] > -1000 for row in report["samples"]["rows"])
+        check(elements.tags.count("svg") == 5 + has_hu and elements.tags.count("circle") >= 2 * len(report["punctures"]), f"{name}: page: pictures")
         check(not any(re.search("NaN|Infinity|undefined|null", value) for value in elements.values), f"{name}: page: numbers of pictures")
         words = " ".join(" ".join(texts_of(page)).split())
         check(report["scene"] in words and not re.search(r"\b(NaN|Infinity|undefined|null)\b", words), f"{name}: page: {words[:300]}")
         for goal in report["goals"]:
             value = "none" if goal["value"] is None else f"{goal['value'] * 1e3:.2f} mm" if goal["unit"] == "m" else f"{goal['value']:.2f}"
             check(value in words, f"{name}: page lacks {goal['goal']} {value}")
-        for each in report["punctures"]:
+        of_breaks = {(each["t_s"], each["layer"], each["slice"]) for each in report["break_throughs"]}
+        for each in (each for each in report["punctures"] if (each["t_s"], each["layer"], each["slice"]) in of_breaks):
             check(f"{each['force_N']:.2f} N" in words and f"{each['tip_N']:.2f} N" in words and f"{each['t_s']:.3f} s" in words, f"{name}: page lacks {each}")
         for each in report["break_throughs"]:
             check(f"{each['plunge_m'] * 1e3:.2f} mm" in words, f"{name}: page lacks {each}")
+        integral, attempts = f"{report['force']['time_integral_N_s']:.2f} N s", f"{report['attempts']['count']}, {report['attempts']['reentries']}"
+        check(integral in words and attempts in words, f"{name}: page lacks {integral} or {attempts}")
+        final = report["walls"]["final"]
+        check((f"Grade: {final['grade_is']}." if final else "there is no grade") in words, f"{name}: page lacks the grade of {final}")
+        for known in ("10.52198/21.sti.38.os1365", "PMID 27085361", "RAPM 44:298", "PMC7882829", "no published validation known"):
+            check(known in words, f"{name}: page lacks {known}")
+        code = (report["trainee"] or {}).get("code")
+        check(code is None or f"Trainee {code}" in words, f"{name}: page lacks {code}")
         for each in report["faults"]:
             check(" ".join(each["message"].split()) in words, f"{name}: page lacks {each}")
         for each in report["zones"]:
@@ -501,7 +630,9 @@ def main():
 
     report, _ = sessions.run("three", three)
     check(report["punctures_count"] == 3 and report["break_throughs_count"] == 3 and report["goals"] == [], "three: too little happened")
-    report, _ = sessions.run("met", {**three, "goals": goals(False)})
+    who = ("--trainee", "A-17", "--course", "spine_2026", "--attempt", "3")
+    report, _ = sessions.run("met", {**three, "goals": goals(False)}, *who)
+    check(report["trainee"] == {"code": "A-17", "course": "spine_2026", "attempt": 3}, f"met: {report['trainee']}")
     check(report["goals_met"] == len(report["goals"]) == 9, f"met: {report['goals']}")
     report, _ = sessions.run("broken", {**three, "name": "<script>alert(1)</script> & 'x'", "goals": goals(True)})
     check(report["goals_met"] == 0 and len(report["goals"]) == 9, f"broken: {report['goals']}")
@@ -511,6 +642,13 @@ def main():
     check(page is None or "canal &lt;b&gt;" in page and "&lt;script&gt;alert(1)" in page, "not text in the rendered page")
     report, _ = sessions.run("vertebra", scenes["vertebra"])
     check(report["punctures_count"] >= 20 and report["path"]["straightness"] > 0.9, "vertebra: too little happened")
+    sessions.run("network", scenes["network_rim"])
+    grades = {}
+    for x_mm in (0, 18, 20, 22):
+        moved = [(p["t_s"], p["tip_m"][0] + x_mm / 1e3, p["tip_m"][1], max(p["tip_m"][2], 0.13)) for p in scenes["vertebra"]["hand"]["trajectory"]]
+        report, _ = sessions.run(f"wall_{x_mm}", descent(scenes["vertebra"], *moved))
+        grades[x_mm] = report["walls"]["final"] and report["walls"]["final"]["grade"]
+    check(grades[0] == 0 and {1, 2} <= set(grades.values()), f"wall: {grades}")
     away = [(0, 0, 0, 0.13), (0.8, 0, 0, 0.109), (1.2, 0.09, 0, 0.13), (2.4, 0, 0, 0.13), (4.2, 0, 0, 0.13), (5.0, 0, 0, 0.108)]
     report, _ = sessions.run("fault", descent(scenes["one_slice"], *away, duration_s=3), expect=5)
     check(report["faults_count"] == 1 and report["faults"][0]["recovered_t_s"] is None and report["time"]["stopped_s"] > 0,
@@ -521,6 +659,9 @@ def main():
             (4.5, 0.029, -0.002, 0.13), (5, 0.029, -0.002, 0.112), (5.5, 0.029, -0.002, 0.13)]
     report, _ = sessions.run("beside", descent({**scenes["one_slice"], "hand": three["hand"]}, *hole, duration_s=5.6))
     check(report["walls"]["beside_count"] >= 1, f"beside: {report['walls']}")
+    twice = [(0, 0, 0, 0.124), (0.1, 0, 0, 0.124), (1.5, 0, 0, 0.1), (2.2, 0, 0, 0.13), (2.8, 0.012, 0, 0.13), (4.2, 0.012, 0, 0.1), (5, 0.012, 0, 0.13)]
+    report, _ = sessions.run("twice", descent({**scenes["one_slice"], "hand": three["hand"]}, *twice, duration_s=5))
+    check(report["attempts"]["reentries"] == 1, f"twice: {report['attempts']}")
     layered = soft_layers(scenes["vertebra"])
     report, _ = sessions.run("layers", layered, layer_punctures=layer_rows(layered))
     check([each["layer"] for each in report["punctures"]] == [layer["name"] for layer in layered["layers"]], f"layers: {report['punctures']}")
