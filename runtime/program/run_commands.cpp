@@ -25,6 +25,7 @@
 #include "runtime/program/session_inputs.h"
 #include "runtime/program/session_messages.h"
 #include "runtime/program/session_outputs.h"
+#include "runtime/reporting/history.h"
 #include "runtime/session/origin.h"
 #include "runtime/session/session.h"
 #include "runtime/session/tick_rate.h"
@@ -296,6 +297,27 @@ int explain_procedures(const RunArguments& arguments) {
       std::printf("%s%s",
                   &procedure != procedures().data() && arguments.procedure.empty() ? "\n" : "",
                   explain(procedure).c_str());
+  return 0;
+}
+
+int write_history(const RunArguments& arguments) {
+  const std::filesystem::path page = arguments.output,
+                              table = std::filesystem::path(page).replace_extension(".csv");
+  const OutputFile outputs[] = {{"-o", page}, {"-o (its table)", table}};
+  if (const Result<void> good = check_outputs(outputs, {}); !good) return fail(good.error());
+  const Result<History> history = read_history(arguments.history);
+  if (!history) return fail(history.error());
+  for (const std::string& line : history->skipped)
+    std::fprintf(stderr, "trocar-run: skipped: %s\n", line.c_str());
+  if (history->sessions == 0)
+    return fail(refused(arguments.history + ": has no figures of a session; trocar-run "
+                                            "--session-report writes them"));
+  if (!arguments.quiet) std::fputs(history_text(*history).c_str(), stdout);
+  for (const auto& [file, text] :
+       {std::pair{page, history_page(*history)}, std::pair{table, history_csv(*history)}}) {
+    if (const auto written = write_file_atomically(file, text); !written)
+      return fail(written.error());
+  }
   return 0;
 }
 

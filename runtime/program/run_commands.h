@@ -18,6 +18,9 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 /// Prints the values of one procedure, or of all, with their ranges and sources (--explain).
 int explain_procedures(const RunArguments& arguments);
 
+/// Writes the history of a folder's sessions as a page and a table (--history).
+int write_history(const RunArguments& arguments);
+
 /// Tries the device without force (--test), and says whether a session would hold. Exit code 5: it would not.
 int test_device(const RunArguments& arguments);
 

@@ -42,6 +42,7 @@ int run_command_line(int argc, char** argv) {
   if (const Result<void> good = check_run_arguments(arguments); !good)
     return report_error(kProgram, good.error());
   if (arguments.explain) return explain_procedures(arguments);
+  if (!arguments.history.empty()) return write_history(arguments);
   stop_on_signals();
   struct sigaction action {};
   action.sa_handler = [](int) { recovery_requested.store(true); };
