@@ -8,10 +8,12 @@
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
 #include "formats/session/scene.h"
+#include "formats/session/trainee.h"
 #include "runtime/console/programs/session_files.h"
 #include "runtime/console/rows.h"
 #include "runtime/console/scan/bone.h"
 #include "runtime/console/scan/volume.h"
+#include "runtime/reporting/history.h"
 
 namespace trocar::runtime {
 namespace {
@@ -89,6 +91,18 @@ Answer test_device(ConsoleState& console, const json& body) {
   return result_of(console, console.supervisor.test_device(chosen));
 }
 
+Trainee trainee(StrictObject& object) {
+  Trainee out;
+  for (const auto& [key, into] :
+       {std::pair{"trainee", &out.code}, std::pair{"course", &out.course}}) {
+    if (!object.has(key)) continue;
+    *into = object.string(key);
+    if (const std::string why = trainee_code_error(*into); !why.empty()) object.error(key, why);
+  }
+  if (object.has("attempt")) out.attempt = object.integer("attempt", 1, kMaxAttempt);
+  return out;
+}
+
 Answer start(ConsoleState& console, const json& body) {
   JsonErrors errors{"body", {}};
   StrictObject object(body, "", errors);
@@ -102,6 +116,7 @@ Answer start(ConsoleState& console, const json& body) {
   request.device = device(console, object);
   if (object.has("clock")) request.clock = object.string("clock");
   if (object.has("force_law")) request.force_law = object.string("force_law");
+  request.trainee = trainee(object);
   object.finish();
   if (errors.first) return failure(kBadRequest, errors.first->message);
   if (request.clock != "real" && request.clock != "virtual")
@@ -208,6 +223,18 @@ Reply get_report(const ConsoleState& console, const RequestTarget& target) {
   };
 }
 
+Reply get_history(const ConsoleState& console) {
+  std::filesystem::path folder = console.files.sessions();
+  std::error_code error;
+  if (folder.empty() || !std::filesystem::is_directory(folder, error))
+    return failure(kNotFound, "there are no sessions yet");
+  return [folder = std::move(folder), hidden = console.supervisor.hidden()]() -> Answer {
+    const Result<History> history = read_history(folder);
+    if (!history) return unprocessable(hidden, history.error());
+    return {200, "text/html; charset=utf-8", history_page(*history), report_policy()};
+  };
+}
+
 Reply get_log(const ConsoleState& console) {
   return [file = console.supervisor.log_file(), hidden = console.supervisor.hidden()]() -> Answer {
     return {200, "text/plain; charset=utf-8", hidden.hide(tail_of(file))};
@@ -261,6 +288,7 @@ Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   if (path == "/api/volume") return get_bone(console, request.target, console.volume, volume_of);
   if (path == "/api/recording") return get_recording(console, request.target);
   if (path == "/api/report") return get_report(console, request.target);
+  if (path == "/api/history") return get_history(console);
   if (path == "/api/log") return get_log(console);
   if (path == "/api/test") return get_test(console);
   return failure(kNotFound, "there is no such path");

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "embedded/runtime/reporting/history_page.html.h"
 #include "embedded/runtime/reporting/session_page.html.h"
 #include "formats/base/file_io.h"
 
@@ -32,6 +33,11 @@ std::string type_of(const std::filesystem::path& file) {
       {".ico", "image/x-icon"}};
   const auto found = types.find(file.extension().string());
   return found == types.end() ? "" : found->second;
+}
+
+/// Returns the hashes of the scripts of session reports and of the history.
+std::string report_scripts() {
+  return script_hashes(kSessionPage, "<script>") + script_hashes(kHistoryPage, "<script>");
 }
 
 constexpr const char* kIncomplete =
@@ -65,7 +71,7 @@ std::string script_hashes(std::string_view html, std::string_view tag) {
 
 const std::string& report_policy() {
   static const std::string policy = "default-src 'none'; style-src 'unsafe-inline'; script-src" +
-                                    script_hashes(kSessionPage, "<script>") +
+                                    report_scripts() +
                                     "; sandbox allow-scripts; frame-ancestors 'none'";
   return policy;
 }
@@ -99,7 +105,7 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   page.policy_ =
       "default-src 'none'; script-src 'self'" +
       script_hashes(index->second.bytes, "<script type=\"importmap\">") +
-      script_hashes(kSessionPage, "<script>") +  // a report in a frame inherits this policy
+      report_scripts() +  // a report in a frame inherits this policy
       "; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self'; "
       "connect-src 'self'; frame-src blob:; worker-src 'self'; base-uri 'none'; form-action "
       "'none'; frame-ancestors 'none'";

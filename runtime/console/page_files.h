@@ -28,7 +28,7 @@ class PageFiles {
   /// there is none.
   const PageFile* find(std::string_view target) const;
   /// The page's Content-Security-Policy. It allows scripts of this server and, by their hashes, the
-  /// page's import map and the script of session reports.
+  /// page's import map and the scripts of session reports and of the history.
   const std::string& security_policy() const noexcept { return policy_; }
   bool is_complete() const noexcept { return complete_; }
 
@@ -42,8 +42,8 @@ class PageFiles {
 /// in the sources from which the program was built.
 std::filesystem::path page_folder();
 
-/// Content-Security-Policy of session reports. The files in the folder are not trusted, so the only
-/// script that may run is that of this version's report template.
+/// Content-Security-Policy of session reports and of the history. The files in the folder are not
+/// trusted, so the only scripts that may run are those of this version's templates.
 const std::string& report_policy();
 
 /// Returns the hashes of the scripts in an HTML page that begin with this tag, as needed in a

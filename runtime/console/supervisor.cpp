@@ -166,6 +166,10 @@ Result<void> Supervisor::start_run() {
   if (!asset_file_.empty()) add("--asset", asset_file_.string());
   if (request_.duration_s) add("--duration", text_line("%.9g", *request_.duration_s));
   if (!request_.force_law.empty()) add("--force-law", request_.force_law);
+  const Trainee& trainee = request_.trainee;
+  if (!trainee.code.empty()) add("--trainee", trainee.code);
+  if (!trainee.course.empty()) add("--course", trainee.course);
+  if (trainee.attempt) add("--attempt", std::to_string(*trainee.attempt));
   if (settings_.stiffness_limit_N_per_m)
     add("--stiffness-limit", text_line("%.9g", *settings_.stiffness_limit_N_per_m));
   if (request_.device.name == kSimulator) {

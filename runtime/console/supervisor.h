@@ -15,6 +15,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/telemetry.h"
+#include "formats/session/trainee.h"
 #include "runtime/console/programs/device_choice.h"
 #include "runtime/console/programs/device_test.h"
 #include "runtime/console/programs/process.h"
@@ -37,6 +38,7 @@ struct StartRequest {
   DeviceChoice device;
   std::string clock = "real";  ///< "real" or "virtual"
   std::string force_law;       ///< empty: the scene's own
+  Trainee trainee;
 };
 
 class Supervisor {

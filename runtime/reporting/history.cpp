@@ -31,6 +31,8 @@ using nlohmann::json;
 
 constexpr const char* kReport = "trocar.session-report/1";
 constexpr const char* kSummary = "trocar.summary/1";
+constexpr const char* kConsoleNote =
+    "trocar.console-session/1";  // beside each session of the console
 constexpr std::uint64_t kMaxFile = std::uint64_t{16} << 20;
 constexpr std::size_t kMaxText = 200;
 
@@ -184,7 +186,7 @@ Result<std::vector<std::string>> json_files(const std::filesystem::path& folder)
 
 struct ReadFile {
   json document;
-  bool is_report = false;
+  bool is_report = false, is_note = false;
 };
 
 /// Errors: (refused) why the file is skipped.
@@ -196,10 +198,10 @@ Result<ReadFile> read_figures(const std::filesystem::path& file, const std::stri
   if (!document) return document.error();
   const json* const schema = document->is_object() ? value_at(*document, "/schema") : nullptr;
   const std::string is = schema != nullptr && schema->is_string() ? schema->get<std::string>() : "";
-  if (is != kReport && is != kSummary)
+  if (is != kReport && is != kSummary && is != kConsoleNote)
     return refused(name + ": is not the figures of a session" +
                    (is.empty() ? "" : " but " + json_text(is.substr(0, kMaxText))));
-  return ReadFile{std::move(*document), is == kReport};
+  return ReadFile{std::move(*document), is == kReport, is == kConsoleNote};
 }
 
 /// One line without control characters, for a terminal and a list.
@@ -257,6 +259,7 @@ Result<History> read_history(const std::filesystem::path& folder) {
   for (const std::string& name : *names) {
     const std::filesystem::path file = folder / name;
     const Result<ReadFile> read = read_figures(file, name);
+    if (read && read->is_note) continue;
     Result<Session> session =
         read ? session_of(read->document, read->is_report) : Result<Session>(read.error());
     if (!session) {

@@ -30,6 +30,7 @@ async function answer(path, options = {}) {
 }
 
 export const get_json = async (path) => (await answer(path)).json();
+export const get_text = async (path) => (await answer(path)).text();
 export const get_blob = async (path) => (await answer(path)).blob();
 export const get_bytes = async (path) => (await answer(path)).arrayBuffer();
 export const get_container = async (path) => parse_container(await get_bytes(path));

@@ -7,11 +7,13 @@ import { Shown, read_bone } from "./data.js";
 import { Devices } from "./devices.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
+import { Goals } from "./goals.js";
 import { Hand } from "./hand/hand.js";
 import { Imaging } from "./imaging/imaging.js";
 import { listen_to_keys } from "./keys.js";
 import { Live } from "./live.js";
 import { Playback } from "./playback.js";
+import { Training } from "./training.js";
 import { View3d } from "./view/view3d.js";
 import { describe, kFault, kRecovering } from "./words.js";
 
@@ -52,6 +54,8 @@ try {
 }
 app.charts = new Charts();
 app.gauges = new Gauges();
+app.changed = changed;
+app.goals = new Goals(app);
 
 /// Returns the session's name if the file is a session's recording; otherwise the file's name.
 const short = (file) => file.replace(/^sessions\//, "").replace(/\/session\.csv$/, "");
@@ -132,12 +136,14 @@ const folder = new Folder({
   compare: (recording) => compare(recording),
   report: (recording) => open_report(recording.report ?? recording.file, recording.device),
 });
+const training = new Training(app, { changed, error: notice, show_page: (blob, title) => show_page(blob, title, "") });
 const refresh = guarded(async () => {
   const data = await get_json("/api/folder");
   set_role(data.role);
   app.folder = data;
   devices.show(data.devices);
   folder.show(data);
+  training.show(data.recordings);
   const options = [new Option("none", ""), ...data.recordings.filter(({ error }) => !error).map(({ file }) => new Option(short(file), file))];
   const against = by_id("against").value;
   by_id("against").replaceChildren(...options);
@@ -194,6 +200,8 @@ app.link = new Live({
     if (!app.live || row.length !== app.live.columns.width) return;
     const has_moved = row[0] !== app.live.row?.[0];  // the time stops in a pause and at the end
     app.live.take(row);
+    app.goals.take(app.live);
+    training.follow(app.live);
     app.heard_ms = performance.now();
     app.hand?.take_snapshot();
     app.has_moved ||= has_moved;
@@ -248,6 +256,7 @@ const command = guarded(async (name) => { await post("/api/command", { command: 
 const start = guarded(async (what) => {
   app.last_start = what;
   await post("/api/start", what);
+  training.started(what);
   notice("");
   if (app.tab !== "session") set_tab("session");
 });
@@ -255,7 +264,7 @@ by_id("start-form").addEventListener("submit", (event) => {
   event.preventDefault();
   const why = devices.why_not(folder.scene(folder.chosen));
   if (why) return notice(why);
-  const what = { scene: by_id("start-scene").value };
+  const what = { scene: by_id("start-scene").value, ...training.fields() };
   for (const [name, id] of [["asset", "start-asset"], ["device", "start-device"], ["clock", "start-clock"]]) if (by_id(id).value) what[name] = by_id(id).value;
   if (by_id("start-duration").value) what.duration_s = Number(by_id("start-duration").value);
   start(what);
@@ -263,8 +272,9 @@ by_id("start-form").addEventListener("submit", (event) => {
 by_id("restart").addEventListener("click", () => {
   const what = app.last_start ?? (app.live?.about.scene?.file ? { scene: app.live.about.scene.file } : null);
   if (!what) return notice("Nothing was started here yet: choose a scene in Folder.");
-  if (!is_running()) return start(what);
-  app.waiting = what;
+  const next = { ...what, ...training.fields() };
+  if (!is_running()) return start(next);
+  app.waiting = next;
   command("stop");
 });
 const toggle_pause = () => command(app.state.state === "paused" || app.live?.value("paused", 0) ? "resume" : "pause");
@@ -320,15 +330,19 @@ by_id("against").addEventListener("change", (event) => {
   compare(app.folder?.recordings.find((recording) => recording.file === file) ?? { file: "" });
 });
 
-const open_report = guarded(async (file, device) => {
-  const blob = new Blob([await get_blob(file_query("/api/report", { file }))], { type: "text/html" });
+const open_report = guarded(async (file, device) => show_page(await get_blob(file_query("/api/report", { file })), "Session report", device));
+/// Shows an HTML page that the console gave.
+function show_page(bytes, title, device) {
+  const blob = new Blob([bytes], { type: "text/html" });
   if (app.report_url) URL.revokeObjectURL(app.report_url);
   app.report_url = URL.createObjectURL(blob);
   by_id("report-frame").src = app.report_url;
   by_id("report-device").textContent = device ? `, device: ${devices.words(device)}` : "";
   by_id("report-save").href = app.report_url;
+  by_id("report-title").textContent = title;
+  by_id("report-save").download = title === "Session report" ? "session-report.html" : "history.html";
   by_id("report-box").show();  // not modal, so that the emergency stop can still be pressed
-});
+}
 by_id("report-close").addEventListener("click", () => by_id("report-box").close());
 by_id("player-report").addEventListener("click", () => {
   const recording = app.folder?.recordings.find(({ file }) => file === app.playback.file);
@@ -435,6 +449,7 @@ function frame(now) {
   app.hand?.draw_bar();
   app.imaging.draw();
   if (app.tab === "playback") draw_player();
+  app.goals.draw(source, app.tab === "playback");
   if (!source || app.tab === "folder") return;
   app.gauges.update(source);
   app.panels_are_old = app.charts.update(source);
@@ -453,6 +468,7 @@ window.trocar = {
   get session() { return app.link.session; },
   get pid() { return app.live?.about.pid ?? null; },
   get is_connected() { return app.connected; },
+  get goals() { return app.goals.shown; },
   get words() { return `${by_id("state").textContent}: ${by_id("words").textContent}`; },
   get row() { return row_of(app.live); },
   get events() { return app.live?.events ?? []; },

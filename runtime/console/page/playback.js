@@ -8,7 +8,7 @@ const kContact = 1;  // ContactPhase
 const kMaxCurvePoints = 6000;
 
 /// A Shown that has all its rows.
-class Recorded extends Shown {
+export class Recorded extends Shown {
   constructor({ json, doubles }) {
     super(json.columns, json.about);
     this.is_recording = true;
