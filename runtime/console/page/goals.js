@@ -173,11 +173,11 @@ export class Goals {
     const meter = is_playback ? this.follow(source) : this.meter_of(source).meter;
     const report = this.report_at_end(is_playback);
     const last = source.punctures().at(-1)?.t_s ?? null;
-    const list = report ? judged(report) : meter.standing(last);
+    const seen = meter.standing(last), list = report ? judged(report) : seen;
     const met = list.filter(({ state }) => state === "met").length, missed = list.filter(({ state }) => state === "missed");
     const verdict = report ? `Verdict of the report: ${met} of ${list.length} goals met${missed.length ? `; missed: ${missed.map(({ goal, zone }) => zone ?? goal).join(", ")}` : ""}.`
       : `Goals so far: ${missed.length ? `${missed.length} of ${list.length} missed` : "none missed"}.`;
-    this.shown = { list, verdict, is_final: Boolean(report) };
+    this.shown = { t_s: meter.t_s, list, seen, verdict, is_final: Boolean(report) };
     this.box.firstElementChild.textContent = verdict;
     const rows = this.box.lastElementChild;
     while (rows.children.length > list.length) rows.lastChild.remove();

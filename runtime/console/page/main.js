@@ -469,6 +469,7 @@ window.trocar = {
   get pid() { return app.live?.about.pid ?? null; },
   get is_connected() { return app.connected; },
   get goals() { return app.goals.shown; },
+  get ghost_row() { return row_of(app.live?.second); },
   get words() { return `${by_id("state").textContent}: ${by_id("words").textContent}`; },
   get row() { return row_of(app.live); },
   get events() { return app.live?.events ?? []; },
