@@ -77,6 +77,7 @@ install(DIRECTORY ${examples} DESTINATION ${share} COMPONENT trocar-examples)
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
   formats/session/frames.schema.json formats/session/sheets.schema.json formats/session/session_report.schema.json
+  formats/session/history.schema.json
   formats/session/device_test.schema.json formats/session/pose_device.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-runtime)
 install(FILES formats/session/list.schema.json formats/session/preview.schema.json formats/session/info.schema.json
