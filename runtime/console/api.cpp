@@ -9,10 +9,10 @@
 #include "formats/base/strict_json.h"
 #include "formats/session/scene.h"
 #include "formats/session/trainee.h"
+#include "runtime/console/answers/bone.h"
+#include "runtime/console/answers/rows.h"
+#include "runtime/console/answers/volume.h"
 #include "runtime/console/programs/session_files.h"
-#include "runtime/console/rows.h"
-#include "runtime/console/scan/bone.h"
-#include "runtime/console/scan/volume.h"
 #include "runtime/reporting/history.h"
 
 namespace trocar::runtime {

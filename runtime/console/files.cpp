@@ -22,6 +22,7 @@
 #include "formats/session/recording_origin.h"
 #include "formats/session/scene.h"
 #include "runtime/console/access.h"
+#include "runtime/console/answers/placed_bone.h"
 #include "runtime/console/programs/session_about.h"
 
 namespace trocar::runtime {
@@ -32,8 +33,7 @@ using nlohmann::json;
 constexpr int kMaxDepth = 2;
 constexpr const char* kSessions = "sessions";
 constexpr std::size_t kMaxInspected = 20'000, kMaxShown = 2000;
-constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20,
-                        kMaxGlbJson = std::uint64_t{64} << 20;
+constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20;
 constexpr std::size_t kHeadBytes = std::size_t{64} << 10, kTailBytes = std::size_t{16} << 10;
 
 json failed(const std::string& name, const Error& error) {
@@ -221,24 +221,6 @@ json describe_recording(ByteSource& source, const std::string& name, std::string
 }
 
 }  // namespace
-
-Result<std::string> glb_json(const std::filesystem::path& file) {
-  Result<std::unique_ptr<ByteSource>> source = open_file(file);
-  if (!source) return source.error();
-  const Result<std::uint32_t> size = json_bytes_of(**source);
-  if (!size) return refused(file.string() + ": " + size.error().message);
-  if (*size > kMaxGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
-  std::string text(*size, '\0');
-  const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
-  if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
-  return text;
-}
-
-bool has_surface(std::string_view glb_json) {
-  // Texts from a scan cannot contain this key with unescaped quotes. A false positive would
-  // only cost time.
-  return glb_json.find("\"surface\":") != std::string_view::npos;
-}
 
 Result<Files> Files::of_folder(const std::filesystem::path& folder,
                                const std::filesystem::path& sessions) {

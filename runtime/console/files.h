@@ -63,10 +63,4 @@ class Files {
   std::map<std::string, Known> known_;
 };
 
-/// Returns the JSON text of a .glb. Errors: (refused) the file is not binary glTF, or the text exceeds 64 MiB.
-Result<std::string> glb_json(const std::filesystem::path& file);
-
-/// Returns true if the asset with this JSON text has a surface for display.
-bool has_surface(std::string_view glb_json);
-
 }  // namespace trocar::runtime

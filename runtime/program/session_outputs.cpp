@@ -127,6 +127,7 @@ ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOp
   facts.end = report.end;
   facts.lost_ticks = report.ticks_not_observed;
   facts.faults = report.faults;
+  facts.xray = report.xray;
   facts.sheets = sheets_;
   if (Result<Trainee> trainee = stated_trainee(options.origin); trainee)
     facts.trainee = std::move(*trainee);

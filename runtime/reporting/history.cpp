@@ -46,7 +46,8 @@ constexpr std::array kFigures{
     Figure{"total_s", "duration", "s", "/time/total_s", ""},
     Figure{"contact_to_last_puncture_s", "first contact to last puncture", "s",
            "/time/contact_to_last_puncture_s", ""},
-    // X-ray shots and X-ray seconds: two figures here as soon as reports have them.
+    Figure{"xray_shots", "X-ray shots", "", "/xray/shots", "/xray/shots"},
+    Figure{"xray_s", "X-ray screening", "s", "/xray/screening_s", "/xray/screening_s"},
     Figure{"path_m", "path length", "m", "/path/length_m", ""},
     Figure{"reentries", "re-entries", "", "/attempts/reentries", ""},
     Figure{"force_max_N", "largest force", "N", "/force/max_N", "/max_force_N"},

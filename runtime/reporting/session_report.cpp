@@ -314,6 +314,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                    {"free", describe(f.tremor_free)},
                    {"contact", describe(f.tremor_contact)}};
   out["attempts"] = describe_attempts(f);
+  out["xray"] = {{"shots", facts.xray.shots}, {"screening_s", facts.xray.screening_s(f.rate_Hz)}};
   out["walls"] = describe_walls(f);
   out["walls"]["final"] = describe_final_wall(f, facts);
   out["faults"] = describe_faults(f, facts);

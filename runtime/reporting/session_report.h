@@ -12,6 +12,7 @@
 
 #include "formats/session/scene.h"
 #include "formats/session/trainee.h"
+#include "formats/session/xray_use.h"
 #include "runtime/reporting/material_section.h"
 #include "runtime/reporting/session_figures.h"
 #include "runtime/reporting/session_observer.h"
@@ -30,6 +31,7 @@ struct ReportFacts {
   std::vector<FaultEvent> faults;  ///< the session's faults with measured values
   std::vector<ReportSheet> sheets;
   Trainee trainee;
+  XrayUse xray;
   std::optional<WallViolation>
       final_wall;  ///< at the final position; none: the tool is not in bone
   /// Intervals over material of each sheet, on the lines through the lowest tip, in m: first along x,

@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import pathlib
+import re
 import shutil
 import sys
 
@@ -38,6 +39,9 @@ def check_counts(name, folder, session):
     check(abs(beams / 1000 - session["screening_s"]) < 1e-6, f"{name}: the page counts {session['screening_s']} s, the recording has {beams} ticks")
     summary = json.loads((recording.parent / "session.summary.json").read_text())
     check(summary["xray"] == {"shots": shots, "screening_s": beams / 1000}, f"{name}: the summary says {summary['xray']}")
+    page = (recording.parent / "session.html").read_text()
+    report = json.loads(re.search(r'<script type="application/json" id="report">(.*?)</script>', page, re.S)[1])
+    check(report["xray"] == summary["xray"], f"{name}: the report does not say {summary['xray']}")
     again, said = WORK / f"{name}_again.csv", WORK / f"{name}_again.json"
     scene = folder / ("apart.json" if name == "apart" else "vertebra.json")
     run(PROGRAMS / "trocar-run", scene, "--replay", recording, "--record", again, "--summary", said, "--quiet")

@@ -17,7 +17,7 @@ from schemas_e2e_test import Schema
 
 SESSIONS, ATTEMPTS = 50, 25
 KEYS = {"goals_met": "/goals_met", "total_s": "/time/total_s", "contact_to_last_puncture_s": "/time/contact_to_last_puncture_s", "path_m": "/path/length_m",
-        "reentries": "/attempts/reentries", "force_max_N": "/force/max_N", "force_time_N_s": "/force/time_integral_N_s", "plunge_max_m": "/plunge_max_m",
+        "reentries": "/attempts/reentries", "xray_shots": "/xray/shots", "xray_s": "/xray/screening_s", "force_max_N": "/force/max_N", "force_time_N_s": "/force/time_integral_N_s", "plunge_max_m": "/plunge_max_m",
         "wall_outside_m": "/walls/final/outside_m", "target_m": "/target/closest_m", "faults": "/faults_count"}
 
 

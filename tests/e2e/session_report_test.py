@@ -333,6 +333,8 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     out["walls"] = {"beside": [{"slice": None if name < 0 else int(name), "from_s": t[a], "to_s": t[b]} for name, a, b in spans[:SPANS]],
                     "beside_count": len(spans), "beside_s": beside.sum() / rate, "side_cuts_count": cuts, "final": final_wall(scene, rows, counts, meshes)}
     out["attempts"] = attempts_of(rows, counts, tip, t)
+    xray = rows["xray"].astype(int) if "xray" in rows else np.zeros(n, int)
+    out["xray"] = {"shots": int((xray & 1).sum()), "screening_s": int((xray >> 1).sum()) / rate}
     stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1])]
     faults = [k for k in stops if rows["fault"][k] not in ("paused", "forces_off")]
     out["operator_stops_count"] = len(stops) - len(faults)

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "runtime/console/access.h"
-#include "runtime/console/container.h"
+#include "runtime/console/answers/container.h"
 #include "runtime/console/files.h"
 #include "runtime/console/page_files.h"
 #include "runtime/console/programs/process.h"

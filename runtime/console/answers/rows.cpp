@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/rows.h"
+#include "runtime/console/answers/rows.h"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +14,7 @@
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "formats/session/xray_use.h"
-#include "runtime/console/container.h"
+#include "runtime/console/answers/container.h"
 
 namespace trocar::runtime {
 namespace {

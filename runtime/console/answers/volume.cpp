@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/scan/volume.h"
+#include "runtime/console/answers/volume.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -13,8 +13,8 @@
 
 #include "formats/asset/asset.h"
 #include "formats/base/json_text.h"
-#include "runtime/console/container.h"
-#include "runtime/console/scan/placed_bone.h"
+#include "runtime/console/answers/container.h"
+#include "runtime/console/answers/placed_bone.h"
 
 namespace trocar::runtime {
 namespace {

@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -28,6 +30,12 @@ struct PlacedBone {
 /// kForView: with HU at the vertices; the whole asset is read if it has a surface. kWithVolumes: the whole asset,
 /// with its volumes of HU.
 enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
+
+/// Returns the JSON text of a .glb. Errors: (refused) the file is not binary glTF, or the text exceeds 64 MiB.
+Result<std::string> glb_json(const std::filesystem::path& file);
+
+/// Returns true if the asset with this JSON text has a surface for display.
+bool has_surface(std::string_view glb_json);
 
 /// If `asset` is not empty, it replaces the scene's own. Errors: (refused) what trocar-run refuses.
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/scan/bone.h"
+#include "runtime/console/answers/bone.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -14,8 +14,8 @@
 #include "formats/asset/asset.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
-#include "runtime/console/container.h"
-#include "runtime/console/scan/placed_bone.h"
+#include "runtime/console/answers/container.h"
+#include "runtime/console/answers/placed_bone.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
 

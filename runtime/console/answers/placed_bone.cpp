@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/scan/placed_bone.h"
+#include "runtime/console/answers/placed_bone.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,14 +7,15 @@
 #include <string>
 #include <utility>
 
+#include "formats/asset/asset_index.h"
 #include "formats/asset/one_sheet.h"
 #include "formats/base/file_io.h"
-#include "runtime/console/files.h"
 
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint64_t kMaxAssetBytes = std::uint64_t{1} << 30;
+constexpr std::uint64_t kMaxAssetBytes = std::uint64_t{1} << 30,
+                        kMaxGlbJson = std::uint64_t{64} << 20;
 // Two slices lie relative to each other as in the scan if they differ from it by no more than this.
 constexpr double kMaxAside_mm = 0.02, kMaxApart_m = 2e-5, kMaxTurned = 1e-4;
 
@@ -25,6 +26,24 @@ bool is_of_scene(const Scene& scene, int index) {
 }
 
 }  // namespace
+
+Result<std::string> glb_json(const std::filesystem::path& file) {
+  Result<std::unique_ptr<ByteSource>> source = open_file(file);
+  if (!source) return source.error();
+  const Result<std::uint32_t> size = json_bytes_of(**source);
+  if (!size) return refused(file.string() + ": " + size.error().message);
+  if (*size > kMaxGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
+  std::string text(*size, '\0');
+  const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
+  if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
+  return text;
+}
+
+bool has_surface(std::string_view glb_json) {
+  // Texts from a scan cannot contain this key with unescaped quotes. A false positive would
+  // only cost time.
+  return glb_json.find("\"surface\":") != std::string_view::npos;
+}
 
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts) {
