@@ -46,19 +46,24 @@ constexpr Hdf5Type type_of() {
   if constexpr (std::is_same_v<T, std::uint32_t>) return Hdf5Type::kUint32;
   return Hdf5Type::kUint8;
 }
+/// The numbers of a field: one, or those of an array.
 template <typename T>
-struct ElementOf {
+struct Numbers {
   using type = T;
+  static constexpr std::size_t kCount = 1;
 };
 template <typename T, std::size_t N>
-struct ElementOf<std::array<T, N>> {
+struct Numbers<std::array<T, N>> {
   using type = T;
+  static constexpr std::size_t kCount = N;
 };
 
 /// Follows a path of members, such as &Row::cutting, &Row::Cutting::tip_N.
 template <auto... Members>
 const auto& field_of(const Row& row) {
-  return (row.*....*Members);
+  // clang-format off
+  return (row .* ... .* Members);
+  // clang-format on
 }
 
 /// `Members` leads to a number, an enumerator or an array of numbers.
@@ -66,13 +71,13 @@ template <auto... Members>
 Dataset make(const char* name, const char* first, const char* unit, const char* frame,
              const char* meaning) {
   using Value = std::remove_cvref_t<decltype(field_of<Members...>(std::declval<const Row&>()))>;
-  using Element = typename ElementOf<Value>::type;
+  using Element = typename Numbers<Value>::type;
   return {name,
           first,
           unit,
           frame,
           meaning,
-          sizeof(Value) / sizeof(Element),
+          Numbers<Value>::kCount,
           sizeof(Element),
           type_of<Element>(),
           {},

@@ -32,6 +32,7 @@ int run_export(const ExportArguments& a) {
   words.emplace_back("--");  // the recording's name may begin with a dash
   words.push_back(a.recording);
   std::vector<char*> pointers;
+  pointers.reserve(words.size() + 1);
   for (std::string& word : words)
     pointers.push_back(word.data());
   pointers.push_back(nullptr);
