@@ -16,7 +16,7 @@
 namespace trocar::runtime {
 
 inline constexpr std::size_t kMaxHistoryFiles = 10000;
-inline constexpr int kMaxHistoryDepth = 8;  ///< of folders below the folder that is read
+inline constexpr int kMaxHistoryDepth = 8;  ///< largest depth of a folder that is read
 
 struct History {
   std::string json;  ///< the document, on one line

@@ -28,7 +28,7 @@ export class Training {
     by_id("ghost").addEventListener("change", (event) => this.choose_ghost(event.target.value));
   }
 
-  /// What the form says, for /api/start.
+  /// Returns what the form says, for /api/start.
   fields() {
     const said = {};
     for (const name of kFields) if (by_id(`start-${name}`).value) said[name] = name === "attempt" ? Number(by_id(`start-${name}`).value) : by_id(`start-${name}`).value;
