@@ -172,9 +172,11 @@ Answer bone(BoneCache& cache, MakeBone make, const HiddenTexts& hidden,
   if (cache.key != key) {
     Result<std::string> made = make(scene, asset);
     if (!made) return unprocessable(hidden, made.error());
-    cache = {std::move(key), std::move(*made)};
+    cache = {std::move(key), std::make_shared<const std::string>(std::move(*made))};
   }
-  return binary(cache.answer);
+  Answer answer = binary({});
+  answer.shared = cache.answer;
+  return answer;
 }
 
 Reply get_bone(ConsoleState& console, const RequestTarget& target, BoneCache& cache,

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <string>
 #include <variant>
 
@@ -25,6 +26,8 @@ inline constexpr unsigned kBadRequest = 400, kUnauthorized = 401, kForbidden = 4
 struct Answer {
   unsigned status = 200;  ///< HTTP status
   std::string type = "application/json", body;
+  /// Takes the place of `body` if several answers share it; else null.
+  std::shared_ptr<const std::string> shared = {};
   std::string policy = kPolicyOfData;  ///< Content-Security-Policy
 };
 

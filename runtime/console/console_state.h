@@ -39,7 +39,7 @@ class RefusalLog {
 /// the same one.
 struct BoneCache {
   std::string key;  ///< names and times of the files
-  std::string answer;
+  std::shared_ptr<const std::string> answer;
 };
 
 class HttpConnection;

@@ -14,6 +14,7 @@ constexpr std::size_t kMaxUnknown = 8;
 constexpr std::uint32_t kMaxHeader = 8 << 10;
 constexpr std::uint64_t kMaxBody = 4 << 10;
 constexpr auto kRequestWithin = std::chrono::seconds(20);
+constexpr std::size_t kSlowBytes_per_s = 500'000;  ///< a client may be as slow as this
 constexpr auto kDrainWithin = std::chrono::seconds(1);
 constexpr int kMaxDrained = 64;
 
@@ -139,8 +140,22 @@ void HttpConnection::later(std::function<Answer()> work) {
 }
 
 void HttpConnection::send(Answer answer) {
-  auto response = std::make_shared<http::response<http::string_body>>(
-      http::int_to_status(answer.status), version_);
+  if (answer.shared) {
+    auto response = std::make_shared<http::response<http::span_body<const char>>>();
+    response->body() = {answer.shared->data(), answer.shared->size()};
+    return send(std::move(response), answer, answer.shared->size());
+  }
+  auto response = std::make_shared<http::response<http::string_body>>();
+  response->body() = std::move(answer.body);
+  const std::size_t bytes = response->body().size();
+  send(std::move(response), answer, bytes);
+}
+
+template <typename Response>
+void HttpConnection::send(std::shared_ptr<Response> response, const Answer& answer,
+                          std::size_t bytes) {
+  response->result(answer.status);
+  response->version(version_);
   response->set(http::field::content_type, answer.type);
   response->set(http::field::cache_control, "no-store");
   response->set("X-Content-Type-Options", "nosniff");
@@ -148,11 +163,12 @@ void HttpConnection::send(Answer answer) {
   response->set("Cross-Origin-Resource-Policy", "same-origin");
   response->set("Content-Security-Policy", answer.policy);
   response->keep_alive(keep_);
-  response->body() = std::move(answer.body);
   response->prepare_payload();
-  stream_.expires_after(kRequestWithin);
+  // A large answer may take longer, through a tunnel or to a tablet.
+  stream_.expires_after(kRequestWithin + std::chrono::seconds(bytes / kSlowBytes_per_s));
   http::async_write(stream_, *response,
-                    [self = shared_from_this(), response](beast::error_code error, std::size_t) {
+                    [self = shared_from_this(), response, kept = answer.shared](
+                        beast::error_code error, std::size_t) {
                       if (error) return;
                       if (self->keep_) return self->read();
                       beast::error_code ignored;

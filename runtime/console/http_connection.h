@@ -32,6 +32,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Sends the answer that `work` makes on the worker thread.
   void later(std::function<Answer()> work);
   void send(Answer answer);
+  template <typename Response>
+  void send(std::shared_ptr<Response> response, const Answer& answer, std::size_t bytes);
   void drain();
   void open_client(const Request& request);
 

@@ -163,6 +163,8 @@ std::vector<Dataset> all_datasets() {
                                       kNoFrame, "damping of the passivity controller"),
       make<&Row::motor_heat_max>("motor_heat_max", "motor_heat_max", "1", kNoFrame,
                                  "largest thermal state of a motor; 1 is its limit"),
+      make<&Row::xray>("xray", "xray", "1", kNoFrame,
+                       "X-ray in the tick: 1 a picture, 2 screening, 3 both; 0: none"),
       make<&Row::cutting, &Row::Cutting::wrench_tissue>(
           "wrench_tissue", "fx_tissue_N", "wrench", kDeviceFrame,
           "force and torque of the tissue on the plate, before the force scale"),

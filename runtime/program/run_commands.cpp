@@ -302,7 +302,7 @@ int explain_procedures(const RunArguments& arguments) {
 
 int write_history(const RunArguments& arguments) {
   const std::filesystem::path page = arguments.output,
-                              table = std::filesystem::path(page).replace_extension(".csv");
+                              table = std::filesystem::path(page).replace_extension(".history.csv");
   const OutputFile outputs[] = {{"-o", page}, {"-o (its table)", table}};
   if (const Result<void> good = check_outputs(outputs, {}); !good) return fail(good.error());
   const Result<History> history = read_history(arguments.history);

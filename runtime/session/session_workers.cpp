@@ -64,7 +64,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecificatio
                                         .duration_s = options.duration_s,
                                         .clock = clock_name(options),
                                         .record = options.record,
-                                        .counts_xray = options.counts_xray,
+                                        .counts_xray = options.counts_xray && options.replay.empty(),
                                         .limits = options.limits});
     if (!made) return made.error();
     workers.publisher = std::move(*made);

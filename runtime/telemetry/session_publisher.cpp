@@ -133,7 +133,13 @@ void SessionPublisher::on_tick(const TickView& view) noexcept {
   ticks_.write(tick_);
 }
 
+void SessionPublisher::end_screening() noexcept {
+  if (std::exchange(xray_.is_screening, false))
+    push_event(TelemetryEventKind::kXrayOff, tick_.row.t_s);
+}
+
 void SessionPublisher::on_paused_period(std::int64_t now_ns) noexcept {
+  end_screening();
   tick_.is_paused = true;
   tick_.taken_ns = now_ns;
   ticks_.write(tick_);
@@ -190,6 +196,7 @@ void SessionPublisher::serve() {
 
 void SessionPublisher::end(TelemetryEnd end, Fault fault, const Remesher& remesher) {
   publish_sheets(remesher);
+  end_screening();
   stop();  // so that kEnded is the last event
   TelemetryEvent event;
   event.kind = TelemetryEventKind::kEnded;

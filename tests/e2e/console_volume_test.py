@@ -292,6 +292,30 @@ def test_window_is_that_of_dicom(sample):
     assert page_computes(answer, windows=windows)["greys"] == [dicom(*window) for window in windows]
 
 
+def container(planes):
+    """An answer of /api/volume with square planes of bone, 8 x 8 samples of 1 mm, at these heights in mm."""
+    hu, inside = np.full(64, 1000, "<i2").tobytes(), np.full(64, 16, "u1").tobytes()
+    about = {"schema": "trocar.volume/1", "patient": {"left": [1, 0, 0], "back": [0, 1, 0], "head": [0, 0, 1]}, "middle_m": [0.0035, 0.0035, (planes[0] + planes[-1]) / 2000],
+             "context": None, "bone": {"step_HU": 8, "every": 1, "planes": [
+                 {"slice": i, "origin_m": [0, 0, z / 1000], "column_m": [0.001, 0, 0], "row_m": [0, 0.001, 0], "columns": 8, "rows": 8,
+                  "hu": [0, 64], "inside": [128, 64]} for i, z in enumerate(planes)]}}
+    text = json.dumps(about).encode()
+    text += b" " * (-(4 + len(text)) % 8)
+    return len(text).to_bytes(4, "little") + text + hu + inside
+
+
+@pytest.mark.parametrize("planes, thick_mm", [((0,), 1), ((0, 1, 2, 3), 4), ((0, 1, 2, 22, 23, 24), 6), ((0, 1, 2.7, 4), 5.3)])
+def test_stacks(planes, thick_mm):
+    """The whole picture, seen from the side, has the water of the slices: no bone is invented between slices that are far apart, and a slice
+    that is alone counts."""
+    view = [{"turn_deg": 0, "tilt_deg": 0, "width_m": 0.06, "size": 240, "file": str(WORK / "side.f32")}]
+    places = [[0.0035, 0.0035, z / 1000] for z in (planes[0], planes[-1], (planes[0] + planes[-1]) / 2)]
+    out = page_computes(container(planes), sums=view, hu=places)
+    water_mm3 = float(np.fromfile(WORK / "side.f32", np.float32).sum()) * 0.25**2
+    assert out["hu"] == [1000, 1000, None if len(planes) == 6 else 1000]
+    assert water_mm3 == pytest.approx(0.96 * 8 * 8 * thick_mm, rel=0.05)
+
+
 def test_no_xray_says_why(console):
     scene = json.loads((SOURCE / "runtime/scenes/three_slices.json").read_text())
     run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", WORK / "without.glb", "--quiet", "--no-hu")

@@ -48,7 +48,7 @@ UNITS = {"t_s": ["s"], "p_m": ["m"] * 3, "q": ["1"] * 4, "wrench_delivered": ["N
 FRAMES = {"p_m": "device", "q": "device", "tool_m": "device", "wrench_delivered": "device", "wrench_tissue": "device",
           "device_p_m": "pose device", "device_wrench": "pose device", "t_s": None, "tau_Nm": None, "safety": None}
 NAMES = {"state", "fault", "device_read", "device_write", "outside_fault", "safety"}
-WHOLE = {"active_slice": np.int32, "cuts_published": np.int64, "response_sheet": np.int32, "recovery_asked": np.uint8, "steps": np.int32,
+WHOLE = {"active_slice": np.int32, "cuts_published": np.int64, "response_sheet": np.int32, "recovery_asked": np.uint8, "xray": np.uint8, "steps": np.int32,
          "buttons": np.uint32}
 
 
@@ -121,10 +121,18 @@ def recordings_of_all_kinds(programs, source, asset, work):
                                f"haply:127.0.0.1:{stand_in.port}", "--simulated", "--duration", "0.5", "--record", made["pose device"],
                                "--black-box", work, "--quiet"], check=False, capture_output=True, text=True)
         assert done.returncode in (0, 5), done.stderr
+    # A recording of the console, which counts X-ray: the others have no such column.
+    for kind in ("cutting", "pose device"):
+        header, rows = table(made[kind])
+        at, origin = header.index("motor_heat_max") + 1, header.index("origin")
+        rows[0][origin] += ";xray=counted"
+        made[f"{kind} with X-ray"] = work / f"xray_{kind[:4]}.csv"
+        with open(made[f"{kind} with X-ray"], "w", encoding="ascii", newline="") as out:
+            out.writelines(",".join(row) + "\n" for row in [header[:at] + ["xray"] + header[at:]] + [row[:at] + [str(i % 4)] + row[at:] for i, row in enumerate(rows)])
     return made
 
 
-@pytest.mark.parametrize("kind", ["hooke", "network", "cutting", "pose device"])
+@pytest.mark.parametrize("kind", ["hooke", "network", "cutting", "pose device", "cutting with X-ray", "pose device with X-ray"])
 def test_every_value(programs, recordings, work, kind):
     out = work / "out.h5"
     done = export(programs, recordings[kind], out)

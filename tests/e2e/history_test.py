@@ -153,7 +153,7 @@ def main():
     alone = next(session for series in history["series"] for session in series["sessions"] if session["file"] == "only/summary.json")
     check(alone["figures"]["force_max_N"] == summary["max_force_N"] and alone["figures"]["path_m"] is None and alone["figures"]["total_s"] == summary["ticks"] / summary["rate_Hz"], f"summary: {alone}")
     check_page("history", page, history)
-    with open(page.with_suffix(".csv"), newline="") as lines:
+    with open(page.with_suffix(".history.csv"), newline="") as lines:
         table = list(csv.DictReader(lines))
     check(len(table) == SESSIONS + 1, f"csv: {len(table)} lines")
     for row in table:

@@ -164,7 +164,26 @@ json describe(const HuVolume& volume, const Eigen::Affine3d& T_device_lps, const
     const std::vector<std::uint8_t> inside = thinned(material_of(plane, *bone), plane, every);
     planes.back()["inside"] = arrays.add(std::span<const std::uint8_t>(inside));
   }
+  if (planes.empty()) return nullptr;
   return {{"step_HU", volume.grid.step_hu}, {"every", every}, {"planes", std::move(planes)}};
+}
+
+/// True if the planes are parallel, in the same directions, and at different heights, so that positions between them are
+/// defined. A hostile file may have any planes.
+bool is_stack(const HuVolume& volume) {
+  constexpr double kMaxTurned = 1e-3, kMinApart_mm = 0.01;
+  if (volume.planes.empty()) return true;
+  const Eigen::Matrix3d& axes = volume.planes.front().T_lps_plane.linear();
+  std::vector<double> heights_mm;
+  for (const HuPlane& plane : volume.planes) {
+    if (!plane.T_lps_plane.linear().isApprox(axes, kMaxTurned)) return false;
+    heights_mm.push_back(axes.col(2).dot(plane.T_lps_plane.translation()));
+  }
+  std::sort(heights_mm.begin(), heights_mm.end());
+  for (std::size_t i = 1; i < heights_mm.size(); ++i)
+    if (!(heights_mm[i] - heights_mm[i - 1] >= kMinApart_mm)) return false;
+  return std::all_of(heights_mm.begin(), heights_mm.end(),
+                     [](double height_mm) { return std::isfinite(height_mm); });
 }
 
 /// The middle of the scene's sheets in {B}.
@@ -192,6 +211,8 @@ Result<std::string> volume_of(const std::filesystem::path& scene_file,
     head["why"] = "The scene's slices are not as far apart as in the scan.";
   } else if (bone->asset.hu.planes.empty()) {
     head["why"] = "The asset has no HU.";
+  } else if (!is_stack(bone->asset.hu) || !is_stack(bone->asset.context)) {
+    head["why"] = "The scan's slices are not parallel.";
   } else {
     const auto axis = [&](const Eigen::Vector3d& lps) {
       return array_of((T->linear() * lps).normalized());
@@ -202,6 +223,7 @@ Result<std::string> volume_of(const std::filesystem::path& scene_file,
     head["middle_m"] = array_of(middle_of(*bone));
     head["bone"] = describe(bone->asset.hu, *T, &*bone, arrays);
     head["context"] = describe(bone->asset.context, *T, nullptr, arrays);
+    if (head["bone"].is_null()) head["why"] = "The asset has no HU.";
   }
   return arrays.with_json(json_text(head));
 }

@@ -59,6 +59,12 @@ class Client : public std::enable_shared_from_this<Client> {
       if (now - progress_at_ > kStalled) close();
       return;
     }
+    // A client that takes no more poses has nothing to write, and yet stands still.
+    if (waiting() <= kMaxWaiting) {
+      progress_at_ = now;
+    } else if (now - progress_at_ > kStalled) {
+      return close();
+    }
     if (session_ != state.session) {
       session_ = state.session;
       status_ = tick_ = 0;

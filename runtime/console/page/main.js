@@ -190,6 +190,7 @@ app.link = new Live({
     app.gauges.events_key = "";
     document.body.dataset.session = "live";
     app.hand?.new_session();
+    app.imaging.new_session();
     if (app.tab === "folder") set_tab("session");
     live_bone(app.live);
   },
@@ -273,7 +274,7 @@ by_id("start-form").addEventListener("submit", (event) => {
 by_id("restart").addEventListener("click", () => {
   const what = app.last_start ?? (app.live?.about.scene?.file ? { scene: app.live.about.scene.file } : null);
   if (!what) return notice("Nothing was started here yet: choose a scene in Folder.");
-  const next = { ...what, ...training.fields() };
+  const { trainee, course, attempt, ...same } = what, next = { ...same, ...training.fields() };
   if (!is_running()) return start(next);
   app.waiting = next;
   command("stop");

@@ -16,7 +16,10 @@ export class Training {
     for (const name of kFields) {
       const field = by_id(`start-${name}`);
       field.value = localStorage.getItem(`trocar-${name}`) ?? "";
-      field.addEventListener("input", () => localStorage.setItem(`trocar-${name}`, field.value));
+      field.addEventListener("input", () => {
+        localStorage.setItem(`trocar-${name}`, field.value);
+        if (name !== "attempt") this.set_attempt(field.value ? 1 : "");  // another trainee or course begins anew
+      });
     }
     by_id("open-history").addEventListener("click", async () => {
       try {
@@ -37,8 +40,11 @@ export class Training {
   /// A session has started: the next one is the next attempt.
   started({ attempt }) {
     if (!attempt || attempt >= 9999) return;
-    by_id("start-attempt").value = String(attempt + 1);
-    localStorage.setItem("trocar-attempt", String(attempt + 1));
+    this.set_attempt(attempt + 1);
+  }
+  set_attempt(attempt) {
+    by_id("start-attempt").value = String(attempt);
+    localStorage.setItem("trocar-attempt", String(attempt));
   }
 
   /// Lists the recordings that can be the ghost.

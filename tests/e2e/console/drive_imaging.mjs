@@ -95,11 +95,24 @@ await page.keyboard.up("c");
 await page.evaluate(() => { window.real_fetch = window.fetch; });
 await page.keyboard.down("c");
 await until(page, "trocar.imaging.is_screening", "screening a third time");
-await page.evaluate(() => { window.fetch = () => new Promise(() => {}); });  // the page's requests do not arrive any more
+await page.evaluate(() => { window.fetch = () => new Promise((_, fail) => setTimeout(() => fail(new Error("no answer")), 3000)); });  // nothing arrives any more
 await until(page, "!trocar.imaging.is_screening", "the end of screening whose page is silent");
-await page.evaluate(() => { window.fetch = window.real_fetch; });
 await page.keyboard.up("c");
-await page.evaluate(() => fetch("/api/xray", { method: "POST" })).catch(() => {});
+await page.waitForTimeout(3200);
+await page.evaluate(() => { window.fetch = window.real_fetch; });
+// In a pause X-ray is off, however long the key is held.
+await page.keyboard.down("c");
+await until(page, "trocar.imaging.is_screening", "screening before a pause");
+await page.click("#pause");
+await until(page, `trocar.state.state === "paused" && !trocar.imaging.is_screening`, "the end of screening in a pause");
+const in_pause = await get(page, "trocar.imaging.drawn");
+await page.waitForTimeout(700);
+check(await get(page, "trocar.imaging.drawn") === in_pause, "pictures in a pause");
+await page.keyboard.up("c");
+await page.click("#pause");
+await until(page, `trocar.state.state === "running" && trocar.row.safety[0] === 2`, "going on after the pause");
+await page.waitForTimeout(300);
+check(!await get(page, "trocar.imaging.is_screening"), "X-ray is on after a pause in which the key was released");
 
 // ---- the needle's place ----
 await shot(page, "AP again");
@@ -139,11 +152,16 @@ await browser.accessible(page, "ct");
 await browser.sizes(page, "ct");
 await page.click("[data-picture=xray]");
 await browser.sizes(page, "xray");
+await page.keyboard.down("c");
+await until(page, "trocar.imaging.is_screening", "screening before the end");
 await stop(page, "vertebra");
+check(!await get(page, "trocar.imaging.is_screening"), "X-ray is on after the end");
 
 // ---- a hundred shots ----
 await start(page, given.scene);
-await until(page, "trocar.imaging.positions >= 1", "the sum along the rays of the second session");
+await until(page, "trocar.imaging.is_ready && trocar.imaging.positions >= 1", "the sum along the rays of the second session");
+check(await get(page, "trocar.row.xray_shots[0] === 0 && !trocar.imaging.is_screening"), "the second session began with X-ray");
+await page.keyboard.up("c");
 for (let i = 0; i < 100; ++i) {
   await page.keyboard.press("x");
   await page.waitForTimeout(60);

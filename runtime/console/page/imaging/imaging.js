@@ -60,9 +60,11 @@ export class Imaging {
       const container = await get_bytes(path);
       if (this.loaded !== source.bone) return;
       const volume = read_volume(parse_container(container));
-      this.#set(volume, container, volume.bone ? "" : `There is no X-ray and no CT. ${volume.why}`);
+      this.#set(volume, container, volume.bone ? "" : `There is no X-ray and no CT. ${volume.why ?? ""}`);
     } catch (error) {
-      if (this.loaded === source.bone) this.#set(null, null, error.message);
+      if (this.loaded !== source.bone) return;
+      this.#set(null, null, error.message);
+      this.loaded = null;  // opening the pictures again tries again
     }
     this.act.changed();
   }
@@ -74,6 +76,8 @@ export class Imaging {
     this.xray.set_volume(volume, container);
   }
 
+  /// Another session has begun.
+  new_session() { this.xray.new_session(); }
   /// Another source is shown, or its bone has come.
   changed_source() { this.#load(); }
   take_events(events) { this.xray.take_events(events); }

@@ -4,7 +4,8 @@
 // Tests: tests/e2e/console_volume_test.py
 
 const kNoHu = -32768;
-const kMaxVoxels = 6e6;    // of a grid for X-ray
+const kMaxVoxels = 6e6, kMaxLevels = 4096;  // of a grid for X-ray
+const kMaxGap = 2.5;  // spacings between two planes with nothing between them: further apart, slices without material are missing
 const kPointsOfCell = 16;  // of `inside`
 const kSoftTissue_HU = 40;  // X-ray of bone alone shows what is above it
 
@@ -46,8 +47,11 @@ export class Stack {
     return weights > 0 ? sum / weights : NaN;
   }
 
-  /// HU at a position in {B}: linear between the two planes around it. NaN where nothing is stored, and beyond half a spacing
-  /// outside the outermost planes.
+  /// True if there is something between two neighbouring planes.
+  #are_joined(below, above) { return above.height - below.height <= kMaxGap * this.spacing_m; }
+
+  /// HU at a position in {B}: linear between the two planes around it. NaN where nothing is stored, and further than half a spacing from
+  /// planes that have no neighbour.
   at(p) {
     const { planes } = this, x = dot(p, this.across[0]), y = dot(p, this.across[1]), z = dot(p, this.normal);
     let low = 0, high = planes.length;  // planes before `low` are below the position
@@ -60,6 +64,10 @@ export class Stack {
     const below = planes[low - 1];
     if (low === planes.length) return z - below.height <= this.spacing_m / 2 ? this.#in_plane(below, x, y) : NaN;
     const above = planes[low], part = (z - below.height) / (above.height - below.height);
+    if (!this.#are_joined(below, above)) {
+      const [near, away] = part < 0.5 ? [below, z - below.height] : [above, above.height - z];
+      return away <= this.spacing_m / 2 ? this.#in_plane(near, x, y) : NaN;
+    }
     const a = this.#in_plane(below, x, y), b = this.#in_plane(above, x, y);
     if (Number.isNaN(a)) return b;
     return Number.isNaN(b) ? a : a + part * (b - a);
@@ -72,7 +80,8 @@ export class Stack {
     const low = [0, 1].map((k) => Math.min(...planes.map(({ at }) => at[k])));
     const high = [0, 1].map((k) => Math.max(...planes.map((plane) => plane.at[k] + (k ? plane.rows - 1 : plane.columns - 1) * pitch_m[k])));
     const n = [0, 1].map((k) => Math.round((high[k] - low[k]) / pitch_m[k]) + 1);
-    const levels = Math.round((planes.at(-1).height - planes[0].height) / spacing_m) + 1;
+    const height_m = planes.at(-1).height - planes[0].height, level_m = Math.max(spacing_m, height_m / (kMaxLevels - 1));
+    const levels = Math.round(height_m / level_m) + 1;
     // Grids that are too large get voxels of some samples, with their mean.
     const every = Math.max(1, Math.ceil(Math.sqrt(n[0] * n[1] * levels / kMaxVoxels)));
     const [nx, ny, nz] = [Math.ceil(n[0] / every) + 2, Math.ceil(n[1] / every) + 2, levels + 2];
@@ -91,19 +100,24 @@ export class Stack {
       }
     };
     for (let level = 0, next = 0; level < levels; ++level) {
-      const height = planes[0].height + level * spacing_m;
+      const height = planes[0].height + level * level_m;
       while (next + 2 < planes.length && planes[next + 1].height <= height) ++next;
       const below = planes[next], above = planes[Math.min(next + 1, planes.length - 1)];
       const part = above === below ? 0 : Math.min(1, Math.max(0, (height - below.height) / (above.height - below.height)));
       sums.fill(0);
-      if (part < 1) fill(below, 1 - part);
-      if (part > 0) fill(above, part);
+      if (above === below || this.#are_joined(below, above)) {
+        if (part < 1) fill(below, 1 - part);
+        if (part > 0) fill(above, part);
+      } else {
+        const [near, away] = part < 0.5 ? [below, height - below.height] : [above, above.height - height];
+        if (away <= level_m / 2) fill(near, 1);
+      }
       const at = (level + 1) * nx * ny;
       for (let i = 0; i < sums.length; ++i) data[at + i] = Math.min(65535, sums[i] + 0.5);
     }
-    const size_m = [pitch_m[0] * every, pitch_m[1] * every, spacing_m], offset = (every - 1) / 2;
+    const size_m = [pitch_m[0] * every, pitch_m[1] * every, level_m], offset = (every - 1) / 2;
     return { n: [nx, ny, nz], size_m, axes: [...this.across, this.normal], data,
-      origin: [low[0] + (offset - every) * pitch_m[0], low[1] + (offset - every) * pitch_m[1], planes[0].height - spacing_m] };
+      origin: [low[0] + (offset - every) * pitch_m[0], low[1] + (offset - every) * pitch_m[1], planes[0].height - level_m] };
   }
 }
 

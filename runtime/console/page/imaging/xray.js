@@ -51,7 +51,6 @@ export class Xray {
     this.pictures = new Map();  // key: Picture, the latest positions last
     this.asked = new Set();
     this.drawn = 0;
-    this.shots_seen = 0;
     this.is_screening = this.is_held = this.is_inverted = false;
     this.turn_deg = this.tilt_deg = 0;
     for (const name of Object.keys(kPositions)) by_id(`xray-${name}`).addEventListener("click", () => this.move_to(...kPositions[name]));
@@ -86,6 +85,7 @@ export class Xray {
     this.worker = null;
     this.volume = volume?.bone ? volume : null;
     this.is_ready = false;
+    this.failed = "";
     this.pictures.clear();
     this.asked.clear();
     this.pending = null;
@@ -93,7 +93,11 @@ export class Xray {
     if (!this.volume) return;
     this.worker = new Worker(new URL("./xray_worker.js", import.meta.url), { type: "module" });
     this.worker.onmessage = ({ data }) => this.#take(data);
-    this.worker.onerror = (event) => this.act.error(`The X-ray cannot be computed: ${event.message}`);
+    this.worker.onerror = (event) => {
+      this.is_ready = false;
+      this.failed = `The X-ray cannot be computed: ${event.message}`;
+      this.act.error(this.failed);
+    };
     this.worker.postMessage({ container });
     this.move_to(0, 0);
   }
@@ -139,38 +143,55 @@ export class Xray {
     }
   }
 
-  async #post(take) {
-    try {
-      await post("/api/xray", { take });
-    } catch (error) {
-      this.#hold(false, false);
-      this.act.error(error.message);
-    }
+  /// Sends one request after the other, so that the end of screening comes last. What is repeated waits for nothing.
+  #post(take, is_repeated = false) {
+    if (is_repeated && this.is_posting) return;
+    this.is_posting = true;
+    const one = async () => {
+      try {
+        await post("/api/xray", { take });
+      } catch (error) {
+        this.#hold(false, false);
+        this.act.error(error.message);
+      }
+      if (this.posts === mine) this.is_posting = false;
+    };
+    const mine = (this.posts ?? Promise.resolve()).then(one);
+    this.posts = mine;
   }
 
+  #can_take() { return this.act.mode() === "live" && this.act.is_operator() && this.is_ready && !this.failed; }
+
   #take_shot() {
-    if (this.act.mode() === "live" && this.act.is_operator() && this.volume) this.#post("shot");
+    if (this.#can_take()) this.#post("shot");
   }
 
   #hold(is_held, says_so = true) {
-    if (is_held === this.is_held || (is_held && !(this.act.mode() === "live" && this.act.is_operator() && this.volume))) return;
+    if (is_held === this.is_held || (is_held && !this.#can_take())) return;
     this.is_held = is_held;
     clearInterval(this.holding);
-    if (is_held) this.holding = setInterval(() => this.#post("screening"), kHold_ms);
+    if (is_held) this.holding = setInterval(() => this.#post("screening", true), kHold_ms);
     if (says_so) this.#post(is_held ? "screening" : "nothing");
+  }
+
+  /// Another session has begun: X-ray is off.
+  new_session() {
+    this.is_screening = false;
+    this.#hold(false, false);
   }
 
   take_events(events) {
     for (const { kind } of events) {
-      if (kind === "xray_on" || kind === "xray_off") this.is_screening = kind === "xray_on";
-      if (kind !== "xray_shot" || !this.volume) continue;
-      ++this.shots_seen;
-      const needle = this.act.needle();
-      if (this.pictures.has(this.key)) this.#show(needle);
-      else {
-        this.pending = { key: this.key, needle };
-        this.#ask();
-      }
+      if (kind === "xray_on") this.is_screening = true;
+      if (kind === "xray_off" || kind === "ended") this.is_screening = false;
+    }
+    // The picture of the last shot; those before it, such as of a page that was hidden, had the needle elsewhere.
+    if (!this.volume || this.act.mode() !== "live" || !events.some(({ kind }) => kind === "xray_shot")) return;
+    const needle = this.act.needle();
+    if (this.pictures.has(this.key)) this.#show(needle);
+    else {
+      this.pending = { key: this.key, needle };
+      this.#ask();
     }
   }
 
@@ -189,7 +210,7 @@ export class Xray {
   /// Draws the next picture while X-ray is on.
   frame(now) {
     if (!this.volume || by_id("xray-box").hidden) return;
-    const is_on = this.is_screening || this.act.mode() === "playback";
+    const mode = this.act.mode(), is_on = mode === "playback" || (mode === "live" && this.is_screening);
     if (!is_on || now - (this.drawn_at ?? -Infinity) < kPulse_ms) return;
     const needle = this.act.needle(), at = needle ? [...needle.tip, ...needle.axis].join() : "";
     if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.key === this.key) return;
@@ -201,9 +222,9 @@ export class Xray {
 
   /// Draws the counts and what can be pressed. `shots`, `seconds`: NaN if they are not counted.
   draw({ shots, seconds, why }) {
-    const can = this.act.mode() === "live" && this.act.is_operator() && this.volume !== null && !why;
+    const can = this.#can_take() && !why;
     for (const id of ["xray-shot", "xray-screen"]) by_id(id).disabled = !can;
     by_id("xray-screen").setAttribute("aria-pressed", String(this.is_screening));
-    by_id("xray-count").textContent = why || (Number.isFinite(shots) ? `${shots} ${shots === 1 ? "shot" : "shots"}, ${seconds.toFixed(1)} s of screening` : "");
+    by_id("xray-count").textContent = why || this.failed || (Number.isFinite(shots) ? `${shots} ${shots === 1 ? "shot" : "shots"}, ${seconds.toFixed(1)} s of screening` : "");
   }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes X-ray pictures beside the page, which stays fluent. In: {container} once, then {key, view, size, step}. Out: {ready} once, then
-// {key, size, view, sum, is_covered}. Of requests that wait, only the last of each key is computed.
+// {key, size, view, sum, is_covered}. Of requests that wait, only the last of each key and size is computed.
 // Tests: tests/e2e/console_imaging_page_test.py
 import { parse_container } from "../container.js";
 import { covered_pixels, xray_sum } from "./c_arm.js";
@@ -13,8 +13,8 @@ const waiting = new Map();
 function work() {
   const next = waiting.entries().next();
   if (next.done) return;
-  const [key, { view, size, step }] = next.value;
-  waiting.delete(key);
+  const [place, { key, view, size, step }] = next.value;
+  waiting.delete(place);
   let sum = xray_sum(grids, view, size, step);
   const is_covered = has_context ? covered_pixels(grids[1], view, size) : null;
   if (is_covered) sum = harmonise(sum, size, is_covered);
@@ -32,6 +32,6 @@ onmessage = ({ data }) => {
   }
   if (!grids) return;
   const was_idle = waiting.size === 0;
-  waiting.set(data.key, data);
+  waiting.set(`${data.key} ${data.size}`, data);
   if (was_idle) setTimeout(work);
 };
