@@ -42,7 +42,7 @@ class IgtlSession {
   std::optional<std::uint64_t> asked_;  ///< the session whose position is known or is being loaded
   std::optional<Position> position_;    ///< none: not known yet
   double shown_ticks_ = 0;              ///< number of ticks at the last pose
-  std::pair<RunState, int> shown_status_{RunState::kIdle, -1};  ///< with the fault
+  std::pair<RunState, int> shown_status_{RunState::kIdle, -1};  ///< last sent state and fault
 };
 
 }  // namespace trocar::runtime

@@ -21,8 +21,8 @@ struct Hdf5Table {
   std::string name;
   Hdf5Type type = Hdf5Type::kFloat64;
   std::size_t width = 1;  ///< numbers in a row; with 1 the dataset has one dimension
-  std::vector<std::string>
-      enumerators;  ///< names of 0, 1, ...: an enumeration of 8-bit numbers; empty: plain numbers
+  /// Names of 0, 1, ...: an enumeration of 8-bit numbers. Empty: plain numbers.
+  std::vector<std::string> enumerators;
   std::vector<std::byte> data;  ///< row by row, in the machine's byte order
 };
 

@@ -17,7 +17,7 @@ inline constexpr std::size_t kMaxIgtlBody = std::size_t{64} << 10;
 struct IgtlHeader {
   std::string type;
   std::size_t body_bytes = 0;  ///< at most kMaxIgtlBody
-  std::uint64_t crc = 0;       ///< of the body
+  std::uint64_t crc = 0;       ///< checksum of the body
 };
 
 /// None: the header is malformed, of an unknown version, or announces a larger body.

@@ -163,7 +163,7 @@ class Client : public std::enable_shared_from_this<Client> {
   std::vector<std::uint8_t> body_;
   int messages_in_second_ = 0;
   std::size_t bytes_in_second_ = 0;
-  std::vector<IgtlBytes> writing_;  ///< what is being sent
+  std::vector<IgtlBytes> writing_;  ///< messages that are being sent
   std::uint64_t session_ = 0, status_ = 0, tick_ = 0;
   Clock::time_point second_from_, progress_at_, pose_due_, surface_due_;
 };
