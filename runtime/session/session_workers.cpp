@@ -59,13 +59,14 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecificatio
                                        options.is_real_time() ? 0 : options.rate_Hz, prefetch);
   if (options.on_tick) workers.tick_feed = std::make_unique<TickFeed>(options.on_tick);
   if (options.telemetry) {
-    auto made = SessionPublisher::make(scene, device, remesher, prefetch, *options.telemetry,
-                                       {.rate_Hz = options.rate_Hz,
-                                        .duration_s = options.duration_s,
-                                        .clock = clock_name(options),
-                                        .record = options.record,
-                                        .counts_xray = options.counts_xray && options.replay.empty(),
-                                        .limits = options.limits});
+    auto made =
+        SessionPublisher::make(scene, device, remesher, prefetch, *options.telemetry,
+                               {.rate_Hz = options.rate_Hz,
+                                .duration_s = options.duration_s,
+                                .clock = clock_name(options),
+                                .record = options.record,
+                                .counts_xray = options.counts_xray && options.replay.empty(),
+                                .limits = options.limits});
     if (!made) return made.error();
     workers.publisher = std::move(*made);
   }
