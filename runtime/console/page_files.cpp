@@ -35,9 +35,11 @@ std::string type_of(const std::filesystem::path& file) {
   return found == types.end() ? "" : found->second;
 }
 
-/// Returns the hashes of the scripts of session reports and of the history.
-std::string report_scripts() {
-  return script_hashes(kSessionPage, "<script>") + script_hashes(kHistoryPage, "<script>");
+/// Returns the policy of a page made from this template.
+std::string policy_of(std::string_view page_template) {
+  return "default-src 'none'; style-src 'unsafe-inline'; script-src" +
+         script_hashes(page_template, "<script>") +
+         "; sandbox allow-scripts; frame-ancestors 'none'";
 }
 
 constexpr const char* kIncomplete =
@@ -70,9 +72,12 @@ std::string script_hashes(std::string_view html, std::string_view tag) {
 }
 
 const std::string& report_policy() {
-  static const std::string policy = "default-src 'none'; style-src 'unsafe-inline'; script-src" +
-                                    report_scripts() +
-                                    "; sandbox allow-scripts; frame-ancestors 'none'";
+  static const std::string policy = policy_of(kSessionPage);
+  return policy;
+}
+
+const std::string& history_policy() {
+  static const std::string policy = policy_of(kHistoryPage);
   return policy;
 }
 
@@ -105,7 +110,8 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   page.policy_ =
       "default-src 'none'; script-src 'self'" +
       script_hashes(index->second.bytes, "<script type=\"importmap\">") +
-      report_scripts() +  // a report in a frame inherits this policy
+      script_hashes(kSessionPage, "<script>") +  // a report in a frame inherits this policy
+      script_hashes(kHistoryPage, "<script>") +  // and so does the history
       "; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self'; "
       "connect-src 'self'; frame-src blob:; worker-src 'self'; base-uri 'none'; form-action "
       "'none'; frame-ancestors 'none'";

@@ -42,9 +42,10 @@ class PageFiles {
 /// in the sources from which the program was built.
 std::filesystem::path page_folder();
 
-/// Content-Security-Policy of session reports and of the history. The files in the folder are not
-/// trusted, so the only scripts that may run are those of this version's templates.
+/// Content-Security-Policy of session reports, and of the history. The files in the folder are not
+/// trusted, so the only script that may run is that of this version's template.
 const std::string& report_policy();
+const std::string& history_policy();
 
 /// Returns the hashes of the scripts in an HTML page that begin with this tag, as needed in a
 /// Content-Security-Policy: 'sha256-...', each with a blank before it.
