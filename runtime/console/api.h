@@ -26,9 +26,9 @@ inline constexpr unsigned kBadRequest = 400, kUnauthorized = 401, kForbidden = 4
 struct Answer {
   unsigned status = 200;  ///< HTTP status
   std::string type = "application/json", body;
+  std::string policy = kPolicyOfData;  ///< Content-Security-Policy
   /// Takes the place of `body` if several answers share it; else null.
   std::shared_ptr<const std::string> shared = {};
-  std::string policy = kPolicyOfData;  ///< Content-Security-Policy
 };
 
 /// Returns an answer with a JSON object that contains `ok` false and the message.
