@@ -19,7 +19,7 @@ import { View3d } from "./view/view3d.js";
 import { describe, kFault, kRecovering } from "./words.js";
 
 const by_id = (id) => document.getElementById(id);
-const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000, kOld_ms = 300;
+const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000, kOld_ms = 300, kViewBesideXray_ms = 150, kViewBesidePictures_ms = 60;
 
 const app = {
   role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
@@ -426,7 +426,7 @@ function draw_player() {
   by_id("seek-time").textContent = playback.first ? `${playback.time_s.toFixed(2)} / ${playback.end_s.toFixed(2)} s` : "";
 }
 
-let last = performance.now(), panels_at = 0;
+let last = performance.now(), panels_at = 0, view_at = 0;
 function frame(now) {
   requestAnimationFrame(frame);
   const passed_s = (now - last) / 1000;
@@ -442,7 +442,12 @@ function frame(now) {
   if (source && app.has_moved) app.view?.update(source);
   app.has_moved = false;
   app.imaging.frame(now);
-  if (app.view?.frame(now) || is_old()) app.panels_are_old = true;
+  // Without a GPU the view would leave too little time for the pictures beside it.
+  if (now - view_at > (app.imaging.xray.is_on ? kViewBesideXray_ms : app.imaging.open ? kViewBesidePictures_ms : 0)) {
+    view_at = now;
+    if (app.view?.frame(now)) app.panels_are_old = true;
+  }
+  if (is_old()) app.panels_are_old = true;
   if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(kSlowPanels_ms, 8 * (app.view?.pace.frame_ms ?? 0)))) return;
   app.panels_are_old = false;
   panels_at = now;

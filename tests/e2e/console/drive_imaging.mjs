@@ -20,9 +20,9 @@ async function start(page, scene) {
   await until(page, `trocar.session !== ${JSON.stringify(before)} && trocar.state.state === "running" && trocar.row?.safety[0] === 2`, `the start of ${scene}`);
 }
 async function stop(page, name) {
-  const counted = await get(page, counts);
   await page.keyboard.press("Shift+Q");
-  await until(page, `trocar.state.state === "ended"`, `the end of ${name}`);
+  await until(page, `trocar.state.state === "ended" && trocar.row.ended[0] === 1`, `the end of ${name}`);
+  const counted = await get(page, counts);
   sessions[name] = { recording: (await get(page, "trocar.state")).recording, ...counted };
 }
 /// Grey levels of a canvas: darkest, lightest, and their sum.
@@ -46,7 +46,7 @@ await start(page, given.scene);
 
 // ---- shots ----
 await page.click("[data-picture=xray]");
-await until(page, "trocar.imaging.positions === 1", "the first sum along the rays");
+await until(page, "trocar.imaging.positions >= 1", "the first sum along the rays");
 check(await get(page, "trocar.imaging.has_context"), "the asset's context is not used");
 check(await get(page, "trocar.imaging.drawn") === 0, "a picture was shown before one was taken");
 figures.ap_ms = await shot(page, "AP");
@@ -124,7 +124,7 @@ const before = await get(page, events_of("xray_shot"));
 const viewer = await browser.open(given.view_link);
 await until(viewer, "trocar.row !== null", "the audience's page");
 await viewer.click("[data-picture=xray]");
-await until(viewer, "trocar.imaging.positions === 1", "the audience's sum along the rays");
+await until(viewer, "trocar.imaging.positions >= 1", "the audience's sum along the rays");
 check(!await viewer.isVisible("#xray-shot"), "the audience has a button for shots");
 await viewer.keyboard.press("x");
 await viewer.waitForTimeout(300);
@@ -187,7 +187,7 @@ await browser.picture(page, "playback");
 await page.click("[data-to=folder]");
 await start(page, given.apart);
 await until(page, `trocar.imaging.why.includes("not as far apart")`, "the reason why there is no X-ray");
-check(await page.isDisabled("#xray-shot"), "a picture can be taken without X-ray");
+await until(page, `document.getElementById("xray-shot").disabled`, "no button for a picture without X-ray");
 await until(page, `document.getElementById("xray-count").textContent.includes("not as far apart")`, "the words without X-ray");
 await browser.picture(page, "no_xray");
 await stop(page, "apart");

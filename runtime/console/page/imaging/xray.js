@@ -7,7 +7,7 @@ import { post } from "../api.js";
 import { project, view_of } from "./c_arm.js";
 import { Picture } from "./picture.js";
 
-const kSize = 512, kCoarse = 256, kKept = 4, kHold_ms = 200, kPulse_ms = 15;
+const kLarge = 512, kSmall = 320, kCoarse = 160, kKept = 5, kHold_ms = 200, kPulse_ms = 15;
 const kPositions = { ap: [0, 0], lateral: [90, 0] };
 const by_id = (id) => document.getElementById(id);
 
@@ -15,7 +15,6 @@ const by_id = (id) => document.getElementById(id);
 class Monitor {
   constructor(id) {
     this.canvas = by_id(id);
-    this.canvas.width = this.canvas.height = kSize;
     this.context = this.canvas.getContext("2d");
     this.caption = by_id(`${id}-caption`);
     this.key = "";
@@ -91,6 +90,8 @@ export class Xray {
     this.pending = null;
     for (const monitor of [this.live, this.other]) monitor.clear();
     if (!this.volume) return;
+    // Small monitors need fewer pixels, which are there sooner.
+    this.size = this.live.canvas.clientWidth * devicePixelRatio > 300 ? kLarge : kSmall;
     this.worker = new Worker(new URL("./xray_worker.js", import.meta.url), { type: "module" });
     this.worker.onmessage = ({ data }) => this.#take(data);
     this.worker.onerror = (event) => {
@@ -102,8 +103,10 @@ export class Xray {
     this.move_to(0, 0);
   }
 
-  get view() { return view_of(this.volume, this.turn_deg, this.tilt_deg, Number(by_id("xray-width").value) / 1000); }
-  get key() { return `${this.turn_deg} ${this.tilt_deg} ${by_id("xray-width").value}`; }
+  #view_of(turn_deg, tilt_deg) { return view_of(this.volume, turn_deg, tilt_deg, Number(by_id("xray-width").value) / 1000); }
+  #key_of(turn_deg, tilt_deg) { return `${turn_deg} ${tilt_deg} ${by_id("xray-width").value}`; }
+  get view() { return this.#view_of(this.turn_deg, this.tilt_deg); }
+  get key() { return this.#key_of(this.turn_deg, this.tilt_deg); }
 
   /// Moves the C-arm. The last picture stays until another one is taken.
   move_to(turn_deg, tilt_deg) {
@@ -118,29 +121,40 @@ export class Xray {
     this.#ask();
   }
 
+  /// Asks for the sum along the rays of the present position: first a coarse one, which is there at once.
   #ask() {
-    if (!this.is_ready || this.pictures.has(this.key) || this.asked.has(this.key)) return;
-    this.asked.add(this.key);
-    if (this.is_screening) this.worker.postMessage({ key: this.key, view: this.view, size: kCoarse, step: 2 });
-    this.worker.postMessage({ key: this.key, view: this.view, size: kSize, step: 0.8 });
+    if (!this.is_ready || this.#is_fine(this.key) || this.asked.has(this.key)) return;
+    this.#ask_for(this.key, this.view, [kCoarse, this.size]);
   }
+  #ask_for(key, view, sizes) {
+    this.asked.add(key);
+    for (const size of sizes) this.worker.postMessage({ key, view, size, step: size === kCoarse ? 2 : 0.8 });
+  }
+  #is_fine(key) { return this.pictures.get(key)?.size > kCoarse; }
 
   #take(message) {
     if (message.ready) {
       this.is_ready = true;
-      return this.#ask();
+      this.#ask();
+      // The two usual positions are computed before anybody asks for them.
+      for (const [turn, tilt] of Object.values(kPositions)) {
+        const key = this.#key_of(turn, tilt);
+        if (!this.asked.has(key)) this.#ask_for(key, this.#view_of(turn, tilt), [this.size]);
+      }
+      return;
     }
-    this.asked.delete(message.key);
-    this.pictures.delete(message.key);
-    this.pictures.set(message.key, new Picture(message.view, message.size, message.sum, message.is_covered));
-    for (const key of this.pictures.keys()) {
+    const { key, size, view, sum, is_covered } = message;
+    if (size > kCoarse) this.asked.delete(key);
+    else if (this.#is_fine(key)) return;
+    this.pictures.delete(key);
+    this.pictures.set(key, new Picture(view, size, sum, is_covered));
+    for (const old of this.pictures.keys()) {
       if (this.pictures.size <= kKept) break;
-      this.pictures.delete(key);
+      this.pictures.delete(old);
     }
-    if (this.pending?.key === message.key) {
-      this.#show(this.pending.needle);
-      this.pending = null;
-    }
+    if (this.pending?.key !== key) return;
+    this.#show(this.pending.needle);
+    if (size > kCoarse) this.pending = null;
   }
 
   /// Sends one request after the other, so that the end of screening comes last. What is repeated waits for nothing.
@@ -189,7 +203,7 @@ export class Xray {
     if (!this.volume || this.act.mode() !== "live" || !events.some(({ kind }) => kind === "xray_shot")) return;
     const needle = this.act.needle();
     if (this.pictures.has(this.key)) this.#show(needle);
-    else {
+    if (!this.#is_fine(this.key)) {
       this.pending = { key: this.key, needle };
       this.#ask();
     }
@@ -213,12 +227,16 @@ export class Xray {
     const mode = this.act.mode(), is_on = mode === "playback" || (mode === "live" && this.is_screening);
     if (!is_on || now - (this.drawn_at ?? -Infinity) < kPulse_ms) return;
     const needle = this.act.needle(), at = needle ? [...needle.tip, ...needle.axis].join() : "";
-    if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.key === this.key) return;
-    if (!this.pictures.has(this.key)) return this.#ask();
+    if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.key === this.key && this.live.last?.picture === this.pictures.get(this.key)) return;
+    if (!this.#is_fine(this.key)) this.#ask();
+    if (!this.pictures.has(this.key)) return;
     this.drawn_at = now;
     this.drawn_needle = at;
     this.#show(needle);
   }
+
+  /// True while pictures follow the needle.
+  get is_on() { return this.is_screening && this.act.mode() === "live" && Boolean(this.volume) && !by_id("xray-box").hidden; }
 
   /// Draws the counts and what can be pressed. `shots`, `seconds`: NaN if they are not counted.
   draw({ shots, seconds, why }) {

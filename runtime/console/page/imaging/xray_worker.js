@@ -11,9 +11,8 @@ let grids = null, has_context = false;
 const waiting = new Map();
 
 function work() {
-  const next = waiting.entries().next();
-  if (next.done) return;
-  const [place, { key, view, size, step }] = next.value;
+  if (!waiting.size) return;
+  const [place, { key, view, size, step }] = [...waiting].reduce((a, b) => (b[1].size < a[1].size ? b : a));  // the coarse ones first
   waiting.delete(place);
   let sum = xray_sum(grids, view, size, step);
   const is_covered = has_context ? covered_pixels(grids[1], view, size) : null;
