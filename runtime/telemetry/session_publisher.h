@@ -81,7 +81,7 @@ class SessionPublisher final : public TickObserver {
   SessionPublisher();
   void push(const TelemetryEvent& event) noexcept;
   void count_xray(const RecordingRow& row) noexcept;
-  /// States that screening has ended, because time stands still or the session is over.
+  /// States that screening has ended, because the session is paused or over.
   void end_screening() noexcept;
   void publish_shape();
   void write(const TelemetryTick& tick);

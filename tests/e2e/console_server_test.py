@@ -219,7 +219,7 @@ def test_xray(console, folder):
     before = live.value("xray_screening_s")
     check(take("screening") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_on", 5), f"screening: {live.kinds()[-1]}")
     check(take("nothing") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_off", 5) and live.value("xray_screening_s") < before + 0.9, "the end of screening")
-    # Time stands still in a pause, and so do pictures.
+    # No picture is taken in a pause.
     console.post("/api/command", {"command": "pause"})
     check(live.until(lambda l: l.state() == "paused", 5) and take("shot") == 409 and take("screening") == 409 and take("nothing") == 200, "a picture in a pause")
     time.sleep(0.3)

@@ -59,7 +59,7 @@ class Client : public std::enable_shared_from_this<Client> {
       if (now - progress_at_ > kStalled) close();
       return;
     }
-    // A client that takes no more poses has nothing to write, and yet stands still.
+    // A client that takes no more poses has stopped reading, although nothing is being written to it.
     if (waiting() <= kMaxWaiting) {
       progress_at_ = now;
     } else if (now - progress_at_ > kStalled) {
