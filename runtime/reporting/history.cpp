@@ -265,7 +265,7 @@ Result<History> read_history(const std::filesystem::path& folder) {
         read ? session_of(read->document, read->is_report) : Result<Session>(read.error());
     if (!session) {
       const std::string& why = session.error().message;
-      history.skipped.push_back(one_line(read ? name + ": " + why : why));
+      history.skipped.push_back(one_line(read ? std::string(name).append(": ").append(why) : why));
       continue;
     }
     session->file = one_line(name);

@@ -50,6 +50,7 @@ TEST_F(XrayUseTest, CountsShotsAndTicksOfScreening) {
 TEST_F(XrayUseTest, IsTheSameFromTheRecording) {
   const RecordingOrigin origin{{{"program", "x"}, {kOriginXray, "counted"}}};
   std::vector<RecordingRow> rows;
+  rows.reserve(20);
   for (int i = 0; i < 20; ++i)
     rows.push_back(row_of(i * 1e-3, i % 4));
   const std::string csv = recording_of(rows, origin, folder_.path() / "r.csv");
