@@ -223,7 +223,7 @@ const drag = async (button, from, way, steps = 10) => {
 };
 const up = () => get(page, "trocar.camera.up");
 // The camera goes down until it looks sideways, so that a drag downwards is along the tool. Nothing is held yet: the drag is the camera's.
-for (let turn = 0; turn < 60 && (await up())[2] < 0.999; ++turn) await drag("left", middle, [0, -8], 2);
+for (let turn = 0; turn < 160 && (await up())[2] < 0.999; ++turn) await drag("left", middle, [0, -3], 2);
 check((await up())[2] > 0.999, `a drag did not turn the camera before the needle was taken: ${await up()}`);
 await take(page, "taking the needle by its button");
 const camera = await get(page, "trocar.camera");

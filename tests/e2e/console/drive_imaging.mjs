@@ -50,11 +50,14 @@ await until(page, "trocar.imaging.positions >= 1", "the first sum along the rays
 check(await get(page, "trocar.imaging.has_context"), "the asset's context is not used");
 check(await get(page, "trocar.imaging.drawn") === 0, "a picture was shown before one was taken");
 figures.ap_ms = await shot(page, "AP");
+const is_fine = `document.getElementById("xray-live").width > 200`;  // the first picture of a position may be a coarse one
+await until(page, is_fine, "the fine AP picture");
 const ap = await greys(page, "xray-live");
 check(ap.low < 60 && ap.high > 180, `the AP picture has grey levels ${ap.low} to ${ap.high}`);
 check((await page.innerText("#xray-live-caption")).includes("AP"), "the caption of the AP picture");
 await page.click("#xray-lateral");
 figures.lateral_ms = await shot(page, "the lateral picture");
+await until(page, is_fine, "the fine lateral picture");
 const lateral = await greys(page, "xray-live"), kept = await greys(page, "xray-other");
 check(Math.abs(kept.sum - ap.sum) < 1, "the second monitor does not keep the AP picture");
 check(lateral.sum !== ap.sum && (await page.innerText("#xray-live-caption")).includes("Lateral"), "the lateral picture is the AP picture");
