@@ -6,6 +6,7 @@
 import { file_query, get_text } from "./api.js";
 
 const kReady = 1, kRunning = 2, kContact = 1;  // SafetyState, ContactPhase
+const kGap_s = 1;  // between rows that a page gets while it is open and not hidden
 const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const length = (a) => Math.hypot(a[0], a[1], a[2]);
@@ -47,11 +48,14 @@ export class GoalMeter {
     this.direction = goals.line ? direction_of(goals) : null;
     this.zones = (goals.zones ?? []).map(() => ({ now: NaN, least: Infinity }));
     this.closest = this.off_line_max = this.entry = this.force_max = this.first_contact_s = this.reached_s = null;
-    this.distance = this.off_line = this.force = this.t_s = NaN;
+    this.distance = this.off_line = this.force = NaN;
+    this.t_s = this.unseen_s = 0;  // time of the last row, and of the session that no row was seen of
   }
   take(shown, row) {
     const { goals } = this, safety = shown.columns.value(row, "safety", kRunning), force = shown.force(row);
-    this.t_s = shown.columns.value(row, "t_s");
+    const t_s = shown.columns.value(row, "t_s");
+    if (t_s - this.t_s > kGap_s) this.unseen_s += t_s - this.t_s;
+    this.t_s = t_s;
     if (Number.isFinite(force)) {
       this.force = force;
       this.force_max = Math.max(this.force_max ?? 0, force);
@@ -176,7 +180,7 @@ export class Goals {
     const seen = meter.standing(last), list = report ? judged(report) : seen;
     const met = list.filter(({ state }) => state === "met").length, missed = list.filter(({ state }) => state === "missed");
     const verdict = report ? `Verdict of the report: ${met} of ${list.length} goals met${missed.length ? `; missed: ${missed.map(({ goal, zone }) => zone ?? goal).join(", ")}` : ""}.`
-      : `Goals so far: ${missed.length ? `${missed.length} of ${list.length} missed` : "none missed"}.`;
+      : `Goals so far${meter.unseen_s > 0 ? ` (without ${meter.unseen_s.toFixed(0)} s that this page has not seen)` : ""}: ${missed.length ? `${missed.length} of ${list.length} missed` : "none missed"}.`;
     this.shown = { t_s: meter.t_s, list, seen, verdict, is_final: Boolean(report) };
     this.box.firstElementChild.textContent = verdict;
     const rows = this.box.lastElementChild;
