@@ -73,7 +73,7 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "--history", a.history,
       "run no session; read the session reports' figures below this folder, and write\n"
       "the learning curves of each trainee, course and scene to -o NAME.html, and the\n"
-      "same table to NAME.csv");
+      "same table to NAME.history.csv");
   recording.option("--hand-path", a.hand_path,
                    "write what a live hand did: JSON, a scene's `hand` that repeats it");
 }
