@@ -52,7 +52,7 @@ export class Imaging {
   /// Loads the scan of what is shown, if a picture is open and it is another scan than before.
   async #load() {
     const source = this.act.source();
-    if (!this.open || !source?.bone || source.bone === this.loaded) return;
+    if (!this.open || this.act.tab() === "folder" || !source?.bone || source.bone === this.loaded) return;
     this.loaded = source.bone;
     this.#set(null, null, "The scan is being loaded.");
     const path = this.act.tab() === "playback" ? file_query("/api/volume", { scene: this.act.scene() }) : "/api/volume?session=1";
