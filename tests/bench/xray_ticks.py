@@ -9,7 +9,6 @@ import shutil
 import statistics
 import sys
 import tempfile
-import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "support"), str(ROOT / "tests" / "e2e")]
@@ -28,7 +27,7 @@ def session(console, folder, shots):
     assert live.until(lambda l: l.session not in (before, "") and l.values and l.value("t_s") > 0.2, 20)
     for _ in range(shots):
         assert console.post("/api/xray", {"take": "shot"})[0] == 200
-        time.sleep(0.8 * SECONDS / SHOTS)
+        live.until(lambda _: False, 0.8 * SECONDS / SHOTS)  # it reads, or the console would close it
     assert live.until(lambda l: l.state() == "ended", 2 * SECONDS)
     summary = json.loads((folder / live.states[-1]["recording"]).parent.joinpath("session.summary.json").read_text(encoding="utf-8"))
     live.close()
