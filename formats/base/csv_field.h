@@ -3,15 +3,19 @@
 // Tests: tests/formats/session/trainee_test.cpp
 #pragma once
 
+#include <charconv>
 #include <string>
+#include <system_error>
 
 namespace trocar {
 
 /// The text, in quotes if it has a comma, a quote or a line break. A text that a spreadsheet would take
 /// for a formula is written after an apostrophe.
 inline std::string csv_field(const std::string& text) {
-  const bool is_number =
-      !text.empty() && text.find_first_not_of("0123456789+-.eE") == std::string::npos;
+  double number = 0;
+  const char* const last = text.data() + text.size();
+  const auto [end, error] = std::from_chars(text.data(), last, number);
+  const bool is_number = error == std::errc() && end == last;
   std::string field =
       !text.empty() && !is_number && std::string("=+-@\t\r").find(text[0]) != std::string::npos
           ? "'" + text

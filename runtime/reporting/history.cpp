@@ -106,7 +106,8 @@ Trainee trainee_at(const json& document, std::string& why) {
       why = std::string(pointer) + ": " + wrong;
   }
   if (const auto attempt = number_at(document, "/trainee/attempt", why)) {
-    trainee.attempt = static_cast<std::int64_t>(*attempt);
+    const bool is_whole = *attempt == std::floor(*attempt) && std::abs(*attempt) <= 1e9;
+    trainee.attempt = is_whole ? static_cast<std::int64_t>(*attempt) : 0;
     if (const std::string wrong = attempt_error(*trainee.attempt); why.empty() && !wrong.empty())
       why = "/trainee/attempt: " + wrong;
   }

@@ -65,13 +65,25 @@ class Case:
                     mask[math.ceil(low):math.floor(high) + 1, j, k] = True
         return mask
 
-    def ray_sum(self, values, middle_mm, turn_deg, tilt_deg):
-        """The integral of trilinear values / 1000 along the rays of the C-arm, in mm."""
+    def c_arm(self, turn_deg, tilt_deg):
+        """The directions in {B} of the middle ray, and to the right and upwards on the picture."""
         a, b = math.radians(turn_deg), math.radians(tilt_deg)
         to_device = self.axes.T
         ray = to_device @ [math.cos(b) * math.sin(a), math.cos(b) * math.cos(a), math.sin(b)]
         right = to_device @ [math.cos(a), -math.sin(a), 0]
         up = to_device @ np.cross([math.cos(a), -math.sin(a), 0], [math.cos(b) * math.sin(a), math.cos(b) * math.cos(a), math.sin(b)])
+        return ray, right, up
+
+    def project(self, place_mm, middle_mm, turn_deg, tilt_deg):
+        """Column and row of the pixel that shows a position."""
+        ray, right, up = self.c_arm(turn_deg, tilt_deg)
+        from_source = place_mm - (middle_mm - SOURCE_TO_MIDDLE_MM * ray)
+        scale = SOURCE_TO_MIDDLE_MM / (from_source @ ray) / self.width_mm * SIZE
+        return [SIZE / 2 - 0.5 + scale * (from_source @ right), SIZE / 2 - 0.5 - scale * (from_source @ up)]
+
+    def ray_sum(self, values, middle_mm, turn_deg, tilt_deg):
+        """The integral of trilinear values / 1000 along the rays of the C-arm, in mm."""
+        ray, right, up = self.c_arm(turn_deg, tilt_deg)
         at = ((np.arange(SIZE) + 0.5) / SIZE - 0.5) * self.width_mm
         rays = SOURCE_TO_MIDDLE_MM * ray + at[None, :, None] * right - at[:, None, None] * up
         rays /= np.linalg.norm(rays, axis=2, keepdims=True)
@@ -198,18 +210,24 @@ def sample_case(console):
 
 
 def test_needle_ends_at_its_tip(sample):
+    """The shadow ends within a pixel of the tip's projection. The needle is one pixel wide, so that its own width does not count."""
     case, answer, about = sample
+    radius_m, middle_mm = 0.52 * case.width_mm / SIZE / 1000, np.array(about["middle_m"]) * 1000
+    place_mm = middle_mm + (5, -7, 4)
     for axis in ((0, 0, 1), (0.3, 0.5, 0.81240384)):
-        _, out = page_sums(answer, case.width_mm, tip=about["middle_m"], axis=axis)
-        for view, changed, (tip, up) in zip(VIEWS, out["needles"], out["projected"]):
+        _, out = page_sums(answer, case.width_mm, tip=(place_mm / 1000).tolist(), axis=axis, radius_m=radius_m)
+        for (view, angles), changed, (tip, up) in zip(VIEWS.items(), out["needles"], out["projected"]):
+            assert np.allclose(tip, case.project(place_mm, middle_mm, *angles), atol=1e-6), (view, tip)
             along, changed = np.subtract(up, tip), np.array(changed)
             if np.linalg.norm(along) < 5:  # seen along its axis
-                assert np.linalg.norm(changed - tip, axis=1).min() < 1, (view, axis)
+                assert np.linalg.norm(changed - tip, axis=1).min() <= 1, (view, axis)
                 continue
-            way = (changed - tip) @ along / np.linalg.norm(along)
-            assert abs(way.min()) <= 1 + 0.5 * SIZE / case.width_mm, (view, axis, way.min())  # the needle's radius is 0.5 mm
-            ends = changed[way < way.min() + 1.5].mean(axis=0)
-            assert np.linalg.norm(ends - tip) <= 1.5, (view, axis, ends, tip)
+            along /= np.linalg.norm(along)
+            way, aside = (changed - tip) @ along, (changed - tip) @ (-along[1], along[0])
+            end = changed[np.argmin(way)]
+            print(f"{view}: the shadow ends {np.linalg.norm(end - tip):.2f} pixels from the tip, and is {np.abs(aside).max():.2f} off its line at most")
+            assert np.linalg.norm(end - tip) <= 1, (view, axis, end, tip)
+            assert np.abs(aside).max() <= 1, (view, axis)
 
 
 def test_planes_have_the_hu_of_the_asset(sample):

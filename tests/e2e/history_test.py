@@ -62,7 +62,8 @@ def spoil(folder, good):
     wrong = {"cut.json": text[:2000], "empty.json": "", "scene.json": '{"schema": "trocar.scene/1"}', "list.json": "[1, 2]", "deep.json": "[" * 100000,
              "text.json": json.dumps({**good, "force": {"max_N": "12"}}), "huge.json": json.dumps({**good, "plunge_max_m": 1e300}), "scene2.json": json.dumps({**good, "scene": 5}),
              "code.json": json.dumps({**good, "trainee": {"code": "../x", "course": None, "attempt": 1}}), "bytes.json": None,
-             "attempt.json": json.dumps({**good, "trainee": {"code": "A", "course": None, "attempt": 0}}), "lines\n<b>.json": "{"}
+             "attempt.json": json.dumps({**good, "trainee": {"code": "A", "course": None, "attempt": 0}}),
+             "half.json": json.dumps({**good, "trainee": {"code": "A", "course": None, "attempt": 1.5}}), "lines\n<b>.json": "{"}
     for name, words in wrong.items():
         if words is None:
             (folder / name).write_bytes(bytes(range(256)))

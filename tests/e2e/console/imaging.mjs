@@ -23,7 +23,7 @@ for (const { turn_deg, tilt_deg, width_m, size, file } of job.sums ?? []) {
   writeFileSync(file, sum);
   if (!job.tip) continue;
   const is_covered = volume.context ? covered_pixels(grids[1], view, size) : null;
-  const picture = new Picture(view, size, is_covered ? harmonise(sum, size, is_covered) : sum, is_covered), rgba = [null, { tip: job.tip, axis: job.axis, radius_m: 0.0005 }].map((needle) => {
+  const picture = new Picture(view, size, is_covered ? harmonise(sum, size, is_covered) : sum, is_covered), rgba = [null, { tip: job.tip, axis: job.axis, radius_m: job.radius_m }].map((needle) => {
     const pixels = new Uint8ClampedArray(4 * size * size);
     picture.draw(pixels, needle);
     return pixels;

@@ -63,6 +63,8 @@ TEST(CsvFieldTest, QuotesAndFormulas) {
   EXPECT_EQ(csv_field("-1.5e-3"), "-1.5e-3");
   EXPECT_EQ(csv_field("=1+1"), "'=1+1");
   EXPECT_EQ(csv_field("-x"), "'-x");
+  EXPECT_EQ(csv_field("-1+2"), "'-1+2");
+  EXPECT_EQ(csv_field("-E1"), "'-E1");
   EXPECT_EQ(csv_field("@sum,1"), "\"'@sum,1\"");
 }
 

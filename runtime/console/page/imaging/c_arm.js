@@ -3,7 +3,7 @@
 // Tests: tests/e2e/console_volume_test.py
 import { cross, dot } from "./volume.js";
 
-export const kSourceToMiddle_m = 0.6, kSourceToDetector_m = 1;
+const kSourceToMiddle_m = 0.6;
 
 const sum_of = (...terms) => [0, 1, 2].map((k) => terms.reduce((sum, [factor, v]) => sum + factor * v[k], 0));
 
