@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """session_report_test.py SOURCE PROGRAMS SCAN WORK: every figure of `trocar-run --session-report` computed again.
 
-session_figures.py computes them from recording and scene. Sessions: the paper's three slices, the phantom's vertebra cut through, the same three slices with goals that are met and with goals that are broken, one that ends by a fault, one with two faults
-and recoveries, one beside the material and back in its hole, one through soft layers, and one of 90 s whose samples are thinned.
-A replay and a session in real time give what their recordings say, too. The page embeds the same report and refers to nothing outside;
-rendered in a browser it shows the figures, and text of the scene stays text.
+session_figures.py computes them from recording and scene. Sessions: the paper's three slices, the phantom's vertebra cut through, the
+same three slices with goals that are met and with goals that are broken, one that ends by a fault, one with two faults and recoveries,
+one beside the material and back in its hole, one through soft layers, and one of 90 s whose samples are thinned. A replay and a session
+in real time give what their recordings say, too. The page embeds the same report and refers to nothing outside; rendered in a browser it
+shows the figures, and text of the scene stays text.
 """
 import csv
 import html.parser
