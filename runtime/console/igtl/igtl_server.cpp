@@ -31,9 +31,9 @@ constexpr std::size_t kWriteStep = 65536;
 constexpr auto kPosePeriod = std::chrono::microseconds(16'667);
 constexpr auto kSurfacePeriod = std::chrono::seconds(1);
 constexpr auto kStalled = std::chrono::seconds(6);
-constexpr auto kRetryAccept = std::chrono::milliseconds(100);
+constexpr auto kAcceptAgainAfter = std::chrono::milliseconds(100);
 
-std::string text_of(const tcp::endpoint& endpoint) {
+std::string address_of(const tcp::endpoint& endpoint) {
   const std::string address = endpoint.address().to_string();
   return (endpoint.address().is_v6() ? "[" + address + "]" : address) + ":" +
          std::to_string(endpoint.port());
@@ -168,9 +168,9 @@ class Client : public std::enable_shared_from_this<Client> {
   Clock::time_point second_from_, progress_at_, pose_due_, surface_due_;
 };
 
-class Server : public IgtlServer {
+class TcpServer : public IgtlServer {
  public:
-  Server(tcp::acceptor acceptor, Refused refused)
+  TcpServer(tcp::acceptor acceptor, Refused refused)
       : acceptor_(std::move(acceptor)),
         retry_(acceptor_.get_executor()),
         refused_(std::move(refused)) {
@@ -179,7 +179,7 @@ class Server : public IgtlServer {
 
   std::string endpoint() const override {
     ErrorCode ignored;
-    return text_of(acceptor_.local_endpoint(ignored));
+    return address_of(acceptor_.local_endpoint(ignored));
   }
   bool has_clients() const override { return !clients_.empty(); }
 
@@ -198,7 +198,7 @@ class Server : public IgtlServer {
         return accept();
       }
       // The process has no free descriptors. They become free when connections end.
-      retry_.expires_after(kRetryAccept);
+      retry_.expires_after(kAcceptAgainAfter);
       retry_.async_wait([this](ErrorCode aborted) {
         if (!aborted) accept();
       });
@@ -211,10 +211,10 @@ class Server : public IgtlServer {
     if (error) return;
     remove_closed();
     if (clients_.size() >= kMaxClients)
-      return refused_("an OpenIGTLink client beyond 8", text_of(peer));
+      return refused_("an OpenIGTLink client beyond 8", address_of(peer));
     socket.set_option(tcp::no_delay(true), error);
     socket.set_option(net::socket_base::send_buffer_size(kSendBuffer), error);
-    clients_.push_back(std::make_shared<Client>(std::move(socket), text_of(peer), refused_));
+    clients_.push_back(std::make_shared<Client>(std::move(socket), address_of(peer), refused_));
     clients_.back()->read_header();
   }
 
@@ -241,10 +241,10 @@ Result<std::unique_ptr<IgtlServer>> IgtlServer::listen(net::io_context& context,
   if (!error) acceptor.bind(endpoint, error);
   if (!error) acceptor.listen(kMaxClients, error);
   if (error)
-    return unwritable("cannot listen on " + text_of(endpoint) + ": " + error.message() +
+    return unwritable("cannot listen on " + address_of(endpoint) + ": " + error.message() +
                       "; --igtl 0 takes any free port");
   return std::unique_ptr<IgtlServer>(
-      std::make_unique<Server>(std::move(acceptor), std::move(refused)));
+      std::make_unique<TcpServer>(std::move(acceptor), std::move(refused)));
 }
 
 }  // namespace trocar::runtime
