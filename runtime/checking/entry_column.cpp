@@ -94,22 +94,6 @@ class Cells {
   std::vector<std::vector<std::uint8_t>> material_;  ///< one mask of cells with material per level
 };
 
-/// Returns the thickness that each level stands for, from half-way to one neighbour to half-way to
-/// the other. At an end the outward distance is assumed to equal the inward distance. A single
-/// slice counts as a millimetre.
-std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm) {
-  const std::size_t n = levels.size();
-  std::vector<double> thickness_mm(n, 1);
-  for (std::size_t i = 0; n > 1 && i < n; ++i) {
-    const double above = i > 0 ? levels[i - 1].z_mm - levels[i].z_mm : 0;
-    const double below = i + 1 < n ? levels[i].z_mm - levels[i + 1].z_mm : 0;
-    thickness_mm[i] = (std::min(i > 0 ? above : below, max_gap_mm) +
-                       std::min(i + 1 < n ? below : above, max_gap_mm)) /
-                      2;
-  }
-  return thickness_mm;
-}
-
 /// Returns the last level of the window of levels that begins with `first`.
 std::size_t window_end(const std::vector<Level>& levels, std::size_t first, double height_mm,
                        double max_gap_mm) {
@@ -208,6 +192,19 @@ std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vect
   while (found.is_clear[found.last] == 0)
     --found.last;
   return best.column;
+}
+
+std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm) {
+  const std::size_t n = levels.size();
+  std::vector<double> thickness_mm(n, 1);
+  for (std::size_t i = 0; n > 1 && i < n; ++i) {
+    const double above = i > 0 ? levels[i - 1].z_mm - levels[i].z_mm : 0;
+    const double below = i + 1 < n ? levels[i].z_mm - levels[i + 1].z_mm : 0;
+    thickness_mm[i] = (std::min(i > 0 ? above : below, max_gap_mm) +
+                       std::min(i + 1 < n ? below : above, max_gap_mm)) /
+                      2;
+  }
+  return thickness_mm;
 }
 
 }  // namespace trocar::runtime

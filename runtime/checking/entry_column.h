@@ -39,4 +39,9 @@ struct EntryColumn {
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 
+/// Returns the thickness that each level stands for, from half-way to one neighbour to half-way to
+/// the other. At an end the outward distance is assumed to equal the inward distance. A single
+/// slice counts as a millimetre. Distances count as at most `max_gap_mm`.
+std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm);
+
 }  // namespace trocar::runtime

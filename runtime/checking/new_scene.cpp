@@ -3,8 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
-#include <nlohmann/json.hpp>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -12,90 +13,113 @@
 #include "formats/base/text_line.h"
 #include "formats/session/scene.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
-#include "runtime/checking/entry_column.h"
 #include "runtime/checking/scene_check.h"
+#include "runtime/checking/scene_draft.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/devices/pose_margins.h"
 #include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
 namespace {
 
-using json = nlohmann::ordered_json;  // ordered, because people read scenes
+using Json = SceneDraft::Json;
 
-constexpr double kNeedle_m = 0.0015, kPaperTool_m = 0.003;  // radii of tools
-constexpr double kAbove_m = 0.006, kBelow_m = 0.013;        // length of the path beyond the slices
 constexpr double kWorkspaceMargin_m = 0.004;
-// Distance of slices at which each is felt separately: a puncture takes 7 mm.
-constexpr double kApart_m = 0.0095;
-constexpr std::size_t kMaxSlices = 5;
+// A scripted hand is sent farther until the tip ends this near the target, so often at most.
+constexpr double kReached_m = 0.0015;
+constexpr int kMaxReaches = 5;
+constexpr double kAny = std::numeric_limits<double>::max();
+constexpr const char *kWhyCutting =
+                         "the law cutting with strength by HU, since the asset has HU and its "
+                         "slices are close enough to be one bone volume",
+                     *kWhySheets =
+                         "the law hooke with the paper's tissue and slices at least 9.5 mm apart, "
+                         "so that each is felt, since ";
 
-/// Rounds to a multiple of 1 / parts.
-double rounded(double value, double parts) {
-  return std::round(value * parts) / parts;
-}
-
-json keyframe(double t_s, double z_m) {
-  return {{"t_s", rounded(t_s, 1e3)}, {"tip_m", {0, 0, rounded(z_m, 1e5)}}};
+std::string text_of(const Json& scene) {
+  return scene.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 class Proposal {
  public:
   Proposal(const Asset& asset, const std::filesystem::path& asset_file,
            const std::filesystem::path& scene_file, const DeviceToCheck& device,
-           const SessionOptions& options, NewSceneHand hand)
+           const SessionOptions& options, const NewSceneChoices& choices)
       : asset_(asset),
         asset_file_(asset_file),
         scene_file_(scene_file),
         device_(device),
         options_(options),
-        hand_(hand) {}
+        choices_(choices) {}
 
   Result<NewScene> make() {
     if (auto ok = find_levels(); !ok) return ok.error();
-    const std::string name = asset_file_.string();
-    const auto heights =
-        workspace_heights(device_.specification, options_.limits, make_tool(SceneTool{}));
-    if (!heights) return refused(name + ": the device reaches nothing; choose another description");
-    low_m_ = heights->min_m + kWorkspaceMargin_m;
-    high_m_ = heights->max_m - kWorkspaceMargin_m;
-    const double height_mm = 1e3 * (high_m_ - low_m_ - kAbove_m - kBelow_m);
+    if (auto ok = find_heights(); !ok) return ok.error();
     std::string why;  // reason why the last scene was not accepted
     std::string no_volume = has_hu_ ? "its slices are more than 3 mm apart" : "the asset has no HU";
-    if (has_hu_) {
-      const double gap_mm = 1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
-      const auto column = find_entry_column(asset_, levels_, 1e3 * kNeedle_m, height_mm, gap_mm);
-      if (column && column->last > column->first) {
-        no_volume = "every session through a volume of its slices has a warning";
-        for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
-          if (is_stopped()) return refused("interrupted");
-          if (auto made = try_scene(cutting(*column, force_scale * weakness()), why))
-            return finish(*made, *column,
-                          "the law cutting with strength by HU, since the asset has HU and its "
-                          "slices are close enough to be one bone volume");
-        }
+    const Result<std::optional<NeedleWay>> volume = way_through_volume();
+    if (!volume) return about_asset(volume.error());
+    if (*volume) {
+      no_volume = "every session through a volume of its slices has a warning";
+      for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
+        if (is_stopped()) return refused("interrupted");
+        SceneDraft draft = draft_of(**volume);
+        auto made = try_draft(
+            draft, [&] { return draft.cutting(force_scale * weakness()); }, why);
+        if (made && made->warnings.empty()) return finish(*made, **volume, kWhyCutting);
+        keep(std::move(made), **volume, kWhyCutting);
       }
     }
-    const auto column = find_entry_column(asset_, levels_, 1e3 * kPaperTool_m, height_mm,
-                                          std::numeric_limits<double>::max());
-    if (!column && why.empty())
-      return refused(name + text_line(": its bone is nowhere as wide as the tool, %.0f mm across: "
-                                      "nothing can be punctured",
-                                      2e3 * kPaperTool_m));
+    const Result<std::optional<NeedleWay>> apart = way_through_sheets();
+    if (!apart) return about_asset(apart.error());
+    if (!*apart && why.empty())
+      return refused(asset_file_.string() +
+                     text_line(": its bone is nowhere as wide as the tool, %.0f mm across: "
+                               "nothing can be punctured",
+                               2e3 * kPaperTool_m));
+    const std::string why_sheets = kWhySheets + no_volume;
     for (const double threshold_N : {35.0, 20.0, 10.0}) {
-      if (!column) break;
+      if (!*apart) break;
       if (is_stopped()) return refused("interrupted");
-      if (auto made = try_scene(sheets(*column, threshold_N), why))
-        return finish(*made, *column,
-                      "the law hooke with the paper's tissue and slices at least 9.5 mm apart, so "
-                      "that each is felt, since " +
-                          no_volume);
+      SceneDraft draft = draft_of(**apart);
+      auto made = try_draft(
+          draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); }, why);
+      if (made && made->warnings.empty()) return finish(*made, **apart, why_sheets);
+      keep(std::move(made), **apart, why_sheets);
     }
-    return refused(name + ": no scene was found that runs without a warning; the last was: " + why);
+    if (kept_) return finish(kept_->tried, kept_->way, kept_->because);
+    return refused(asset_file_.string() +
+                   (is_chosen()
+                        ? ": no scene along this way runs; the last ended so: "
+                        : ": no scene was found that runs without a warning; the last was: ") +
+                   why);
   }
 
  private:
+  struct Tried {
+    std::string json;
+    double force_max_N = 0, tip_lowest_m = 0;
+    std::size_t punctured = 0, sheets = 0;
+    std::vector<std::string> warnings;
+  };
+  /// A scene along a chosen way that runs, but with warnings.
+  struct Kept {
+    Tried tried;
+    NeedleWay way;
+    std::string because;
+  };
+  struct Placed {
+    Scene scene;
+    std::vector<std::unique_ptr<const Sheet>> sheets;
+    SessionOptions options;
+  };
+
   bool is_stopped() const { return options_.stop != nullptr && options_.stop->load(); }
+  bool is_chosen() const { return choices_.points.has_value(); }
+  Error about_asset(const Error& error) const {
+    return {error.code, asset_file_.string() + ": " + error.message};
+  }
 
   /// Returns the share of a force along the tool that a device with a workspace of its own renders in the middle of it.
   double rendered_share(double force_N) const {
@@ -103,7 +127,7 @@ class Proposal {
     Wrench up = Wrench::Zero();
     up[2] = force_N;
     return device_.specification.renderable_share(
-        Pose{{0, 0, (low_m_ + high_m_) / 2}, {1, 0, 0, 0}}, up);
+        Pose{{0, 0, (heights_.low_m + heights_.high_m) / 2}, {1, 0, 0, 0}}, up);
   }
   /// Factor on the force scales that are tried; 1 for a device that renders half of what bone bears.
   double weakness() const {
@@ -134,6 +158,186 @@ class Proposal {
     return {};
   }
 
+  /// Finds the heights that the tip reaches with the plate turned along a chosen way.
+  Result<void> find_heights() {
+    Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
+    if (is_chosen()) {
+      const auto way = plan_needle_way(asset_, levels_, *choices_.points, kAny, kAny);
+      if (!way) return about_asset(way.error());
+      const double most_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
+      if (tilt_deg(*way) > most_deg)
+        return refused(asset_file_.string() +
+                       text_line(": the way from the entry to the target is tilted by %.1f deg, "
+                                 "and the device turns by at most %.1f deg: choose points more "
+                                 "nearly above each other",
+                                 tilt_deg(*way), most_deg));
+      q = Eigen::Quaterniond::FromTwoVectors(-Eigen::Vector3d::UnitZ(), way->direction);
+    }
+    const auto heights =
+        workspace_heights(device_.specification, options_.limits, make_tool(SceneTool{}), q);
+    if (!heights)
+      return refused(asset_file_.string() +
+                     (is_chosen() ? ": the device does not reach any point with the needle tilted "
+                                    "along this way"
+                                  : ": the device reaches nothing; choose another description"));
+    heights_ = {heights->min_m + kWorkspaceMargin_m, heights->max_m - kWorkspaceMargin_m};
+    return {};
+  }
+
+  /// Height of the bone that a way may go through.
+  double room_mm() const {
+    return 1e3 * (heights_.high_m - heights_.low_m - height_beside_bone_m(NeedleWay{}));
+  }
+
+  Result<NeedleWay> chosen_way(double max_gap_mm) const {
+    const auto way = plan_needle_way(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
+    if (!way || !way->has_target) return way;
+    const double depth_mm = way->entry_mm.z() - way->end_mm.z();
+    const double most_mm = 1e3 * (heights_.high_m - heights_.low_m - height_beside_bone_m(*way));
+    if (depth_mm > most_mm)
+      return refused(
+          text_line("the target lies %.1f mm below the entry, and the device has room "
+                    "for %.1f mm: choose nearer points",
+                    depth_mm, most_mm));
+    return way;
+  }
+
+  /// Returns the way for the law cutting; none: its levels are not one volume with HU.
+  Result<std::optional<NeedleWay>> way_through_volume() const {
+    if (!has_hu_) return std::optional<NeedleWay>();
+    const double gap_mm = 1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
+    if (is_chosen()) {
+      const auto way = chosen_way(gap_mm);
+      if (!way) return way.error();
+      return way->last > way->first && way->max_gap_mm <= gap_mm ? std::optional(*way)
+                                                                 : std::nullopt;
+    }
+    const auto column = find_entry_column(asset_, levels_, 1e3 * kNeedle_m, room_mm(), gap_mm);
+    return column && column->last > column->first ? std::optional(way_through(*column, levels_))
+                                                  : std::nullopt;
+  }
+
+  /// Returns the way for single sheets, down to the last of them or to the target; none: there is none.
+  Result<std::optional<NeedleWay>> way_through_sheets() const {
+    std::optional<NeedleWay> way;
+    if (is_chosen()) {
+      const auto chosen = chosen_way(kAny);
+      if (!chosen) return chosen.error();
+      way = *chosen;
+    } else if (const auto column =
+                   find_entry_column(asset_, levels_, 1e3 * kPaperTool_m, room_mm(), kAny)) {
+      way = way_through(*column, levels_);
+    }
+    if (way && !way->has_target) {
+      way->last = felt_levels(levels_, *way).back();
+      way->end_mm = point_at(*way, levels_[way->last].z_mm);
+    }
+    return way;
+  }
+
+  SceneDraft draft_of(const NeedleWay& way) const {
+    SceneDraft draft(asset_, levels_, way, is_chosen(), heights_);
+    draft.name_files(asset_file_, scene_file_);
+    return draft;
+  }
+
+  /// Replaces the path of a scene's hand by a live hand at its start.
+  static Json with_live_hand(Json scene) {
+    Json& hand = scene["hand"];
+    Json start = hand["trajectory"][0];
+    hand["live"] = true;
+    hand["trajectory"] = Json::array({std::move(start)});
+    scene["duration_s"] = 600;
+    return scene;
+  }
+
+  Result<Placed> place(const std::string& text) const {
+    const std::string name = asset_file_.string();
+    Result<Scene> scene = parse_scene(text, scene_file_.string(), scene_file_.parent_path());
+    if (!scene) return scene.error();
+    if (const auto placed = place_body(*scene, asset_, name); !placed) return placed.error();
+    auto sheets = place_slices(*scene, asset_, name);
+    if (!sheets) return sheets.error();
+    Placed placed{std::move(*scene), std::move(*sheets), options_};
+    placed.options.duration_s = placed.scene.duration_s;
+    if (device_.set_options) device_.set_options(placed.scene, placed.options);
+    return placed;
+  }
+
+  /// Returns the warnings of a scene. Errors: the scene is refused.
+  Result<std::vector<std::string>> warnings_of(const Placed& placed) const {
+    Result<SceneCheck> check =
+        check_scene(placed.scene, device_, placed.sheets, choose_tissues(placed.scene, asset_), {},
+                    placed.options);
+    if (!check) return check.error();
+    return std::move(check->warnings);
+  }
+
+  /// Tries a draft. If its way has a target and its hand is scripted, the hand is first sent so far that the tip gets to
+  /// the target. Returns none, with the reason in `why`, if the scene is refused, has a warning although nobody has chosen
+  /// its way, punctures nothing, or does not get to the target.
+  std::optional<Tried> try_draft(SceneDraft& draft, const std::function<Json()>& make,
+                                 std::string& why) const {
+    if (draft.has_target() && choices_.hand == NewSceneHand::kScripted) {
+      double beyond_m = 0, short_m = 0;
+      for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
+        draft.set_reach(beyond_m);
+        const Result<Placed> placed = place(text_of(make()));
+        if (!placed) return fails(placed.error().message, why);
+        const auto dry_run = run_dry_run(placed->scene, device_, placed->sheets, placed->options);
+        if (!dry_run) return fails(dry_run.error().message, why);
+        short_m = dry_run->tip_lowest_m - draft.target_z_m();
+        if (std::abs(short_m) <= kReached_m) break;
+        beyond_m += short_m;
+      }
+      if (std::abs(short_m) > kReached_m)
+        return fails(text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
+                               "no better when it goes farther",
+                               1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"),
+                     why);
+    }
+    return try_scene(make(), why);
+  }
+
+  static std::nullopt_t fails(const std::string& reason, std::string& why) {
+    why = reason;
+    return std::nullopt;
+  }
+
+  std::optional<Tried> try_scene(const Json& proposed, std::string& why) const {
+    Tried tried;
+    tried.json = text_of(proposed);
+    Result<Placed> placed = place(tried.json);
+    if (!placed) return fails(placed.error().message, why);
+    auto warnings = warnings_of(*placed);
+    if (!warnings) return fails(warnings.error().message, why);
+    if (!warnings->empty() && !is_chosen()) return fails(warnings->front(), why);
+    const Result<DryRun> dry_run =
+        run_dry_run(placed->scene, device_, placed->sheets, placed->options);
+    if (!dry_run) return fails(dry_run.error().message, why);
+    tried.force_max_N = dry_run->force_max_N;
+    tried.sheets = dry_run->sheets.size();
+    for (const SheetDryRun& each : dry_run->sheets)
+      tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
+    if (tried.punctured == 0) return fails("the tool punctures nothing", why);
+    tried.warnings = std::move(*warnings);
+    if (choices_.hand == NewSceneHand::kScripted) return tried;
+    tried.json = text_of(with_live_hand(proposed));
+    placed = place(tried.json);
+    if (!placed) return fails(placed.error().message, why);
+    warnings = warnings_of(*placed);
+    if (!warnings) return fails(warnings.error().message, why);
+    if (!warnings->empty() && !is_chosen()) return fails(warnings->front(), why);
+    tried.warnings = std::move(*warnings);
+    return tried;
+  }
+
+  /// Keeps the scene with the fewest warnings of those along a chosen way.
+  void keep(std::optional<Tried> tried, const NeedleWay& way, const std::string& because) {
+    if (!tried || (kept_ && kept_->tried.warnings.size() <= tried->warnings.size())) return;
+    kept_ = Kept{std::move(*tried), way, because};
+  }
+
   std::string describe_asset() const {
     const MaterialBox box = material_box(asset_, levels_);
     return text_line(
@@ -143,176 +347,54 @@ class Proposal {
         box.high_mm[1], levels_.front().z_mm - levels_.back().z_mm);
   }
 
-  json head(const EntryColumn& column) const {
-    std::error_code failed;
-    std::filesystem::path folder = scene_file_.parent_path();
-    if (folder.empty()) folder = ".";
-    std::filesystem::path asset = asset_file_.is_absolute()
-                                      ? asset_file_
-                                      : std::filesystem::relative(asset_file_, folder, failed);
-    if (failed || asset.empty()) asset = std::filesystem::absolute(asset_file_, failed);
-    return {{"schema", kSceneSchema},
-            {"name", "Proposed for " + asset_file_.filename().string()},
-            {"asset", asset.generic_string()},
-            {"placement",
-             {{"anchor_mm", {rounded(column.at_mm[0], 100), rounded(column.at_mm[1], 100)}}}}};
+  std::string describe_way(const NeedleWay& way) const {
+    const int a = levels_[way.first].slice->index, b = levels_[way.last].slice->index;
+    const std::string within = text_line("within slices %d to %d", std::min(a, b), std::max(a, b));
+    if (!is_chosen())
+      return text_line(
+                 "; its bone is thickest at u %.2f, v %.2f mm, where it is %.1f mm thick "
+                 "around the tool, ",
+                 way.entry_mm.x(), way.entry_mm.y(), way.thickness_mm) +
+             within + ": that is the entry point, and lies over the middle of the device. ";
+    std::string text =
+        text_line("; the needle enters at u %.2f, v %.2f mm", way.entry_mm.x(), way.entry_mm.y());
+    constexpr double kMoved_mm = 0.1;
+    if (way.moved_mm > kMoved_mm)
+      text +=
+          text_line(", where the way meets the bone, %.1f mm from the chosen point", way.moved_mm);
+    text += text_line(", tilted by %.1f deg, and goes through %.1f mm of bone ", tilt_deg(way),
+                      way.thickness_mm) +
+            within;
+    if (way.has_target)
+      text +=
+          text_line(" to the target, %.1f mm from the entry", (way.end_mm - way.entry_mm).norm());
+    return text + ". ";
   }
 
-  /// Returns the height of the topmost slice with which the scene is in the middle
-  /// of the workspace.
-  double top_of(double thickness_m) const {
-    const double free_m = high_m_ - low_m_ - kAbove_m - kBelow_m - thickness_m;
-    return rounded(high_m_ - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
+  static std::string describe_warnings(const std::vector<std::string>& warnings) {
+    if (warnings.empty()) return "and --check has no warning. ";
+    return "and --check has " + std::to_string(warnings.size()) +
+           (warnings.size() == 1 ? " warning: " : " warnings, the first: ") + warnings.front() +
+           ". ";
   }
 
-  json hand(double top_m, double bottom_m, double speed_m_per_s, bool returns, json& scene) const {
-    constexpr double kRest_s = 0.2;
-    const double from_m = top_m + kAbove_m, to_m = bottom_m - kBelow_m;
-    const double down_s = kRest_s + (from_m - to_m) / speed_m_per_s;
-    json keys = {keyframe(0, from_m), keyframe(kRest_s, from_m), keyframe(down_s, to_m)};
-    double end_s = down_s + 0.3;
-    if (returns) {
-      keys.push_back(keyframe(down_s + 0.5, to_m));
-      end_s = down_s + 0.5 + (from_m - to_m) / speed_m_per_s / 1.5;
-      keys.push_back(keyframe(end_s, from_m));
-      end_s += 0.2;
-    }
-    scene["duration_s"] = rounded(end_s, 100);
-    return {
-        {"stiffness_N_per_m", 8000}, {"damping_N_s_per_m", 140}, {"trajectory", std::move(keys)}};
-  }
-
-  json cutting(const EntryColumn& column, double force_scale) const {
-    json scene = head(column);
-    const double thickness_m = 1e-3 * (levels_[column.first].z_mm - levels_[column.last].z_mm);
-    const double top_m = top_of(thickness_m);
-    const int a = levels_[column.first].slice->index, b = levels_[column.last].slice->index;
-    scene["body"] = {{"from", std::min(a, b)}, {"to", std::max(a, b)}, {"top_z_m", top_m}};
-    scene["tissue"] = {{"cut",
-                        {{"bone", {{"law", "kopperdahl-power"}}},
-                         {"tearing_N_per_m", 500},
-                         {"friction_kPa", 60},
-                         {"bed_N_per_mm3", 30},
-                         {"lateral_strength_MPa", 5}}}};
-    scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
-    scene["tool"] = {{"sides", 12}, {"radius_m", kNeedle_m}};
-    scene["hand"] = hand(top_m, top_m - thickness_m, 0.0115, true, scene);
-    return scene;
-  }
-
-  json sheets(const EntryColumn& column, double threshold_N) const {
-    json scene = head(column);
-    std::vector<const Level*> chosen;
-    for (std::size_t i = column.first; i <= column.last && chosen.size() < kMaxSlices; ++i) {
-      if (column.is_clear[i] == 0) continue;
-      if (chosen.empty() || chosen.back()->z_mm - levels_[i].z_mm >= 1e3 * kApart_m)
-        chosen.push_back(&levels_[i]);
-    }
-    const double thickness_m = 1e-3 * (chosen.front()->z_mm - chosen.back()->z_mm);
-    const double top_m = top_of(thickness_m);
-    scene["slices"] = json::array();
-    for (const Level* level : chosen)
-      scene["slices"].push_back(
-          {{"index", level->slice->index},
-           {"z_m", rounded(top_m - 1e-3 * (chosen.front()->z_mm - level->z_mm), 1e7)}});
-    scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
-    scene["force_law"] = {{"kind", "hooke"}};
-    const double share = rendered_share(threshold_N);
-    if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
-    scene["tool"] = {{"sides", 6}, {"radius_m", kPaperTool_m}};
-    scene["hand"] = hand(top_m, top_m - thickness_m, 0.0175, false, scene);
-    return scene;
-  }
-
-  struct Tried {
-    std::string json;
-    double force_max_N = 0;
-    std::size_t punctured = 0, sheets = 0;
-  };
-
-  /// Returns the first warning of a scene, or the reason why it is refused; none: it has no problem.
-  std::optional<std::string> first_problem(const Scene& scene,
-                                           const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                                           const SessionOptions& options) const {
-    const Result<SceneCheck> check =
-        check_scene(scene, device_, sheets, choose_tissues(scene, asset_), {}, options);
-    if (!check) return check.error().message;
-    if (!check->warnings.empty()) return check->warnings.front();
-    return std::nullopt;
-  }
-
-  /// Replaces the path of a scene's hand by a live hand at its start.
-  static json with_live_hand(json scene) {
-    json& hand = scene["hand"];
-    json start = hand["trajectory"][0];
-    hand["live"] = true;
-    hand["trajectory"] = json::array({std::move(start)});
-    scene["duration_s"] = 600;
-    return scene;
-  }
-
-  /// Tries a scene. Returns none, with the reason in `why`, if it is refused, has a warning,
-  /// or punctures nothing.
-  std::optional<Tried> try_scene(const json& proposed, std::string& why) const {
-    Tried tried;
-    const auto text = [](const json& of) {
-      return of.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
-    };
-    tried.json = text(proposed);
-    const std::string name = asset_file_.string();
-    Result<Scene> scene = parse_scene(tried.json, scene_file_.string(), scene_file_.parent_path());
-    const auto fails = [&](const std::string& reason) {
-      why = reason;
-      return std::nullopt;
-    };
-    if (!scene) return fails(scene.error().message);
-    if (const auto placed = place_body(*scene, asset_, name); !placed)
-      return fails(placed.error().message);
-    auto sheets = place_slices(*scene, asset_, name);
-    if (!sheets) return fails(sheets.error().message);
-    SessionOptions options = options_;
-    options.duration_s = scene->duration_s;
-    if (device_.set_options) device_.set_options(*scene, options);
-    if (const auto problem = first_problem(*scene, *sheets, options)) return fails(*problem);
-    const Result<DryRun> dry_run = run_dry_run(*scene, device_, *sheets, options);
-    if (!dry_run) return fails(dry_run.error().message);
-    tried.force_max_N = dry_run->force_max_N;
-    tried.sheets = dry_run->sheets.size();
-    for (const SheetDryRun& each : dry_run->sheets)
-      tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
-    if (tried.punctured == 0) return fails("the tool punctures nothing");
-    if (hand_ == NewSceneHand::kScripted) return tried;
-    const json live = with_live_hand(proposed);
-    tried.json = text(live);
-    scene->hand.live = true;
-    scene->hand.trajectory.resize(1);
-    if (device_.set_options) device_.set_options(*scene, options);
-    if (const auto problem = first_problem(*scene, *sheets, options)) return fails(*problem);
-    return tried;
-  }
-
-  NewScene finish(const Tried& made, const EntryColumn& column, const std::string& because) const {
-    const int a = levels_[column.first].slice->index, b = levels_[column.last].slice->index;
+  NewScene finish(const Tried& made, const NeedleWay& way, const std::string& because) const {
     NewScene out;
     out.json = made.json;
-    out.text =
-        asset_file_.string() + ": " + describe_asset() +
-        text_line(
-            "; its bone is thickest at u %.2f, v %.2f mm, where it is %.1f mm thick "
-            "around the tool, within slices %d to %d: that is the entry point, and "
-            "lies over the middle of the device. ",
-            column.at_mm[0], column.at_mm[1], column.thickness_mm, std::min(a, b), std::max(a, b)) +
-        "Chosen: " + because +
-        text_line(
-            ". Slices are at their true spacing, in the middle of the heights %.3f to "
-            "%.3f m that the tip reaches. A dry run punctured %zu of %zu slices, with at "
-            "most %.1f N, and --check has no warning. ",
-            low_m_ - kWorkspaceMargin_m, high_m_ + kWorkspaceMargin_m, made.punctured, made.sheets,
-            made.force_max_N) +
-        (hand_ == NewSceneHand::kLive ? "That was with a scripted hand; the hand is now live: "
-                                        "start the scene with trocar-console. "
-                                      : "") +
-        "For training, not for planning.\n";
+    out.text = asset_file_.string() + ": " + describe_asset() + describe_way(way) +
+               "Chosen: " + because +
+               text_line(
+                   ". Slices are at their true spacing, in the middle of the heights %.3f to "
+                   "%.3f m that the tip reaches. A dry run punctured %zu of %zu slices, with at "
+                   "most %.1f N, ",
+                   heights_.low_m - kWorkspaceMargin_m, heights_.high_m + kWorkspaceMargin_m,
+                   made.punctured, made.sheets, made.force_max_N) +
+               describe_warnings(made.warnings) +
+               (choices_.hand == NewSceneHand::kLive
+                    ? "That was with a scripted hand; the hand is now live: "
+                      "start the scene with trocar-console. "
+                    : "") +
+               "For training, not for planning.\n";
     return out;
   }
 
@@ -320,18 +402,19 @@ class Proposal {
   const std::filesystem::path &asset_file_, &scene_file_;
   const DeviceToCheck& device_;
   const SessionOptions& options_;
-  NewSceneHand hand_;
-  std::vector<Level> levels_;      ///< levels of the asset, the topmost first
-  bool has_hu_ = false;            ///< every slice with material has HU
-  double low_m_ = 0, high_m_ = 0;  ///< heights of the tip that the proposal uses
+  const NewSceneChoices& choices_;
+  std::vector<Level> levels_;  ///< levels of the asset, the topmost first
+  bool has_hu_ = false;        ///< every slice with material has HU
+  DraftHeights heights_;       ///< heights of the tip that the proposal uses
+  std::optional<Kept> kept_;
 };
 
 }  // namespace
 
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
-                               const SessionOptions& options, NewSceneHand hand) {
-  return Proposal(asset, asset_file, scene_file, device, options, hand).make();
+                               const SessionOptions& options, const NewSceneChoices& choices) {
+  return Proposal(asset, asset_file, scene_file, device, options, choices).make();
 }
 
 }  // namespace trocar::runtime

@@ -4,9 +4,13 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
+#include <charconv>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <limits>
+#include <system_error>
 
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
@@ -162,6 +166,33 @@ Result<void> check_history(const RunArguments& a) {
   return {};
 }
 
+/// Reads a point such as "-12.5,3,40".
+Result<std::array<double, 3>> read_point(const std::string& option, const std::string& text) {
+  constexpr double kMost_mm = 1e4;
+  std::array<double, 3> point{};
+  const char *at = text.data(), *const last = at + text.size();
+  for (std::size_t i = 0; i < point.size(); ++i) {
+    const auto [end, error] = std::from_chars(at, last, point[i]);
+    const bool ends_well = i + 1 < point.size() ? end != last && *end == ',' : end == last;
+    if (error != std::errc() || !ends_well || !(std::abs(point[i]) <= kMost_mm))
+      return usage(option + " " + text +
+                   ": must be three numbers X,Y,Z: mm in the patient's frame, DICOM's LPS");
+    at = end + (end != last ? 1 : 0);
+  }
+  return point;
+}
+
+Result<void> check_new_scene(const RunArguments& a) {
+  if (a.new_scene.empty() && !a.entry.empty()) return usage("--entry: is for --new-scene");
+  if (a.entry.empty() && !a.target.empty())
+    return usage("--target: needs --entry, the point where the needle enters");
+  if (a.new_scene.empty()) return {};
+  if (!a.scene.empty()) return usage("--new-scene: makes a scene; leave " + a.scene + " out");
+  if (a.output.empty()) return usage("--new-scene: needs -o SCENE.json, the file to write");
+  const auto points = chosen_points(a);
+  return points ? Result<void>() : points.error();
+}
+
 Result<void> check_scene_arguments(const RunArguments& a) {
   if (auto good = check_procedure(a); !good) return good;
   if (a.explain) return {};
@@ -175,10 +206,7 @@ Result<void> check_scene_arguments(const RunArguments& a) {
   }
   if (a.scene.empty() && a.new_scene.empty())
     return usage("SCENE is required (see trocar-run --help)");
-  if (!a.scene.empty() && !a.new_scene.empty())
-    return usage("--new-scene: makes a scene; leave " + a.scene + " out");
-  if (!a.new_scene.empty() && a.output.empty())
-    return usage("--new-scene: needs -o SCENE.json, the file to write");
+  if (auto good = check_new_scene(a); !good) return good;
   if (a.new_scene.empty() && !a.output.empty())
     return usage("-o: is for --new-scene and --history");
   if (a.new_scene.empty() && a.live_hand)
@@ -210,6 +238,12 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
   scene.option("--new-scene", a.new_scene,
                "run no session; propose a scene for this asset (.glb) and write it to -o");
+  scene.option("--entry", a.entry,
+               "with --new-scene: the point X,Y,Z where the needle enters the bone, in mm in the\n"
+               "patient's frame, DICOM's LPS (default: where the bone is thickest)");
+  scene.option("--target", a.target,
+               "with --entry: the point X,Y,Z that the needle must reach (default: the needle\n"
+               "goes straight down)");
   scene.flag("--live-hand", a.live_hand,
              "with --new-scene: a scene whose hand you move yourself in trocar-console");
   scene.option(
@@ -329,6 +363,19 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
 }
 
 }  // namespace
+
+Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& a) {
+  if (a.entry.empty()) return std::optional<ChosenPoints>();
+  ChosenPoints points;
+  const auto entry = read_point("--entry", a.entry);
+  if (!entry) return entry.error();
+  points.entry_mm = *entry;
+  if (a.target.empty()) return std::optional(points);
+  const auto target = read_point("--target", a.target);
+  if (!target) return target.error();
+  points.target_mm = *target;
+  return std::optional(points);
+}
 
 double no_data_max_s(const RunArguments& arguments) {
   const bool may_stall = arguments.simulated && is_device_process(arguments.device) &&

@@ -8,6 +8,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/trainee.h"
+#include "runtime/checking/needle_way.h"
 #include "runtime/devices/open_device.h"
 #include "runtime/session/session_options.h"
 
@@ -25,6 +26,7 @@ inline constexpr int kDefaultLateTicks = 3;
 /// The options of the command line. An empty string means that the option was not given.
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
+  std::string entry, target;
   std::string procedure, strength;  ///< formats/session/procedures.h
   bool explain = false;
   bool check = false, strict = false, live_hand = false, xray = false;
@@ -49,6 +51,9 @@ void declare_run_options(CLI::App& app, RunArguments& arguments);
 
 /// Checks the options. Errors: (usage) a value is out of range, or options exclude each other.
 Result<void> check_run_arguments(const RunArguments& arguments);
+
+/// Returns the points of --entry and --target; none: there is no --entry. Errors: (usage) one is not three numbers in mm.
+Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& arguments);
 
 /// Returns the SafetyLimits::no_data_max_s of a session with these arguments.
 double no_data_max_s(const RunArguments& arguments);

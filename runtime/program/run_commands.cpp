@@ -395,9 +395,12 @@ int make_new_scene(const RunArguments& arguments) {
     device.set_options(middle, options);
     options.coupling.on = arguments.coupling_N_per_m.has_value();
   }
+  const Result<std::optional<ChosenPoints>> points = chosen_points(arguments);
+  if (!points) return fail(points.error());
+  const NewSceneChoices choices{arguments.live_hand ? NewSceneHand::kLive : NewSceneHand::kScripted,
+                                *points};
   const Result<NewScene> made =
-      propose_scene(*asset, arguments.new_scene, arguments.output, device, options,
-                    arguments.live_hand ? NewSceneHand::kLive : NewSceneHand::kScripted);
+      propose_scene(*asset, arguments.new_scene, arguments.output, device, options, choices);
   if (!made) return fail(made.error());
   if (const auto written = write_file_atomically(arguments.output, made->json); !written)
     return fail(written.error());

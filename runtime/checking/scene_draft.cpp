@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/checking/scene_draft.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <system_error>
+#include <utility>
+
+#include "formats/session/scene.h"
+#include "runtime/bone_cutting/material/bone_volume.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector3d;
+using Json = SceneDraft::Json;
+
+// Length of the path above the bone, below the last slice, and below a target.
+constexpr double kAbove_m = 0.006, kBelow_m = 0.013, kBelowTarget_m = 0.008;
+// Distance of slices at which each is felt separately: a puncture takes 7 mm.
+constexpr double kApart_m = 0.0095;
+constexpr std::size_t kMaxSlices = 5;
+// The goals of a way that a person has chosen.
+constexpr double kTargetRadius_m = 0.002, kCorridor_m = 0.003;
+
+/// Rounds to a multiple of 1 / parts.
+double rounded(double value, double parts) {
+  return std::round(value * parts) / parts;
+}
+
+Json rounded_point(const Vector3d& at_m) {
+  Json point = Json::array();
+  for (const double x : at_m) {
+    const double value = rounded(x, 1e5);
+    point.push_back(value == 0 ? Json(0) : Json(value));
+  }
+  return point;
+}
+
+}  // namespace
+
+std::vector<std::size_t> felt_levels(const std::vector<Level>& levels, const NeedleWay& way) {
+  std::vector<std::size_t> felt;
+  for (std::size_t i = way.first; i <= way.last && felt.size() < kMaxSlices; ++i) {
+    if (way.is_clear[i] == 0) continue;
+    if (felt.empty() || levels[felt.back()].z_mm - levels[i].z_mm >= 1e3 * kApart_m)
+      felt.push_back(i);
+  }
+  return felt;
+}
+
+double height_beside_bone_m(const NeedleWay& way) {
+  return kAbove_m + (way.has_target ? kBelowTarget_m : kBelow_m);
+}
+
+SceneDraft::SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedleWay& way,
+                       bool is_chosen, DraftHeights heights)
+    : asset_(asset), levels_(levels), way_(way), is_chosen_(is_chosen), heights_(heights) {
+  anchor_mm_ = (way.entry_mm + way.end_mm).head<2>() / 2;
+  for (double& x : anchor_mm_)
+    x = rounded(x, 100);
+  // The path is in the middle of the heights.
+  const double used_m = 1e-3 * (way.entry_mm.z() - way.end_mm.z()) + height_beside_bone_m(way);
+  const double free_m = heights.high_m - heights.low_m - used_m;
+  entry_z_m_ = rounded(heights.high_m - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
+}
+
+void SceneDraft::name_files(const std::filesystem::path& asset_file,
+                            const std::filesystem::path& scene_file) {
+  std::error_code failed;
+  std::filesystem::path folder = scene_file.parent_path();
+  if (folder.empty()) folder = ".";
+  std::filesystem::path asset =
+      asset_file.is_absolute() ? asset_file : std::filesystem::relative(asset_file, folder, failed);
+  if (failed || asset.empty()) asset = std::filesystem::absolute(asset_file, failed);
+  asset_name_ = asset.generic_string();
+  scene_name_ = "Proposed for " + asset_file.filename().string();
+}
+
+Vector3d SceneDraft::to_device(const Vector3d& at_mm) const {
+  const Eigen::Vector2d xy_m = 1e-3 * (at_mm.head<2>() - anchor_mm_);
+  return {xy_m.x(), xy_m.y(), entry_z_m_ + 1e-3 * (at_mm.z() - way_.entry_mm.z())};
+}
+
+double SceneDraft::height_m(std::size_t level) const {
+  return entry_z_m_ + 1e-3 * (levels_[level].z_mm - way_.entry_mm.z());
+}
+
+Json SceneDraft::head() const {
+  return {{"schema", kSceneSchema},
+          {"name", scene_name_},
+          {"asset", asset_name_},
+          {"placement", {{"anchor_mm", {anchor_mm_.x(), anchor_mm_.y()}}}}};
+}
+
+Json SceneDraft::goals() const {
+  Json line = {{"entry_m", rounded_point(to_device(way_.entry_mm))}};
+  if (!way_.has_target) line["direction"] = rounded_point(way_.direction);
+  line["entry_radius_m"] = line["corridor_m"] = kCorridor_m;
+  Json goals;
+  if (way_.has_target)
+    goals["target"] = {{"at_m", rounded_point(to_device(way_.end_mm))},
+                       {"radius_m", kTargetRadius_m}};
+  goals["line"] = std::move(line);
+  return goals;
+}
+
+Json SceneDraft::keyframe(double t_s, const Vector3d& tip_m) const {
+  Json key = {{"t_s", rounded(t_s, 1e3)}, {"tip_m", rounded_point(tip_m)}};
+  const double angle_deg = tilt_deg(way_);
+  if (!(angle_deg > 0)) return key;
+  const Vector3d axis = (-Vector3d::UnitZ()).cross(way_.direction).normalized();
+  Json rotation = Json::array();
+  for (const double x : axis)
+    rotation.push_back(rounded(x * angle_deg, 1e3));
+  key["rotation_deg"] = std::move(rotation);
+  return key;
+}
+
+Json SceneDraft::hand(double speed_m_per_s, bool returns, Json& scene) const {
+  constexpr double kRest_s = 0.2;
+  const Vector3d& along = way_.direction;
+  const Vector3d from_m = to_device(way_.entry_mm) + kAbove_m / along.z() * along;
+  const double below_m = way_.has_target ? beyond_target_m_ : kBelow_m;
+  const Vector3d to_m = to_device(way_.end_mm) - below_m / along.z() * along;
+  const double length_m = (to_m - from_m).norm();
+  const double down_s = kRest_s + length_m / speed_m_per_s;
+  Json keys = {keyframe(0, from_m), keyframe(kRest_s, from_m), keyframe(down_s, to_m)};
+  double end_s = down_s + 0.3;
+  if (returns) {
+    keys.push_back(keyframe(down_s + 0.5, to_m));
+    end_s = down_s + 0.5 + length_m / speed_m_per_s / 1.5;
+    keys.push_back(keyframe(end_s, from_m));
+    end_s += 0.2;
+  }
+  scene["duration_s"] = rounded(end_s, 100);
+  return {{"stiffness_N_per_m", 8000}, {"damping_N_s_per_m", 140}, {"trajectory", std::move(keys)}};
+}
+
+Json SceneDraft::cutting(double force_scale) const {
+  Json scene = head();
+  std::size_t first = way_.first, last = way_.last;
+  // All bone near a chosen way is there, because a person may leave it, or stop in the bone.
+  const auto is_joined = [&](std::size_t above) {
+    return levels_[above].z_mm - levels_[above + 1].z_mm <=
+           1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
+  };
+  const auto fits = [&](std::size_t from, std::size_t to) {
+    return std::abs(levels_[from].slice->index - levels_[to].slice->index) <
+           static_cast<int>(kMaxSceneSlices);
+  };
+  while (is_chosen_ && last + 1 < levels_.size() && is_joined(last) &&
+         height_m(last + 1) >= heights_.low_m && fits(first, last + 1))
+    ++last;
+  while (is_chosen_ && first > 0 && is_joined(first - 1) &&
+         height_m(first - 1) <= heights_.high_m && fits(first - 1, last))
+    --first;
+  const int a = levels_[first].slice->index, b = levels_[last].slice->index;
+  scene["body"] = {
+      {"from", std::min(a, b)}, {"to", std::max(a, b)}, {"top_z_m", rounded(height_m(first), 1e7)}};
+  scene["tissue"] = {{"cut",
+                      {{"bone", {{"law", "kopperdahl-power"}}},
+                       {"tearing_N_per_m", 500},
+                       {"friction_kPa", 60},
+                       {"bed_N_per_mm3", 30},
+                       {"lateral_strength_MPa", 5}}}};
+  scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
+  scene["tool"] = {{"sides", 12}, {"radius_m", kNeedle_m}};
+  scene["hand"] = hand(0.0115, true, scene);
+  if (is_chosen_) scene["goals"] = goals();
+  return scene;
+}
+
+Json SceneDraft::sheets(double threshold_N, double share) const {
+  Json scene = head();
+  scene["slices"] = Json::array();
+  for (const std::size_t level : felt_levels(levels_, way_))
+    scene["slices"].push_back(
+        {{"index", levels_[level].slice->index}, {"z_m", rounded(height_m(level), 1e7)}});
+  scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
+  scene["force_law"] = {{"kind", "hooke"}};
+  if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
+  scene["tool"] = {{"sides", 6}, {"radius_m", kPaperTool_m}};
+  scene["hand"] = hand(0.0175, false, scene);
+  if (is_chosen_) scene["goals"] = goals();
+  return scene;
+}
+
+}  // namespace trocar::runtime
