@@ -91,6 +91,46 @@ Answer test_device(ConsoleState& console, const json& body) {
   return result_of(console, console.supervisor.test_device(chosen));
 }
 
+/// Returns the asset of a request: the file `asset`, or else that of the scene. Errors: (refused) no such file.
+Result<std::filesystem::path> asset_of(const ConsoleState& console, const std::string& scene,
+                                       const std::string& asset) {
+  if (!asset.empty()) return console.files.find(asset);
+  const auto file = console.files.find(scene);
+  if (!file) return file;
+  const Result<Scene> read = read_scene(*file);
+  if (!read) return read.error();
+  return read->asset;
+}
+
+Answer new_scene(ConsoleState& console, const json& body) {
+  constexpr double kMost_mm = 1e4;
+  JsonErrors errors{"body", {}};
+  StrictObject object(body, "", errors);
+  NewSceneRequest request;
+  std::string scene, asset;
+  if (object.has("asset")) asset = object.string("asset");
+  if (asset.empty() || object.has("scene")) scene = object.string("scene");
+  request.name = object.string("name");
+  for (const auto& [key, into] :
+       {std::pair{"entry_mm", &request.entry_mm}, std::pair{"target_mm", &request.target_mm}}) {
+    if (!object.has(key)) continue;
+    object.numbers(key, into->emplace(), -kMost_mm, kMost_mm, true);
+  }
+  request.has_live_hand = object.boolean("live_hand");
+  request.device = device(console, object);
+  object.finish();
+  if (errors.first) return failure(kBadRequest, errors.first->message);
+  if (const std::string why = trainee_code_error(request.name);
+      request.name.empty() || !why.empty())
+    return failure(kBadRequest, "body: /name: " + (why.empty() ? "must not be empty" : why));
+  if (request.target_mm && !request.entry_mm)
+    return failure(kBadRequest, "body: /target_mm: needs entry_mm");
+  const auto file = asset_of(console, scene, asset);
+  if (!file) return failure(kNotFound, console.supervisor.hidden().hide(file.error().message));
+  request.asset = *file;
+  return result_of(console, console.supervisor.make_scene(request));
+}
+
 Trainee trainee(StrictObject& object) {
   Trainee out;
   for (const auto& [key, into] :
@@ -250,6 +290,13 @@ Reply get_test(const ConsoleState& console) {
       };
 }
 
+Reply get_new_scene(const ConsoleState& console) {
+  return [answer = console.supervisor.scene_maker().answer(
+              console.supervisor.hidden())]() mutable -> Answer {
+    return {200, "application/json", answer()};
+  };
+}
+
 Answer post(ConsoleState& console, const ApiRequest& request) {
   if (!request.is_post) return method_not_allowed();
   if (request.role != Role::kOperator) {
@@ -262,6 +309,7 @@ Answer post(ConsoleState& console, const ApiRequest& request) {
   const std::string& path = request.target.path;
   if (path == "/api/start") return start(console, *body);
   if (path == "/api/xray") return xray(console, *body);
+  if (path == "/api/new_scene") return new_scene(console, *body);
   return path == "/api/test" ? test_device(console, *body) : command(console, *body);
 }
 
@@ -282,7 +330,7 @@ Answer answer_emergency_stop(ConsoleState& console) {
 Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   const std::string& path = request.target.path;
   if (path == "/api/start" || path == "/api/command" || path == "/api/xray" ||
-      (path == "/api/test" && !request.is_get))
+      ((path == "/api/test" || path == "/api/new_scene") && !request.is_get))
     return post(console, request);
   if (!request.is_get) return method_not_allowed();
   if (path == "/api/folder") return get_folder(console, request.role);
@@ -293,6 +341,7 @@ Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   if (path == "/api/history") return get_history(console);
   if (path == "/api/log") return get_log(console);
   if (path == "/api/test") return get_test(console);
+  if (path == "/api/new_scene") return get_new_scene(console);
   return failure(kNotFound, "there is no such path");
 }
 

@@ -85,7 +85,7 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   PageFiles page;
   std::error_code error;
   bool has_vendor = false;
-  for (const std::string part : {"", "hand", "imaging", "view", kVendor}) {
+  for (const std::string part : {"", "hand", "imaging", "planning", "view", kVendor}) {
     for (std::filesystem::directory_iterator entry(folder / part, error), end;
          !error && entry != end; entry.increment(error)) {
       std::error_code ignored;

@@ -83,7 +83,13 @@ Result<void> Supervisor::check_free() {
   if (is_live() || (run_ && !run_->has_ended()))
     return refused("a session runs already; stop it first");
   if (test_.is_running()) return refused("a device is being tested; wait for that, or stop it");
+  if (scene_maker_.is_running()) return refused("a scene is being made; wait for that, or stop it");
   return {};
+}
+
+Result<void> Supervisor::make_scene(const NewSceneRequest& request) {
+  if (auto free = check_free(); !free) return free;
+  return scene_maker_.start(request, settings_.programs, settings_.folder, settings_.sessions);
 }
 
 Result<void> Supervisor::test_device(const DeviceChoice& device) {
@@ -261,11 +267,15 @@ void Supervisor::attach(std::unique_ptr<TelemetryReader> reader) {
 }
 
 Result<void> Supervisor::command(TelemetryCommand command) {
-  // A session that this console has not started may run beside a test.
-  const bool ends_test = command == TelemetryCommand::kStop && test_.is_running();
-  if (ends_test) test_.stop(Clock::now());
+  // A session that this console has not started may run beside a test or the making of a scene.
+  const bool is_stop = command == TelemetryCommand::kStop;
+  const bool ends_other = is_stop && (test_.is_running() || scene_maker_.is_running());
+  if (is_stop) {
+    test_.stop(Clock::now());
+    scene_maker_.stop(Clock::now());
+  }
   if (!telemetry_.is_attached() || telemetry_.has_ended() || !run_ || run_->has_ended())
-    return ends_test ? Result<void>{} : refused("no session runs");
+    return ends_other ? Result<void>{} : refused("no session runs");
   if (command == TelemetryCommand::kRecover && device_ && device_->has_ended()) {
     // The drive is started first; the command follows when it is ready.
     if (auto ok = start_device(device_endpoint_); !ok) return ok;
@@ -356,6 +366,7 @@ void Supervisor::poll_device(Clock::time_point now) {
 void Supervisor::poll(Clock::time_point now) {
   poll_device(now);
   test_.poll(now);
+  scene_maker_.poll(now);
   if (!telemetry_.is_attached() || (run_ && run_->has_ended() && !is_live())) search_session(now);
   const bool is_over = run_ && run_->has_ended();
   if (telemetry_.is_attached()) {
@@ -414,6 +425,7 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
     if (telemetry_.is_attached() && is_ours()) telemetry_.command(TelemetryCommand::kStop);
     if (run_ && is_ours()) run_->signal(SIGINT);
     test_.stop(now);
+    scene_maker_.stop(now);
   }
   const bool is_late = now - *ending_since_ > patience;
   if (run_ && is_ours() && !run_->has_ended()) {
@@ -425,7 +437,7 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
   for (const Process& process : ending_devices_) {
     if (is_late) process.signal(SIGKILL);
   }
-  return all && ending_devices_.empty() && !test_.is_running();
+  return all && ending_devices_.empty() && !test_.is_running() && !scene_maker_.is_running();
 }
 
 }  // namespace trocar::runtime

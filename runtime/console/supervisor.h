@@ -19,6 +19,7 @@
 #include "runtime/console/programs/device_choice.h"
 #include "runtime/console/programs/device_test.h"
 #include "runtime/console/programs/process.h"
+#include "runtime/console/programs/scene_maker.h"
 #include "runtime/console/session_telemetry.h"
 
 namespace trocar::runtime {
@@ -62,13 +63,16 @@ class Supervisor {
   /// the console's own.
   Result<void> test_device(const DeviceChoice& device);
   const DeviceTest& test() const noexcept { return test_; }
+  /// Makes a scene in the console's folder. Errors: (refused) as for start(), or those of SceneMaker::start().
+  Result<void> make_scene(const NewSceneRequest& request);
+  const SceneMaker& scene_maker() const noexcept { return scene_maker_; }
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
   /// Hides what pages must not see: absolute paths and the files of the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
   /// Takes an X-ray picture, or holds screening or lets it go; holding lasts 1 s. Errors: (refused) there is no
   /// session, or it takes no X-ray.
   Result<void> xray(XrayRequest request);
-  /// Passes a command on; `stop` also ends a test. Errors: (refused) there is no session.
+  /// Passes a command on; `stop` also ends a test or the making of a scene. Errors: (refused) there is no session.
   Result<void> command(TelemetryCommand command);
   /// True if a session runs whose live hand can be moved.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
@@ -131,6 +135,7 @@ class Supervisor {
   Settings settings_;
   HiddenTexts hidden_;
   DeviceTest test_;
+  SceneMaker scene_maker_;
   StartRequest request_;  ///< the present or last request
   SessionTelemetry telemetry_;
   std::optional<Process> run_, device_;

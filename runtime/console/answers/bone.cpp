@@ -169,6 +169,22 @@ json describe_tool(const SceneTool& scene_tool) {
           {"radius_m", radius_m}};
 }
 
+/// Returns the rows of the transform from {B} (m) to the patient's frame (LPS, mm); null if the slices do not lie relative to
+/// each other as in the scan.
+json patient_of_device(const PlacedBone& loaded) {
+  const auto T_device_lps = device_of_patient(loaded);
+  if (!T_device_lps) return nullptr;
+  const Eigen::Affine3d T_lps_device = T_device_lps->inverse();
+  json rows = json::array();
+  for (int row = 0; row < 3; ++row) {
+    json numbers = json::array();
+    for (int column = 0; column < 4; ++column)
+      numbers.push_back(T_lps_device(row, column));
+    rows.push_back(std::move(numbers));
+  }
+  return rows;
+}
+
 /// Returns the goals as they are written in the scene; null if it has none.
 json goals_of(const std::filesystem::path& scene_file) {
   const auto bytes = read_file(scene_file, std::uint64_t{4} << 20);
@@ -192,7 +208,8 @@ Result<std::string> bone_of(const std::filesystem::path& scene_file,
                      {"slices", std::move(slices)},
                      {"tool", describe_tool(loaded->scene.tool)},
                      {"force_scale", loaded->scene.force_law.force_scale},
-                     {"goals", goals_of(scene_file)}};
+                     {"goals", goals_of(scene_file)},
+                     {"lps_mm_of_device", patient_of_device(*loaded)}};
   return arrays.with_json(json_text(head));
 }
 

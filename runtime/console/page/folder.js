@@ -36,7 +36,7 @@ const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : bo
 const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
 
 export class Folder {
-  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording), device_words(name)}.
+  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording), device_words(name), new_scene(asset), may_make: whether it can be}.
   constructor(act) {
     this.act = act;
     this.data = { scenes: [], assets: [], recordings: [] };
@@ -73,7 +73,7 @@ export class Folder {
     this.chosen = file;
     by_id("start-scene").value = file;
     this.list();
-    this.act.choose(this.scene(file), this.asset());
+    return this.act.choose(this.scene(file), this.asset());
   }
 
   list() {
@@ -97,7 +97,8 @@ export class Folder {
         recording.device ? `device: ${this.act.device_words(recording.device)}` : ""], buttons);
     }));
     by_id("assets").replaceChildren(...assets.map((asset) => (asset.error ? item(asset, []) :
-      item(asset, [`${slices_of(asset.slices)}, ${(asset.extent_mm ?? []).map((mm) => mm.toFixed(0)).join(" x ")} mm`, asset.surface_triangles ? `surface of ${asset.surface_triangles} triangles` : "no surface"]))));
+      item(asset, [`${slices_of(asset.slices)}, ${(asset.extent_mm ?? []).map((mm) => mm.toFixed(0)).join(" x ")} mm`, asset.surface_triangles ? `surface of ${asset.surface_triangles} triangles` : "no surface"],
+        this.act.may_make ? [["New scene", () => this.act.new_scene(asset.file)]] : []))));
     if (truncated) by_id("recordings").append(item({ file: "More files are in the folder than are shown here." }, []));
   }
 }

@@ -13,6 +13,7 @@ import { Imaging } from "./imaging/imaging.js";
 import { inspection_of } from "./inspection.js";
 import { listen_to_keys } from "./keys.js";
 import { Live } from "./live.js";
+import { Planning } from "./planning/planning.js";
 import { Playback } from "./playback.js";
 import { Training } from "./training.js";
 import { View3d } from "./view/view3d.js";
@@ -73,6 +74,7 @@ function show_bone() {
     if (source.shape) app.view?.set_shape(source.shape);
   }
   if (app.tab === "playback" && app.playback.first?.bone) app.view?.set_marks(app.playback.marks);
+  planning.changed_bone();
   app.imaging?.changed_source();
   changed();
 }
@@ -83,6 +85,7 @@ function set_tab(name) {
   for (const button of document.querySelectorAll("nav button")) button.setAttribute("aria-pressed", String(button.dataset.to === name));
   by_id("player").hidden = name !== "playback";
   show_bone();
+  if (name !== "folder") planning.close();
   if (name !== "session") refresh();
 }
 for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", () => set_tab(button.dataset.to));
@@ -119,7 +122,7 @@ const preview = guarded(async (scene, asset) => {
   if (app.bone_key === key && app.preview && !app.live) return;
   app.bone_key = key;
   if (scene.asset_missing && !asset) return;
-  const made = new Shown([], { force_law: scene.force_law });
+  const made = Object.assign(new Shown([], { force_law: scene.force_law }), { is_preview: true });
   made.bone = read_bone(await get_container(file_query("/api/bone", { scene: scene.file, asset })));
   if (app.bone_key !== key) return;
   app.preview = made;
@@ -136,7 +139,14 @@ const folder = new Folder({
   play: (recording) => play(recording),
   compare: (recording) => compare(recording),
   report: (recording) => open_report(recording.report ?? recording.file, recording.device),
+  new_scene: (asset) => planning.open(asset),
+  get may_make() { return app.role === "operator"; },
 });
+const planning = app.planning = new Planning(app, { changed, error: notice, scene: () => folder.scene(folder.chosen), asset: () => folder.asset(), device: () => devices.name || "inproc",
+  is_free: () => !is_running(), opened: () => app.imaging.show(app.imaging.open === "xray" ? "" : app.imaging.open), made: async (file) => {
+    await refresh();
+    await folder.choose(file);
+  } });
 const training = new Training(app, { changed, error: notice, show_page: (blob, title) => show_page(blob, title, "") });
 const refresh = guarded(async () => {
   const data = await get_json("/api/folder");
@@ -251,7 +261,8 @@ app.link = new Live({
 if (app.view) app.hand = new Hand(app);
 
 app.imaging = new Imaging({ source: shown, tab: () => app.tab, is_running: () => is_running(), is_operator: () => app.role === "operator",
-  scene: () => app.playback.scene, changed, error: notice });
+  scene: () => (app.tab === "playback" ? app.playback.scene : folder.chosen), asset: () => (app.tab === "playback" ? undefined : folder.asset()),
+  is_planning: () => planning.is_open, plan: () => planning.needle(), pick: (at_m) => planning.is_open && planning.set(planning.picks, at_m), changed, error: notice });
 
 const is_running = () => ["starting", "running", "silent", "paused"].includes(app.state.state);
 const command = guarded(async (name) => { await post("/api/command", { command: name }); });

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/programs/device_test.h"
 
-#include <csignal>
 #include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
@@ -15,7 +14,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr auto kKillAfter = std::chrono::seconds(1);
 constexpr const char *kTestLog = "log.txt", *kTestResult = "test.json";
 
 /// Returns the result that trocar-run has written; null if it has written none.
@@ -37,33 +35,17 @@ Result<void> DeviceTest::start(const DeviceChoice& device, const std::filesystem
       programs / "trocar-run", "--device", device.name, "--test", "--summary",
       *folder / kTestResult};
   words.insert(words.end(), device.words.begin(), device.words.end());
-  Result<Process> process = Process::start(words, *folder / kTestLog);
-  if (!process) return process.error();
-  process_ = std::move(*process);
+  if (auto started = run_.start(words, *folder / kTestLog); !started) return started;
   folder_ = std::move(*folder);
   device_ = device.name;
-  stopped_at_.reset();
-  has_ended_ = false;
   return {};
 }
 
-void DeviceTest::stop(Clock::time_point now) {
-  if (!is_running() || stopped_at_) return;
-  stopped_at_ = now;
-  process_->signal(SIGINT);
-}
-
-void DeviceTest::poll(Clock::time_point now) {
-  if (!is_running()) return;
-  if (stopped_at_ && now - *stopped_at_ > kKillAfter) process_->signal(SIGKILL);
-  has_ended_ = process_->has_ended();
-}
-
 std::function<std::string()> DeviceTest::answer(const HiddenTexts& hidden) const {
-  json out = {{"state", is_running() ? "running" : process_ ? "ended" : "none"}};
-  if (process_) out["device"] = device_;
-  if (stopped_at_) out["stopped"] = true;
-  if (has_ended_ && process_->exit_code()) out["exit_code"] = *process_->exit_code();
+  json out = {{"state", is_running() ? "running" : run_.was_started() ? "ended" : "none"}};
+  if (run_.was_started()) out["device"] = device_;
+  if (run_.was_stopped()) out["stopped"] = true;
+  if (const auto code = run_.exit_code()) out["exit_code"] = *code;
   return [out = std::move(out), folder = folder_, hidden]() mutable {
     if (folder.empty()) return json_text(out);
     out["text"] = hidden.hide(tail_of(folder / kTestLog));

@@ -4,40 +4,35 @@
 // Tests: tests/e2e/console_device_test.py
 #pragma once
 
-#include <chrono>
 #include <filesystem>
 #include <functional>
-#include <optional>
 #include <string>
 
 #include "formats/base/result.h"
+#include "runtime/console/programs/brief_run.h"
 #include "runtime/console/programs/device_choice.h"
-#include "runtime/console/programs/process.h"
 
 namespace trocar::runtime {
 
 class DeviceTest {
  public:
-  using Clock = std::chrono::steady_clock;
+  using Clock = BriefRun::Clock;
 
   /// Starts a test, which must not run yet. Its files go into a new folder in `sessions`. Errors:
   /// (refused, unwritable) the folder or the process cannot be made.
   Result<void> start(const DeviceChoice& device, const std::filesystem::path& programs,
                      const std::filesystem::path& sessions);
-  bool is_running() const noexcept { return process_ && !has_ended_; }
-  /// Asks the test to end. poll() kills it if it does not end soon.
-  void stop(Clock::time_point now);
+  bool is_running() const noexcept { return run_.is_running(); }
+  void stop(Clock::time_point now) { run_.stop(now); }
   /// Notices the end of the test. The caller must call this every few milliseconds.
-  void poll(Clock::time_point now);
+  void poll(Clock::time_point now) { run_.poll(now); }
   /// Returns a function that makes the answer to GET /api/test (protocol.md). It reads files.
   std::function<std::string()> answer(const HiddenTexts& hidden) const;
 
  private:
-  std::optional<Process> process_;
+  BriefRun run_;
   std::filesystem::path folder_;
   std::string device_;
-  std::optional<Clock::time_point> stopped_at_;
-  bool has_ended_ = false;
 };
 
 }  // namespace trocar::runtime

@@ -43,12 +43,13 @@ export function angles_of({ left, back, head }, axis) {
 }
 
 export class CtPlanes {
-  /// `act`: {needle(): {tip, axis, radius_m} or null}.
+  /// `act`: {needle(): {tip, axis, radius_m} or null, pick(position)}; a click on a plane picks its position in {B}.
   constructor(act) {
     this.act = act;
     this.planes = ["axial", "coronal", "sagittal", "needle"].map((name) => {
       const canvas = by_id(`ct-${name}`);
       canvas.width = canvas.height = kSize;
+      canvas.addEventListener("click", (event) => this.#pick(name, canvas, event));
       return { name, canvas, context: canvas.getContext("2d"), image: new ImageData(kSize, kSize) };
     });
     this.hu = new Float32Array(kSize * kSize);
@@ -69,6 +70,18 @@ export class CtPlanes {
     this.#redraw();
   }
 
+  #pick(name, canvas, event) {
+    if (!this.volume) return;
+    const { tip, axis } = this.#shown(), [right, up] = plane_axes(this.volume.patient, axis)[name];
+    // The square picture is in the middle of its box.
+    const { left, top, width, height } = canvas.getBoundingClientRect(), side = Math.min(width, height), m = Number(by_id("ct-width").value) / 1000;
+    const x = m * (event.clientX - left - width / 2) / side, y = m * (top + height / 2 - event.clientY) / side;
+    if (Math.max(Math.abs(x), Math.abs(y)) <= m / 2) this.act.pick(tip.map((at, k) => at + x * right[k] + y * up[k]));
+  }
+
+  /// The needle through whose tip the planes are; without one the middle of the bone.
+  #shown() { return this.act.needle() ?? { tip: this.volume.middle_m, axis: this.volume.patient.head, is_absent: true }; }
+
   #redraw() {
     this.keys = {};
   }
@@ -76,7 +89,7 @@ export class CtPlanes {
   /// Draws one of the planes, if the needle has moved since it was drawn.
   frame(now) {
     if (!this.volume || by_id("ct-box").hidden || now - (this.drawn_at ?? 0) < kRedraw_ms / this.planes.length) return;
-    const needle = this.act.needle() ?? { tip: this.volume.middle_m, axis: this.volume.patient.head, is_absent: true };
+    const needle = this.#shown();
     const key = [...needle.tip, ...needle.axis].map((x) => x.toFixed(4)).join();
     const plane = this.planes[this.next++ % this.planes.length];
     if (this.keys[plane.name] === key) return;

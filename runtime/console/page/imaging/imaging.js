@@ -10,12 +10,13 @@ import { Xray } from "./xray.js";
 const by_id = (id) => document.getElementById(id);
 
 export class Imaging {
-  /// `act`: {source(): the Shown, tab(), is_running(), is_operator(), scene(): its file in playback, changed(), error(words)}.
+  /// `act`: {source(): the Shown, tab(), is_running(), is_operator(), scene(): the file whose scan is shown outside of a
+  /// session, asset(), is_planning(), plan(): the planned needle or null, pick(position), changed(), error(words)}.
   constructor(act) {
     this.act = act;
     const needle = () => this.needle();
     this.xray = new Xray({ needle, is_operator: act.is_operator, mode: () => this.mode(), error: act.error });
-    this.ct = new CtPlanes({ needle });
+    this.ct = new CtPlanes({ needle, pick: act.pick });
     this.open = "";
     for (const button of document.querySelectorAll("[data-picture]"))
       button.addEventListener("click", () => this.show(this.open === button.dataset.picture ? "" : button.dataset.picture));
@@ -40,6 +41,8 @@ export class Imaging {
 
   /// The needle in {B}; null before the device has been read.
   needle() {
+    const plan = this.act.plan();
+    if (plan) return plan;
     const source = this.act.source();
     if (!source?.row || !source.bone || !source.is_placed()) return null;
     const [w, x, y, z] = source.values("q"), [a, b, c] = source.bone.tool.axis_in_plate;
@@ -52,10 +55,10 @@ export class Imaging {
   /// Loads the scan of what is shown, if a picture is open and it is another scan than before.
   async #load() {
     const source = this.act.source();
-    if (!this.open || this.act.tab() === "folder" || !source?.bone || source.bone === this.loaded) return;
+    if (!this.open || (this.act.tab() === "folder" && !this.act.is_planning()) || !source?.bone || source.bone === this.loaded) return;
     this.loaded = source.bone;
     this.#set(null, null, "The scan is being loaded.");
-    const path = this.act.tab() === "playback" ? file_query("/api/volume", { scene: this.act.scene() }) : "/api/volume?session=1";
+    const path = this.act.tab() === "playback" || source.is_preview ? file_query("/api/volume", { scene: this.act.scene(), asset: this.act.asset() }) : "/api/volume?session=1";
     try {
       const container = await get_bytes(path);
       if (this.loaded !== source.bone) return;

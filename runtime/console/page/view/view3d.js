@@ -12,6 +12,7 @@ import { ToolModel } from "./tool_model.js";
 
 const kNearSlices = 3;  // number of slices shown on each side of the tip
 const kRest_ms = 400;
+const kPlanned_m = 0.0015;  // radius of the spheres at a planned entry and target
 
 THREE.ColorManagement.enabled = false;  // the colours of the HU map are shown unchanged
 
@@ -55,6 +56,7 @@ export class View3d {
     this.disc_material = new THREE.MeshBasicMaterial({ color: 0x000000, side: THREE.DoubleSide });
     this.marks = new THREE.Group();
     this.scene.add(this.marks);
+    this.ray = new THREE.Raycaster();
     new ResizeObserver(() => this.resize()).observe(box);
     this.set_theme();
     this.set_view("perspective");
@@ -74,8 +76,8 @@ export class View3d {
   /// Shows a bone. `bone`: result of read_bone(), or null.
   set_bone(bone) {
     for (const part of [...this.bone_group.children]) this.drop(part);
-    for (const part of [...(this.tool?.parts ?? []), this.shape, this.goals]) if (part) this.drop(part);
-    this.tool = this.shape = this.goals = null;
+    for (const part of [...(this.tool?.parts ?? []), this.shape, this.goals, this.plan]) if (part) this.drop(part);
+    this.tool = this.shape = this.goals = this.plan = null;
     this.set_marks([]);
     this.bone = bone;
     this.slices = [];
@@ -200,6 +202,35 @@ export class View3d {
       this.marks.add(loop, disc);
     }
     this.is_dirty = true;
+  }
+
+  /// Shows a needle's way that is planned: {entry, end, target?} in {B}; null: none.
+  set_plan(plan) {
+    if (this.plan) this.drop(this.plan);
+    this.plan = null;
+    this.is_dirty = true;
+    if (!plan) return;
+    const at = (at_m) => ({ target: { at_m, radius_m: kPlanned_m } }), good = colour_of_page("--green"), first = colour_of_page("--blue");
+    this.plan = make_goals({ line: { entry_m: plan.entry, to_m: plan.end } }, good);
+    this.plan.add(make_goals(at(plan.entry), first));
+    if (plan.target) this.plan.add(make_goals(at(plan.target), good));
+    this.scene.add(this.plan);
+  }
+
+  /// Returns the point of the bone at a pixel of the view, in {B}; null if there is no bone.
+  pick(x, y) {
+    if (!this.bone) return null;
+    const at = new THREE.Vector2(2 * x / this.width - 1, 1 - 2 * y / this.height);
+    this.ray.setFromCamera(at, this.cameras.active);
+    const shown = this.slices.filter(({ group }) => group.visible).map(({ mesh }) => mesh);
+    if (this.surface && this.shows_surface) shown.push(this.surface);
+    return this.ray.intersectObjects(shown, false)[0]?.point.toArray() ?? null;
+  }
+
+  /// Returns the pixel of the view at which a position in {B} is drawn.
+  pixel_of(at_m) {
+    const { x, y } = new THREE.Vector3(...at_m).project(this.cameras.active);
+    return [(x + 1) / 2 * this.width, (1 - y) / 2 * this.height];
   }
 
   set_view(name) {

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""console_new_scene_test.py SOURCE PROGRAMS ASSET WORK: POST /api/new_scene makes a scene in the console's folder and checks it. Who may do
+it, what is refused, and that nothing else of the folder changes."""
+import json
+import os
+import pathlib
+import sys
+import time
+
+import numpy as np
+from chromium_page import PAGE
+from console_client import Console, container
+from console_server_test import make_folder
+from e2e import check, outcome, run
+
+SOURCE, PROGRAMS, ASSET, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
+WITHIN_s = 120
+PATH = "/api/new_scene"
+
+
+def result(console):
+    states, end = [], time.monotonic() + WITHIN_s
+    while time.monotonic() < end:
+        told = console.get(PATH)[1]
+        states.append(told["state"])
+        if told["state"] in ("ended", "none"):
+            return told, states
+        time.sleep(0.02)
+    check(False, f"no scene within {WITHIN_s} s: {told}")
+    return told, states
+
+
+def files_of(folder):
+    return {str(file.relative_to(folder)): file.stat().st_mtime_ns for file in folder.rglob("*") if file.is_file() and "sessions" not in file.parts}
+
+
+def points(console):
+    """Points of the bone of vertebra.json: above its thickest part, in the patient's frame."""
+    bone, _ = container(console.request("GET", "/api/bone?scene=scenes/vertebra.json", raw=True)[1])
+    rows = np.array(bone["lps_mm_of_device"])
+    top = max(each["z_m"] for each in bone["slices"])
+    place = lambda x, y, z: (rows @ [x, y, z, 1]).tolist()
+    return place(0, 0, top), place(0.003, 0.002, top - 0.02)
+
+
+def test_refusals(console, entry):
+    good = {"scene": "scenes/vertebra.json", "name": "new", "entry_mm": entry}
+    for change, status in (({"name": "a/b"}, 400), ({"name": "../up"}, 400), ({"name": ""}, 400), ({"name": "x" * 33}, 400), ({"name": 3}, 400), ({"entry_mm": [1, 2]}, 400),
+                           ({"entry_mm": [1, 2, "3"]}, 400), ({"entry_mm": [1, 2, 1e9]}, 400), ({"target_mm": None}, 400), ({"live_hand": 1}, 400), ({"device": "udp:127.0.0.1:1"}, 400),
+                           ({"scene": "none.json"}, 404), ({"scene": "../x.json"}, 404), ({"asset": "none.glb"}, 404), ({"more": 1}, 400)):
+        told = console.post(PATH, {**good, **change})
+        check(told[0] == status and told[1]["error"], f"{change}: {told}")
+    without = {key: value for key, value in good.items() if key != "entry_mm"}
+    check(console.post(PATH, {**without, "target_mm": entry})[0] == 400, "a target without an entry")
+    for keys, status in (({"token": console.view}, 403), ({"token": None}, 401)):
+        check(console.post(PATH, good, **keys)[0] == status, f"{keys} makes a scene")
+    check(console.get(PATH, token=console.view)[0] == 200 and console.request("PUT", PATH, good)[0] == 405, "who may ask")
+    check(console.get(PATH)[1] == {"state": "none"}, "a refused request made something")
+
+
+def test_made(console, folder, entry, target):
+    before = files_of(folder)
+    body = {"scene": "scenes/vertebra.json", "name": "to_target", "entry_mm": entry, "target_mm": target, "live_hand": True}
+    check(console.post(PATH, body) == (200, {"ok": True}), "the start")
+    for path, other in ((PATH, {**body, "name": "second"}), ("/api/start", {"scene": "scenes/one_slice.json"})):
+        status, answer = console.post(path, other)
+        check(status == 409 and "a scene is being made" in answer["error"], f"{path} meanwhile: {status} {answer}")
+    told, states = result(console)
+    check(told["scene"] == "to_target.json" and told["exit_code"] == 0 and "checking" in states, f"{told}, {set(states)}")
+    check(told["warnings"] == [] and told["check"].startswith("scene") and "the needle enters at" in told["text"], f"{told}")
+    check(str(folder) not in json.dumps(told) and str(WORK) not in json.dumps(told), f"a path is told: {told}")
+    after = files_of(folder)
+    check({name: after[name] for name in before} == before and set(after) - set(before) == {"to_target.json"}, f"{set(after) - set(before)}")
+    scene = json.loads((folder / "to_target.json").read_text())
+    check(scene["asset"] == "sample.glb" and scene["hand"]["live"] and set(scene["goals"]) == {"target", "line"}, f"{scene['asset']}, {scene['goals']}")
+    again = WORK / "again.json"
+    words = [",".join(f"{x:.3f}" for x in point) for point in (entry, target)]
+    run(PROGRAMS / "trocar-run", "--new-scene", folder / "sample.glb", "-o", again, "--entry", words[0], "--target", words[1], "--live-hand", "--quiet")
+    check({**json.loads(again.read_text()), "asset": 0} == {**scene, "asset": 0}, "the program makes another scene of the same points")
+    listed = [each for each in console.get("/api/folder")[1]["scenes"] if each["file"] == "to_target.json"]
+    check(listed and "error" not in listed[0] and listed[0]["live_hand"], f"{listed}")
+    status, answer = console.post(PATH, body)
+    check(status == 409 and "to_target.json already" in answer["error"], f"the name again: {status} {answer}")
+    check(files_of(folder) == after, "the scene was replaced")
+
+
+def test_of_asset(console, folder):
+    """An asset without a scene, and a way that no needle can take."""
+    check(console.post(PATH, {"asset": "sample.glb", "name": "thickest"})[0] == 200, "a scene of an asset")
+    told, _ = result(console)
+    scene = json.loads((folder / "thickest.json").read_text())
+    check(told["warnings"] == [] and "thickest" in told["text"] and "goals" not in scene and "live" not in scene["hand"], f"{told}")
+    check(console.post(PATH, {"asset": "sample.glb", "name": "nowhere", "entry_mm": [5000, 0, 0]})[0] == 200, "an entry far away")
+    told, _ = result(console)
+    last = told["text"].strip().splitlines()[-1]
+    check(told["exit_code"] == 3 and "scene" not in told and "check" not in told and "the needle meets no bone there" in last, f"{told}")
+    check(not (folder / "nowhere.json").exists(), "a refused scene was written")
+    os.symlink("/tmp/nothing", folder / "link.json")
+    check(console.post(PATH, {"asset": "sample.glb", "name": "link"})[0] == 409, "a scene in place of a link")
+
+
+def test_stop(console, folder):
+    check(console.post(PATH, {"asset": "sample.glb", "name": "stopped"})[0] == 200, "a scene to be stopped")
+    check(console.post("/api/command", {"command": "stop"}) == (200, {"ok": True}), "the stop")
+    told, _ = result(console)
+    check(told.get("stopped") and "scene" not in told and not (folder / "stopped.json").exists(), f"{told}")
+    check(console.post("/api/command", {"command": "stop"})[0] == 409, "a stop of nothing")
+
+
+def main():
+    folder = make_folder(SOURCE, ASSET, WORK)
+    console = Console(PROGRAMS / "trocar-console", folder, page=PAGE)
+    entry, target = points(console)
+    test_refusals(console, entry)
+    test_made(console, folder, entry, target)
+    test_of_asset(console, folder)
+    test_stop(console, folder)
+    check(console.post(PATH, {"asset": "sample.glb", "name": "ended"})[0] == 200, "a scene when the console ends")
+    check(console.stop() == 0 and not (folder / "ended.json").exists(), "the console did not end as it should")
+    return outcome()
+
+
+sys.exit(main())
