@@ -16,6 +16,12 @@ namespace {
 
 constexpr int kStep_hu = 16;
 
+/// Returns how many of the scan's own distances make at most `pitch_mm` and 5 %; at least 1.
+double count_within(double pitch_mm, double own_mm, double most) {
+  constexpr double kTolerance = 1.05;
+  return std::clamp(std::floor(kTolerance * pitch_mm / own_mm), 1.0, most);
+}
+
 struct Blocks {
   int columns_each = 1, rows_each = 1;  // pixels of a block
   HuGrid grid;
@@ -25,8 +31,7 @@ Blocks blocks_of(const SlicePlane& plane, int width, int height, double pitch_mm
                  const MeshOptions& options) {
   Blocks out;
   const auto each = [pitch_mm](double spacing_mm, int pixels) {
-    const double wanted =
-        std::clamp(std::rint(pitch_mm / spacing_mm), 1.0, static_cast<double>(kMaxHuSide));
+    const double wanted = count_within(pitch_mm, spacing_mm, kMaxHuSide);
     return std::max(static_cast<int>(wanted), 1 + (pixels - 1) / 4096);  // kMaxHuSamples in a plane
   };
   const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
@@ -78,8 +83,7 @@ Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int l
   const double thick_mm =
       slices > 1 ? std::abs(stack.plane(last).z_mm - stack.plane(first).z_mm) / (slices - 1)
                  : pitch_mm;
-  const int each = static_cast<int>(
-      std::clamp(std::rint(pitch_mm / std::max(thick_mm, 1e-6)), 1.0, static_cast<double>(slices)));
+  const int each = static_cast<int>(count_within(pitch_mm, std::max(thick_mm, 1e-6), slices));
   const int width = options.crop ? options.crop->x1 - options.crop->x0 + 1 : stack.width(),
             height = options.crop ? options.crop->y1 - options.crop->y0 + 1 : stack.height();
   const Blocks blocks = blocks_of(stack.plane(first), width, height, pitch_mm, options);

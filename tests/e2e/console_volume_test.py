@@ -18,7 +18,9 @@ import pytest
 
 from console_client import Console
 from hu_volume_test import Volume, segments_of
+from new_scene_test import nifti
 from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
+from torso_phantom import SPACING_MM, torso
 
 nibabel = pytest.importorskip("nibabel")
 
@@ -177,13 +179,16 @@ def test_bone_alone(console, name):
         assert r >= LEAST_CORRELATION, (name, view)
 
 
-@pytest.mark.parametrize("name", ["sample", "l3"])
-def test_context(console, name):
-    arguments, keys = CASES[name]
+@pytest.mark.parametrize("name, context_mm", [("sample", 2), ("l3", 2), ("torso", 4)])
+def test_context(console, name, context_mm):
+    if name == "torso":
+        arguments, keys = (nifti(WORK / "torso.nii", torso(), SPACING_MM), (0, 1, 2), (True, True, False), ()), {"width_mm": 380}
+    else:
+        arguments, keys = CASES[name]
     if not arguments[0].is_file():
         pytest.skip(f"no scan {arguments[0]}")
     padded = list(arguments) + [(0, 1, 2), (False, False, False), ()][len(arguments) - 1:]
-    padded[3] = (*padded[3], "--context", "2")
+    padded[3] = (*padded[3], "--context", str(context_mm))
     case = Case(f"{name}_context", *padded, **keys)
     answer, about = volume_of(console, f"{name}_context")
     assert about["context"]["planes"], about
