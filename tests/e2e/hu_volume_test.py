@@ -251,7 +251,7 @@ def test_metal():
 def test_context():
     """--context: every sample of a coarser grid; info names it, and it is not private."""
     scan, mesh = square(WORK / "context.nii", 500), PROGRAMS / "trocar-mesh"
-    for given, pitch, planes in (((), 2, 6), (("4",), 4, 2)):
+    for given, pitch, planes in (((), 2, 6), (("4",), 4, 3)):  # slices are 1.5 mm apart
         asset = WORK / "context.glb"
         run(mesh, scan, "-o", asset, "--quiet", "--context", *given)
         volume = Volume(asset.read_bytes(), "everything")
