@@ -23,13 +23,13 @@
 
 namespace trocar::runtime {
 
-/// A device as the checks of a scene use it.
+/// A device as the checks of a scene need it.
 struct DeviceToCheck {
   const DeviceSpecification& specification;
   /// Makes a simulated device of this kind, held by the scene's hand and ready for its first tick.
   /// Errors: (refused) the device cannot be where the hand begins.
   std::function<Result<std::shared_ptr<HandDevice>>(const Scene& scene)> simulate;
-  /// Sets the options that depend on device and scene, for a scene that is only proposed. May be empty.
+  /// Adapts the session's options, such as the coupling, to a proposed scene. Empty: they do not depend on the scene.
   std::function<void(const Scene& scene, SessionOptions& options)> set_options = {};
 };
 
@@ -49,7 +49,7 @@ struct SheetDryRun {
 struct DryRun {
   std::uint64_t ticks = 0;          ///< number of ticks done
   std::uint64_t session_ticks = 0;  ///< number of ticks of the whole session
-  /// True if the session is longer than the dry run.
+  /// True if the dry run ended before the session would, and without a fault.
   bool is_shortened() const noexcept { return ticks < session_ticks && fault == Fault::kNone; }
   FaultDetail fault;
   double fault_t_s = 0;
@@ -64,18 +64,20 @@ struct DryRun {
   std::optional<Error> hole_error;  ///< error of the first hole that could not be cut
 };
 
-/// The dry run, of several that let go at different times, in which the plate was fastest after that.
+/// The result of several dry runs, in each of which the hand lets go at another time. Time and speed are those of the run in which the
+/// plate was fastest afterwards.
 struct LetGoTrial {
   int moments = 0;
-  double t_s = 0;  ///< time of letting go
-  double distance_m = 0, speed_m_per_s = 0;
+  double t_s = 0;         ///< time of letting go
+  double distance_m = 0;  ///< largest motion of the plate in any of them
+  double speed_m_per_s = 0;
   Fault fault = Fault::kNone;  ///< a fault after letting go in any of them, or none
 };
 
-/// Lets go at kLetGoMoments times, at the largest force along z and otherwise evenly over the contact of
-/// `dry_run`, each in a dry run of its own that ends kLetGoAfter_s later. None: no contact, or a fault.
 inline constexpr int kLetGoMoments = 10;
 inline constexpr double kLetGoAfter_s = 0.4;
+/// Does kLetGoMoments dry runs in which the hand lets go: one at the largest force along z, the others at even intervals of
+/// the contact of `dry_run`. Each ends kLetGoAfter_s after the hand has let go. None: `dry_run` has no contact, or a fault.
 Result<std::optional<LetGoTrial>> try_letting_go(
     const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,

@@ -144,7 +144,7 @@ void search_window(const Cells& cells, const Clearance& clear, const Clearance& 
     best.score = score;
     best.column = EntryColumn{at, first, last, thickness[c], {}};
     for (const auto& level : clear)
-      best.column->is_clear.push_back(level[c]);
+      best.column->has_material.push_back(level[c]);
   }
 }
 
@@ -187,9 +187,9 @@ std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vect
   }
   if (!best.column) return std::nullopt;
   EntryColumn& found = *best.column;
-  while (found.is_clear[found.first] == 0)
+  while (found.has_material[found.first] == 0)
     ++found.first;
-  while (found.is_clear[found.last] == 0)
+  while (found.has_material[found.last] == 0)
     --found.last;
   return best.column;
 }

@@ -28,8 +28,9 @@ MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels);
 struct EntryColumn {
   std::array<double, 2> at_mm{};
   std::size_t first = 0, last = 0;
-  double thickness_mm = 0;             ///< total thickness of the material there
-  std::vector<std::uint8_t> is_clear;  ///< per level: 1 if there is material all around the tool
+  double thickness_mm = 0;  ///< total thickness of the material there
+  std::vector<std::uint8_t>
+      has_material;  ///< per level: 1 if there is material all around the tool
 };
 
 /// Returns the thickest column within a height of `height_mm`. `levels`: sorted, the topmost first.

@@ -57,8 +57,8 @@ class Proposal {
     if (auto ok = find_levels(); !ok) return ok.error();
     if (auto ok = find_heights(); !ok) return ok.error();
     std::string why;  // reason why the last scene was not accepted
-    std::string no_volume = has_hu_ ? "its slices are more than 3 mm apart" : "the asset has no HU";
-    const Result<std::optional<NeedleWay>> volume = way_through_volume();
+    std::string no_volume = why_no_volume();
+    const Result<std::optional<NeedlePath>> volume = path_through_volume();
     if (!volume) return about_asset(volume.error());
     if (*volume) {
       no_volume = "every session through a volume of its slices has a warning";
@@ -71,13 +71,13 @@ class Proposal {
         keep(std::move(made), **volume, kWhyCutting);
       }
     }
-    const Result<std::optional<NeedleWay>> apart = way_through_sheets();
+    const Result<std::optional<NeedlePath>> apart = path_through_sheets();
     if (!apart) return about_asset(apart.error());
     if (!*apart && why.empty())
       return refused(asset_file_.string() +
                      text_line(": its bone is nowhere as wide as the tool, %.0f mm across: "
                                "nothing can be punctured",
-                               2e3 * kPaperTool_m));
+                               2e3 * kPaperToolRadius_m));
     const std::string why_sheets = kWhySheets + no_volume;
     for (const double threshold_N : {35.0, 20.0, 10.0}) {
       if (!*apart) break;
@@ -88,10 +88,10 @@ class Proposal {
       if (made && made->warnings.empty()) return finish(*made, **apart, why_sheets);
       keep(std::move(made), **apart, why_sheets);
     }
-    if (kept_) return finish(kept_->tried, kept_->way, kept_->because);
+    if (kept_) return finish(kept_->tried, kept_->path, kept_->because);
     return refused(asset_file_.string() +
                    (is_chosen()
-                        ? ": no scene along this way runs; the last ended so: "
+                        ? ": no scene along this path runs; the last ended so: "
                         : ": no scene was found that runs without a warning; the last was: ") +
                    why);
   }
@@ -99,14 +99,14 @@ class Proposal {
  private:
   struct Tried {
     std::string json;
-    double force_max_N = 0, tip_lowest_m = 0;
+    double force_max_N = 0;
     std::size_t punctured = 0, sheets = 0;
     std::vector<std::string> warnings;
   };
-  /// A scene along a chosen way that runs, but with warnings.
+  /// A scene along a chosen path that runs, but with warnings.
   struct Kept {
     Tried tried;
-    NeedleWay way;
+    NeedlePath path;
     std::string because;
   };
   struct Placed {
@@ -158,85 +158,94 @@ class Proposal {
     return {};
   }
 
-  /// Finds the heights that the tip reaches with the plate turned along a chosen way.
+  /// Finds the heights that the tip reaches with the plate turned along a chosen path.
   Result<void> find_heights() {
     Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
     if (is_chosen()) {
-      const auto way = plan_needle_way(asset_, levels_, *choices_.points, kAny, kAny);
-      if (!way) return about_asset(way.error());
+      const auto path = plan_needle_path(asset_, levels_, *choices_.points, kAny, kAny);
+      if (!path) return about_asset(path.error());
       const double most_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
-      if (tilt_deg(*way) > most_deg)
+      if (tilt_deg(*path) > most_deg)
         return refused(asset_file_.string() +
-                       text_line(": the way from the entry to the target is tilted by %.1f deg, "
+                       text_line(": the path from the entry to the target is tilted by %.1f deg, "
                                  "and the device turns by at most %.1f deg: choose points more "
                                  "nearly above each other",
-                                 tilt_deg(*way), most_deg));
-      q = Eigen::Quaterniond::FromTwoVectors(-Eigen::Vector3d::UnitZ(), way->direction);
+                                 tilt_deg(*path), most_deg));
+      q = Eigen::Quaterniond::FromTwoVectors(-Eigen::Vector3d::UnitZ(), path->direction);
     }
     const auto heights =
         workspace_heights(device_.specification, options_.limits, make_tool(SceneTool{}), q);
     if (!heights)
       return refused(asset_file_.string() +
                      (is_chosen() ? ": the device does not reach any point with the needle tilted "
-                                    "along this way"
+                                    "along this path"
                                   : ": the device reaches nothing; choose another description"));
     heights_ = {heights->min_m + kWorkspaceMargin_m, heights->max_m - kWorkspaceMargin_m};
     return {};
   }
 
-  /// Height of the bone that a way may go through.
+  /// Height of the bone that a path may go through.
   double room_mm() const {
-    return 1e3 * (heights_.high_m - heights_.low_m - height_beside_bone_m(NeedleWay{}));
+    return 1e3 * (heights_.high_m - heights_.low_m - height_outside_bone_m(NeedlePath{}));
   }
 
-  Result<NeedleWay> chosen_way(double max_gap_mm) const {
-    const auto way = plan_needle_way(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
-    if (!way || !way->has_target) return way;
-    const double depth_mm = way->entry_mm.z() - way->end_mm.z();
-    const double most_mm = 1e3 * (heights_.high_m - heights_.low_m - height_beside_bone_m(*way));
+  Result<NeedlePath> chosen_path(double max_gap_mm) const {
+    const auto path = plan_needle_path(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
+    if (!path || !path->has_target) return path;
+    const double depth_mm = path->entry_mm.z() - path->end_mm.z();
+    const double most_mm = 1e3 * (heights_.high_m - heights_.low_m - height_outside_bone_m(*path));
     if (depth_mm > most_mm)
       return refused(
           text_line("the target lies %.1f mm below the entry, and the device has room "
                     "for %.1f mm: choose nearer points",
                     depth_mm, most_mm));
-    return way;
+    return path;
   }
 
-  /// Returns the way for the law cutting; none: its levels are not one volume with HU.
-  Result<std::optional<NeedleWay>> way_through_volume() const {
-    if (!has_hu_) return std::optional<NeedleWay>();
+  /// Returns why the law cutting is not tried, if it is not.
+  std::string why_no_volume() const {
+    if (!has_hu_) return "the asset has no HU";
+    return levels_.size() == 1 ? "the asset has a single slice with material"
+                               : "its slices are more than 3 mm apart, or slices without material "
+                                 "lie between them";
+  }
+
+  /// Returns the path for the law cutting; none: its levels are not one volume with HU.
+  Result<std::optional<NeedlePath>> path_through_volume() const {
+    if (!has_hu_) return std::optional<NeedlePath>();
     const double gap_mm = 1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
     if (is_chosen()) {
-      const auto way = chosen_way(gap_mm);
-      if (!way) return way.error();
-      return way->last > way->first && way->max_gap_mm <= gap_mm ? std::optional(*way)
-                                                                 : std::nullopt;
+      const auto path = chosen_path(gap_mm);
+      if (!path) return path.error();
+      return path->last > path->first && path->max_gap_mm <= gap_mm ? std::optional(*path)
+                                                                    : std::nullopt;
     }
-    const auto column = find_entry_column(asset_, levels_, 1e3 * kNeedle_m, room_mm(), gap_mm);
-    return column && column->last > column->first ? std::optional(way_through(*column, levels_))
+    const auto column =
+        find_entry_column(asset_, levels_, 1e3 * kNeedleRadius_m, room_mm(), gap_mm);
+    return column && column->last > column->first ? std::optional(path_through(*column, levels_))
                                                   : std::nullopt;
   }
 
-  /// Returns the way for single sheets, down to the last of them or to the target; none: there is none.
-  Result<std::optional<NeedleWay>> way_through_sheets() const {
-    std::optional<NeedleWay> way;
+  /// Returns the path for single sheets, down to the last of them or to the target; none: there is none.
+  Result<std::optional<NeedlePath>> path_through_sheets() const {
+    std::optional<NeedlePath> path;
     if (is_chosen()) {
-      const auto chosen = chosen_way(kAny);
+      const auto chosen = chosen_path(kAny);
       if (!chosen) return chosen.error();
-      way = *chosen;
+      path = *chosen;
     } else if (const auto column =
-                   find_entry_column(asset_, levels_, 1e3 * kPaperTool_m, room_mm(), kAny)) {
-      way = way_through(*column, levels_);
+                   find_entry_column(asset_, levels_, 1e3 * kPaperToolRadius_m, room_mm(), kAny)) {
+      path = path_through(*column, levels_);
     }
-    if (way && !way->has_target) {
-      way->last = felt_levels(levels_, *way).back();
-      way->end_mm = point_at(*way, levels_[way->last].z_mm);
+    if (path && !path->has_target) {
+      path->last = separable_levels(levels_, *path).back();
+      path->end_mm = point_at(*path, levels_[path->last].z_mm);
     }
-    return way;
+    return path;
   }
 
-  SceneDraft draft_of(const NeedleWay& way) const {
-    SceneDraft draft(asset_, levels_, way, is_chosen(), heights_);
+  SceneDraft draft_of(const NeedlePath& path) const {
+    SceneDraft draft(asset_, levels_, path, is_chosen(), heights_);
     draft.name_files(asset_file_, scene_file_);
     return draft;
   }
@@ -273,15 +282,15 @@ class Proposal {
     return std::move(check->warnings);
   }
 
-  /// Tries a draft. If its way has a target and its hand is scripted, the hand is first sent so far that the tip gets to
+  /// Tries a draft. If its path has a target and its hand is scripted, the hand is first sent so far that the tip gets to
   /// the target. Returns none, with the reason in `why`, if the scene is refused, has a warning although nobody has chosen
-  /// its way, punctures nothing, or does not get to the target.
+  /// its path, punctures nothing, or does not get to the target.
   std::optional<Tried> try_draft(SceneDraft& draft, const std::function<Json()>& make,
                                  std::string& why) const {
     if (draft.has_target() && choices_.hand == NewSceneHand::kScripted) {
       double beyond_m = 0, short_m = 0;
       for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
-        draft.set_reach(beyond_m);
+        draft.set_overshoot(beyond_m);
         const Result<Placed> placed = place(text_of(make()));
         if (!placed) return fails(placed.error().message, why);
         const auto dry_run = run_dry_run(placed->scene, device_, placed->sheets, placed->options);
@@ -332,10 +341,10 @@ class Proposal {
     return tried;
   }
 
-  /// Keeps the scene with the fewest warnings of those along a chosen way.
-  void keep(std::optional<Tried> tried, const NeedleWay& way, const std::string& because) {
+  /// Keeps the scene with the fewest warnings of those along a chosen path.
+  void keep(std::optional<Tried> tried, const NeedlePath& path, const std::string& because) {
     if (!tried || (kept_ && kept_->tried.warnings.size() <= tried->warnings.size())) return;
-    kept_ = Kept{std::move(*tried), way, because};
+    kept_ = Kept{std::move(*tried), path, because};
   }
 
   std::string describe_asset() const {
@@ -347,27 +356,27 @@ class Proposal {
         box.high_mm[1], levels_.front().z_mm - levels_.back().z_mm);
   }
 
-  std::string describe_way(const NeedleWay& way) const {
-    const int a = levels_[way.first].slice->index, b = levels_[way.last].slice->index;
+  std::string describe_path(const NeedlePath& path) const {
+    const int a = levels_[path.first].slice->index, b = levels_[path.last].slice->index;
     const std::string within = text_line("within slices %d to %d", std::min(a, b), std::max(a, b));
     if (!is_chosen())
       return text_line(
                  "; its bone is thickest at u %.2f, v %.2f mm, where it is %.1f mm thick "
                  "around the tool, ",
-                 way.entry_mm.x(), way.entry_mm.y(), way.thickness_mm) +
+                 path.entry_mm.x(), path.entry_mm.y(), path.thickness_mm) +
              within + ": that is the entry point, and lies over the middle of the device. ";
     std::string text =
-        text_line("; the needle enters at u %.2f, v %.2f mm", way.entry_mm.x(), way.entry_mm.y());
+        text_line("; the needle enters at u %.2f, v %.2f mm", path.entry_mm.x(), path.entry_mm.y());
     constexpr double kMoved_mm = 0.1;
-    if (way.moved_mm > kMoved_mm)
-      text +=
-          text_line(", where the way meets the bone, %.1f mm from the chosen point", way.moved_mm);
-    text += text_line(", tilted by %.1f deg, and goes through %.1f mm of bone ", tilt_deg(way),
-                      way.thickness_mm) +
+    if (path.entry_shift_mm > kMoved_mm)
+      text += text_line(", where the path meets the bone, %.1f mm from the chosen point",
+                        path.entry_shift_mm);
+    text += text_line(", tilted by %.1f deg, and goes through %.1f mm of bone ", tilt_deg(path),
+                      path.thickness_mm) +
             within;
-    if (way.has_target)
+    if (path.has_target)
       text +=
-          text_line(" to the target, %.1f mm from the entry", (way.end_mm - way.entry_mm).norm());
+          text_line(" to the target, %.1f mm from the entry", (path.end_mm - path.entry_mm).norm());
     return text + ". ";
   }
 
@@ -378,10 +387,10 @@ class Proposal {
            ". ";
   }
 
-  NewScene finish(const Tried& made, const NeedleWay& way, const std::string& because) const {
+  NewScene finish(const Tried& made, const NeedlePath& path, const std::string& because) const {
     NewScene out;
     out.json = made.json;
-    out.text = asset_file_.string() + ": " + describe_asset() + describe_way(way) +
+    out.text = asset_file_.string() + ": " + describe_asset() + describe_path(path) +
                "Chosen: " + because +
                text_line(
                    ". Slices are at their true spacing, in the middle of the heights %.3f to "
@@ -405,7 +414,7 @@ class Proposal {
   const NewSceneChoices& choices_;
   std::vector<Level> levels_;  ///< levels of the asset, the topmost first
   bool has_hu_ = false;        ///< every slice with material has HU
-  DraftHeights heights_;       ///< heights of the tip that the proposal uses
+  TipHeights heights_;         ///< heights of the tip that the proposal uses
   std::optional<Kept> kept_;
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Proposes a scene for an asset (`trocar-run --new-scene`). The tool enters where the bone is
-// thickest, or goes through points that a person has chosen. Slices lie within the device's workspace.
+// thickest, or goes through points that a person has chosen. Slices are placed at heights that the
+// device's tip can reach.
 // Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/new_scene_test.py
 #pragma once
 
@@ -12,7 +13,7 @@
 #include "formats/asset/asset.h"
 #include "formats/base/result.h"
 #include "runtime/checking/dry_run.h"
-#include "runtime/checking/needle_way.h"
+#include "runtime/checking/needle_path.h"
 #include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
@@ -30,16 +31,17 @@ struct NewSceneChoices {
 };
 
 /// Proposes a scene. `asset` was read from `asset_file` and has been through weld_materials(). The
-/// scene will be written to `scene_file`. If the asset has HU and its slices are at most 3 mm apart,
-/// the force law is `cutting` through one bone volume, with slices at their true spacing and strength
-/// by HU. Otherwise the force law is `hooke`, with slices far enough apart for each to be felt
-/// separately. Proposals are checked in turn, as `--check --strict` does with `options`, until one
-/// has no warning and a slice is punctured. If `choices.hand` is kLive, that scene's path is then replaced
-/// by a live hand at its start, and the result is checked once more. With chosen points the scene has them as its goals; a
-/// scripted hand brings the tip to within 1.5 mm of the target's height, and of the proposals that puncture a slice the one
-/// with the fewest warnings is returned. Errors: (refused, with the reason) the asset is empty, its bone is nowhere as wide as
-/// the tool, every proposal has a warning although no points were chosen, no needle can go through the chosen points
-/// (needle_way.h), or the device cannot turn or move so far.
+/// scene will be written to `scene_file`. First the force law `cutting` is tried, through one bone volume with a strength
+/// computed from HU; it needs HU in every slice with material, and slices at most 3 mm apart. If that does not apply, or each such
+/// proposal has a warning, `hooke` is tried, with slices far enough apart for each to be felt separately. Slices are at
+/// their true spacing. Proposals are checked one after another, as `--check --strict` would with `options`; the first that
+/// has no warning and punctures a slice is returned. If `choices.hand` is kLive, the hand's trajectory is then replaced by
+/// a live hand at its first pose, and the scene is checked again. With chosen points the scene has goals for them. If there is a target
+/// and the hand is scripted, the tip must end within 1.5 mm of the target's height. If no proposal through chosen points is free of
+/// warnings, the one with the fewest is returned. Errors: (refused, with the reason) the asset is empty, two of its slices are
+/// less than 0.1 mm apart, its bone is nowhere as wide as the tool, or `options.stop` was set; without chosen points: every
+/// proposal has a warning; with chosen points: no needle can take the path (needle_path.h), the device cannot turn or move so
+/// far, or no scene along it runs.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices = {});

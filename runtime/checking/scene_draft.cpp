@@ -22,7 +22,7 @@ constexpr double kAbove_m = 0.006, kBelow_m = 0.013, kBelowTarget_m = 0.008;
 // Distance of slices at which each is felt separately: a puncture takes 7 mm.
 constexpr double kApart_m = 0.0095;
 constexpr std::size_t kMaxSlices = 5;
-// The goals of a way that a person has chosen.
+// The goals of a path that a person has chosen.
 constexpr double kTargetRadius_m = 0.002, kCorridor_m = 0.003;
 
 /// Rounds to a multiple of 1 / parts.
@@ -41,28 +41,29 @@ Json rounded_point(const Vector3d& at_m) {
 
 }  // namespace
 
-std::vector<std::size_t> felt_levels(const std::vector<Level>& levels, const NeedleWay& way) {
+std::vector<std::size_t> separable_levels(const std::vector<Level>& levels,
+                                          const NeedlePath& path) {
   std::vector<std::size_t> felt;
-  for (std::size_t i = way.first; i <= way.last && felt.size() < kMaxSlices; ++i) {
-    if (way.is_clear[i] == 0) continue;
+  for (std::size_t i = path.first; i <= path.last && felt.size() < kMaxSlices; ++i) {
+    if (path.has_material[i] == 0) continue;
     if (felt.empty() || levels[felt.back()].z_mm - levels[i].z_mm >= 1e3 * kApart_m)
       felt.push_back(i);
   }
   return felt;
 }
 
-double height_beside_bone_m(const NeedleWay& way) {
-  return kAbove_m + (way.has_target ? kBelowTarget_m : kBelow_m);
+double height_outside_bone_m(const NeedlePath& path) {
+  return kAbove_m + (path.has_target ? kBelowTarget_m : kBelow_m);
 }
 
-SceneDraft::SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedleWay& way,
-                       bool is_chosen, DraftHeights heights)
-    : asset_(asset), levels_(levels), way_(way), is_chosen_(is_chosen), heights_(heights) {
-  anchor_mm_ = (way.entry_mm + way.end_mm).head<2>() / 2;
+SceneDraft::SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedlePath& path,
+                       bool is_chosen, TipHeights heights)
+    : asset_(asset), levels_(levels), path_(path), is_chosen_(is_chosen), heights_(heights) {
+  anchor_mm_ = (path.entry_mm + path.end_mm).head<2>() / 2;
   for (double& x : anchor_mm_)
     x = rounded(x, 100);
   // The path is in the middle of the heights.
-  const double used_m = 1e-3 * (way.entry_mm.z() - way.end_mm.z()) + height_beside_bone_m(way);
+  const double used_m = 1e-3 * (path.entry_mm.z() - path.end_mm.z()) + height_outside_bone_m(path);
   const double free_m = heights.high_m - heights.low_m - used_m;
   entry_z_m_ = rounded(heights.high_m - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
 }
@@ -72,8 +73,9 @@ void SceneDraft::name_files(const std::filesystem::path& asset_file,
   std::error_code failed;
   std::filesystem::path folder = scene_file.parent_path();
   if (folder.empty()) folder = ".";
-  std::filesystem::path asset =
-      asset_file.is_absolute() ? asset_file : std::filesystem::relative(asset_file, folder, failed);
+  std::filesystem::path asset = std::filesystem::relative(asset_file, folder, failed);
+  const bool is_outside = asset.empty() || *asset.begin() == "..";
+  if (asset_file.is_absolute() && is_outside) asset = asset_file;
   if (failed || asset.empty()) asset = std::filesystem::absolute(asset_file, failed);
   asset_name_ = asset.generic_string();
   scene_name_ = "Proposed for " + asset_file.filename().string();
@@ -81,11 +83,11 @@ void SceneDraft::name_files(const std::filesystem::path& asset_file,
 
 Vector3d SceneDraft::to_device(const Vector3d& at_mm) const {
   const Eigen::Vector2d xy_m = 1e-3 * (at_mm.head<2>() - anchor_mm_);
-  return {xy_m.x(), xy_m.y(), entry_z_m_ + 1e-3 * (at_mm.z() - way_.entry_mm.z())};
+  return {xy_m.x(), xy_m.y(), entry_z_m_ + 1e-3 * (at_mm.z() - path_.entry_mm.z())};
 }
 
 double SceneDraft::height_m(std::size_t level) const {
-  return entry_z_m_ + 1e-3 * (levels_[level].z_mm - way_.entry_mm.z());
+  return entry_z_m_ + 1e-3 * (levels_[level].z_mm - path_.entry_mm.z());
 }
 
 Json SceneDraft::head() const {
@@ -96,12 +98,12 @@ Json SceneDraft::head() const {
 }
 
 Json SceneDraft::goals() const {
-  Json line = {{"entry_m", rounded_point(to_device(way_.entry_mm))}};
-  if (!way_.has_target) line["direction"] = rounded_point(way_.direction);
+  Json line = {{"entry_m", rounded_point(to_device(path_.entry_mm))}};
+  if (!path_.has_target) line["direction"] = rounded_point(path_.direction);
   line["entry_radius_m"] = line["corridor_m"] = kCorridor_m;
   Json goals;
-  if (way_.has_target)
-    goals["target"] = {{"at_m", rounded_point(to_device(way_.end_mm))},
+  if (path_.has_target)
+    goals["target"] = {{"at_m", rounded_point(to_device(path_.end_mm))},
                        {"radius_m", kTargetRadius_m}};
   goals["line"] = std::move(line);
   return goals;
@@ -109,9 +111,9 @@ Json SceneDraft::goals() const {
 
 Json SceneDraft::keyframe(double t_s, const Vector3d& tip_m) const {
   Json key = {{"t_s", rounded(t_s, 1e3)}, {"tip_m", rounded_point(tip_m)}};
-  const double angle_deg = tilt_deg(way_);
+  const double angle_deg = tilt_deg(path_);
   if (!(angle_deg > 0)) return key;
-  const Vector3d axis = (-Vector3d::UnitZ()).cross(way_.direction).normalized();
+  const Vector3d axis = (-Vector3d::UnitZ()).cross(path_.direction).normalized();
   Json rotation = Json::array();
   for (const double x : axis)
     rotation.push_back(rounded(x * angle_deg, 1e3));
@@ -121,10 +123,10 @@ Json SceneDraft::keyframe(double t_s, const Vector3d& tip_m) const {
 
 Json SceneDraft::hand(double speed_m_per_s, bool returns, Json& scene) const {
   constexpr double kRest_s = 0.2;
-  const Vector3d& along = way_.direction;
-  const Vector3d from_m = to_device(way_.entry_mm) + kAbove_m / along.z() * along;
-  const double below_m = way_.has_target ? beyond_target_m_ : kBelow_m;
-  const Vector3d to_m = to_device(way_.end_mm) - below_m / along.z() * along;
+  const Vector3d& along = path_.direction;
+  const Vector3d from_m = to_device(path_.entry_mm) + kAbove_m / along.z() * along;
+  const double below_m = path_.has_target ? beyond_target_m_ : kBelow_m;
+  const Vector3d to_m = to_device(path_.end_mm) - below_m / along.z() * along;
   const double length_m = (to_m - from_m).norm();
   const double down_s = kRest_s + length_m / speed_m_per_s;
   Json keys = {keyframe(0, from_m), keyframe(kRest_s, from_m), keyframe(down_s, to_m)};
@@ -141,8 +143,8 @@ Json SceneDraft::hand(double speed_m_per_s, bool returns, Json& scene) const {
 
 Json SceneDraft::cutting(double force_scale) const {
   Json scene = head();
-  std::size_t first = way_.first, last = way_.last;
-  // All bone near a chosen way is there, because a person may leave it, or stop in the bone.
+  std::size_t first = path_.first, last = path_.last;
+  // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
   const auto is_joined = [&](std::size_t above) {
     return levels_[above].z_mm - levels_[above + 1].z_mm <=
            1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
@@ -167,7 +169,7 @@ Json SceneDraft::cutting(double force_scale) const {
                        {"bed_N_per_mm3", 30},
                        {"lateral_strength_MPa", 5}}}};
   scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
-  scene["tool"] = {{"sides", 12}, {"radius_m", kNeedle_m}};
+  scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
   scene["hand"] = hand(0.0115, true, scene);
   if (is_chosen_) scene["goals"] = goals();
   return scene;
@@ -176,13 +178,13 @@ Json SceneDraft::cutting(double force_scale) const {
 Json SceneDraft::sheets(double threshold_N, double share) const {
   Json scene = head();
   scene["slices"] = Json::array();
-  for (const std::size_t level : felt_levels(levels_, way_))
+  for (const std::size_t level : separable_levels(levels_, path_))
     scene["slices"].push_back(
         {{"index", levels_[level].slice->index}, {"z_m", rounded(height_m(level), 1e7)}});
   scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
   scene["force_law"] = {{"kind", "hooke"}};
   if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
-  scene["tool"] = {{"sides", 6}, {"radius_m", kPaperTool_m}};
+  scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
   scene["hand"] = hand(0.0175, false, scene);
   if (is_chosen_) scene["goals"] = goals();
   return scene;

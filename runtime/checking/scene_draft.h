@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drafts of the scene along a needle's way, as JSON. Nothing is checked here; new_scene.h tries the drafts.
+// Drafts of scenes for a needle's path, as JSON. Nothing is checked here; new_scene.h tries the drafts.
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
@@ -9,43 +9,48 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
-#include "runtime/checking/needle_way.h"
+#include "runtime/checking/needle_path.h"
 
 namespace trocar::runtime {
 
-inline constexpr double kNeedle_m = 0.0015, kPaperTool_m = 0.003;  ///< radii of the tools of drafts
+inline constexpr double kNeedleRadius_m = 0.0015,
+                        kPaperToolRadius_m = 0.003;  ///< radii of the tools of drafts
 
-/// The heights of the tip that a draft may use.
-struct DraftHeights {
+/// The range of the tip's heights in {B} that a draft may use.
+struct TipHeights {
   double low_m = 0, high_m = 0;
 };
-/// The height that a way uses beyond the bone that it goes through, for the hand's path above and below.
-double height_beside_bone_m(const NeedleWay& way);
+/// Returns how far in m the hand moves above the entry and below the end of the path, both together.
+double height_outside_bone_m(const NeedlePath& path);
 
-/// Returns the levels of a way that have material there and are far enough apart for each to be felt separately; at most 5.
-std::vector<std::size_t> felt_levels(const std::vector<Level>& levels, const NeedleWay& way);
+/// Returns the indices of at most 5 levels, from the top down, at which the path goes through material, and which are so far apart
+/// (9.5 mm) that each puncture is felt separately.
+std::vector<std::size_t> separable_levels(const std::vector<Level>& levels, const NeedlePath& path);
 
 class SceneDraft {
  public:
   using Json = nlohmann::ordered_json;  // ordered, because people read scenes
 
-  /// `levels`: of the asset, the topmost first. `is_chosen`: a person has chosen the way, so that it becomes the goal. The asset,
-  /// the levels and the way must outlive the draft.
-  SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedleWay& way,
-             bool is_chosen, DraftHeights heights);
+  /// `levels`: of the asset, the topmost first. `is_chosen`: a person has chosen the path. The scene then has goals for it, and its
+  /// bone volume includes the connected slices above and below. The asset, the levels and the path must outlive the draft.
+  SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedlePath& path,
+             bool is_chosen, TipHeights heights);
 
-  /// Names the asset, relative to the folder of the scene unless its own name is absolute.
+  /// Sets the scene's name, and the asset's file name in it: relative to the scene's folder, except that an absolute name of a file
+  /// outside of that folder stays absolute.
   void name_files(const std::filesystem::path& asset_file, const std::filesystem::path& scene_file);
-  /// How much farther than the target the scripted hand goes, because the needle stays behind it. Without a target it has no effect.
-  void set_reach(double beyond_target_m) { beyond_target_m_ = beyond_target_m; }
+  /// Sets the height by which the scripted hand's path ends below the target, because the tip lags behind the hand. It may be
+  /// negative, and has no effect without a target.
+  void set_overshoot(double beyond_target_m) { beyond_target_m_ = beyond_target_m; }
 
-  /// A scene with one bone volume of the levels around the way, strength by HU, and a hand that goes in and out.
+  /// A scene with one bone volume of the levels around the path, with a strength computed from HU, and a hand that goes in and out.
   Json cutting(double force_scale) const;
-  /// A scene with a single sheet at each of felt_levels(). `share`: of a force that the device renders.
+  /// A scene with a single sheet at each of separable_levels(). `share`: the fraction of the force that the device can render; below 1
+  /// it becomes the force scale.
   Json sheets(double threshold_N, double share) const;
-  bool has_target() const { return way_.has_target; }
-  /// The height of the target in {B}, in m; the way must have one.
-  double target_z_m() const { return to_device(way_.end_mm).z(); }
+  bool has_target() const { return path_.has_target; }
+  /// The height of the target in {B}, in m; the path must have one.
+  double target_z_m() const { return to_device(path_.end_mm).z(); }
 
  private:
   Json head() const;
@@ -57,9 +62,9 @@ class SceneDraft {
 
   const Asset& asset_;
   const std::vector<Level>& levels_;
-  const NeedleWay& way_;
+  const NeedlePath& path_;
   bool is_chosen_;
-  DraftHeights heights_;
+  TipHeights heights_;
   std::string asset_name_, scene_name_;
   Eigen::Vector2d anchor_mm_ = Eigen::Vector2d::Zero();
   double entry_z_m_ = 0;  ///< height of the entry in {B}

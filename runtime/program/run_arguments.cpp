@@ -183,9 +183,6 @@ Result<std::array<double, 3>> read_point(const std::string& option, const std::s
 }
 
 Result<void> check_new_scene(const RunArguments& a) {
-  if (a.new_scene.empty() && !a.entry.empty()) return usage("--entry: is for --new-scene");
-  if (a.entry.empty() && !a.target.empty())
-    return usage("--target: needs --entry, the point where the needle enters");
   if (a.new_scene.empty()) return {};
   if (!a.scene.empty()) return usage("--new-scene: makes a scene; leave " + a.scene + " out");
   if (a.output.empty()) return usage("--new-scene: needs -o SCENE.json, the file to write");
@@ -194,6 +191,9 @@ Result<void> check_new_scene(const RunArguments& a) {
 }
 
 Result<void> check_scene_arguments(const RunArguments& a) {
+  if (a.new_scene.empty() && !a.entry.empty()) return usage("--entry: is for --new-scene");
+  if (a.entry.empty() && !a.target.empty())
+    return usage("--target: needs --entry, the point where the needle enters");
   if (auto good = check_procedure(a); !good) return good;
   if (a.explain) return {};
   if (!a.history.empty()) return check_history(a);

@@ -8,7 +8,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/trainee.h"
-#include "runtime/checking/needle_way.h"
+#include "runtime/checking/needle_path.h"
 #include "runtime/devices/open_device.h"
 #include "runtime/session/session_options.h"
 

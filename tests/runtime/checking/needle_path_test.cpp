@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/checking/needle_way.h"
+#include "runtime/checking/needle_path.h"
 
 #include <gtest/gtest.h>
 
@@ -19,7 +19,7 @@ using Eigen::Vector3d;
 
 constexpr double kAny = 1e9;
 
-/// Squares of 40 mm around (80, 60) mm, 2 mm apart, in a patient who lies askew. The slices in `empty` have no material.
+/// Squares of 40 mm around (80, 60) mm, 2 mm apart, in a patient who lies askew. `empty`: slices that have none.
 struct Stack {
   explicit Stack(int slices, const std::vector<int>& empty = {})
       : asset(test::square_asset(slices)) {
@@ -40,14 +40,14 @@ struct Stack {
     const Vector3d at = T_lps * Vector3d(u, v, z);
     return {at.x(), at.y(), at.z()};
   }
-  Result<NeedleWay> plan(std::array<double, 3> entry, std::optional<std::array<double, 3>> target,
-                         double height_mm = kAny, double gap_mm = kAny) const {
-    return plan_needle_way(asset, levels, {entry, target}, height_mm, gap_mm);
+  Result<NeedlePath> plan(std::array<double, 3> entry, std::optional<std::array<double, 3>> target,
+                          double height_mm = kAny, double gap_mm = kAny) const {
+    return plan_needle_path(asset, levels, {entry, target}, height_mm, gap_mm);
   }
   std::string refusal(std::array<double, 3> entry,
                       std::optional<std::array<double, 3>> target) const {
-    const auto way = plan(entry, target);
-    return way ? "" : way.error().message;
+    const auto path = plan(entry, target);
+    return path ? "" : path.error().message;
   }
 
   Asset asset;
@@ -59,53 +59,79 @@ bool near(const Vector3d& a, const Vector3d& b) {
   return (a - b).norm() < 1e-9;
 }
 
-TEST(NeedleWay, GoesStraightDownWithoutATarget) {
+TEST(NeedlePath, GoesStraightDownWithoutATarget) {
   const Stack stack(10);
-  const auto way = stack.plan(stack.lps(75, 66, 18), {});
-  ASSERT_TRUE(way) << way.error().message;
-  EXPECT_TRUE(near(way->entry_mm, {75, 66, 18}));
-  EXPECT_TRUE(near(way->end_mm, {75, 66, 0}));
-  EXPECT_TRUE(near(way->direction, {0, 0, -1}));
-  EXPECT_EQ(tilt_deg(*way), 0);
-  EXPECT_EQ(way->first, 0U);
-  EXPECT_EQ(way->last, 9U);
-  EXPECT_NEAR(way->thickness_mm, 20, 1e-9);
-  EXPECT_FALSE(way->has_target);
+  const auto path = stack.plan(stack.lps(75, 66, 18), {});
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_TRUE(near(path->entry_mm, {75, 66, 18}));
+  EXPECT_TRUE(near(path->end_mm, {75, 66, 0}));
+  EXPECT_TRUE(near(path->direction, {0, 0, -1}));
+  EXPECT_EQ(tilt_deg(*path), 0);
+  EXPECT_EQ(path->first, 0U);
+  EXPECT_EQ(path->last, 9U);
+  EXPECT_NEAR(path->thickness_mm, 20, 1e-9);
+  EXPECT_FALSE(path->has_target);
 
   const auto within = stack.plan(stack.lps(75, 66, 18), {}, 7);
   EXPECT_TRUE(within && near(within->end_mm, {75, 66, 12}));
 }
 
-TEST(NeedleWay, GoesFromEntryToTarget) {
+TEST(NeedlePath, GoesFromEntryToTarget) {
   const Stack stack(10);
   const Vector3d entry(75, 66, 18), target(81, 58, 5);
-  const auto way = stack.plan(stack.lps(75, 66, 18), stack.lps(81, 58, 5));
-  ASSERT_TRUE(way) << way.error().message;
-  EXPECT_TRUE(near(way->entry_mm, entry));
-  EXPECT_TRUE(near(way->end_mm, target));
-  EXPECT_TRUE(near(way->direction, (target - entry).normalized()));
-  EXPECT_NEAR(tilt_deg(*way), std::atan2(10, 13) * 180 / M_PI, 1e-9);
-  EXPECT_EQ(way->last, 6U) << "the level at 6 mm is the last above the target";
-  EXPECT_TRUE(near(point_at(*way, 5), target));
+  const auto path = stack.plan(stack.lps(75, 66, 18), stack.lps(81, 58, 5));
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_TRUE(near(path->entry_mm, entry));
+  EXPECT_TRUE(near(path->end_mm, target));
+  EXPECT_TRUE(near(path->direction, (target - entry).normalized()));
+  EXPECT_NEAR(tilt_deg(*path), std::atan2(10, 13) * 180 / M_PI, 1e-9);
+  EXPECT_EQ(path->last, 6U) << "the level at 6 mm is the last above the target";
+  EXPECT_TRUE(near(point_at(*path, 5), target));
 }
 
-TEST(NeedleWay, EntersWhereItMeetsTheBone) {
+TEST(NeedlePath, EntersWhereItMeetsTheBone) {
   const Stack stack(10);
   // Chosen inside the bone, above it, and between two levels.
   const auto inside = stack.plan(stack.lps(80, 60, 9), {});
   ASSERT_TRUE(inside) << inside.error().message;
   EXPECT_TRUE(near(inside->entry_mm, {80, 60, 18}));
-  EXPECT_NEAR(inside->moved_mm, 9, 1e-9);
+  EXPECT_NEAR(inside->entry_shift_mm, 9, 1e-9);
   const auto above = stack.plan(stack.lps(80, 60, 30), stack.lps(80, 66, 6));
   ASSERT_TRUE(above) << above.error().message;
   EXPECT_TRUE(near(above->entry_mm, {80, 63, 18}));
 
-  const Stack apart(10, {7, 8, 9});  // the topmost level is at 12 mm
-  const auto surface = apart.plan(apart.lps(80, 60, 12.9), {});
-  EXPECT_TRUE(surface && near(surface->entry_mm, {80, 60, 12}));
+  const Stack lower(
+      10, {7, 8, 9});  // the topmost level is at 12 mm, and its surface within half a slice above
+  const auto surface = lower.plan(lower.lps(80, 60, 12.9), {});
+  EXPECT_TRUE(surface && near(surface->entry_mm, {80, 60, 12.9}));
+  const auto air = lower.plan(lower.lps(80, 60, 13.5), {});
+  EXPECT_TRUE(air && near(air->entry_mm, {80, 60, 12}));
 }
 
-TEST(NeedleWay, KeepsASurfacePointBetweenLevels) {
+TEST(NeedlePath, SlicesWithoutMaterialPartTheBone) {
+  const Stack stack(10, {4, 5});
+  EXPECT_NE(stack.refusal(stack.lps(80, 60, 6), {}).find("through the bone of slice 9"),
+            std::string::npos);
+  // Air above the lower piece, where the upper one is absent.
+  Stack aside(10, {4, 5});
+  for (std::size_t i = 6; i < 10; ++i) {
+    for (LatticePoint& vertex : aside.asset.slices[i].mesh.vertices)
+      vertex.x += static_cast<int>(60 / aside.asset.lattice.step_mm());
+  }
+  const auto path = aside.plan(aside.lps(80, 60, 9), {});
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_TRUE(near(path->entry_mm, {80, 60, 6}));
+  EXPECT_NEAR(path->entry_shift_mm, 3, 1e-9);
+}
+
+TEST(NeedlePath, NeedsSlicesStraightAboveEachOther) {
+  Stack stack(10);
+  for (AssetSlice& slice : stack.asset.slices)
+    slice.T_lps_plane = slice.T_lps_plane * Eigen::Translation3d(0.1 * slice.index, 0, 0);
+  EXPECT_NE(stack.refusal(stack.lps(80, 60, 18), {}).find("tilted gantry"), std::string::npos);
+}
+
+TEST(NeedlePath, KeepsASurfacePointBetweenLevels) {
   Stack stack(10);
   // Only the lower half of the stack has material at this point.
   for (AssetSlice& slice : stack.asset.slices) {
@@ -113,14 +139,14 @@ TEST(NeedleWay, KeepsASurfacePointBetweenLevels) {
     for (LatticePoint& vertex : slice.mesh.vertices)
       vertex.x += static_cast<int>(40 / stack.asset.lattice.step_mm());
   }
-  const auto way = stack.plan(stack.lps(75, 60, 8.6), {});
-  ASSERT_TRUE(way) << way.error().message;
-  EXPECT_TRUE(near(way->entry_mm, {75, 60, 8.6}));
-  EXPECT_EQ(way->moved_mm, 0);
-  EXPECT_EQ(stack.levels[way->first].slice->index, 4);
+  const auto path = stack.plan(stack.lps(75, 60, 8.6), {});
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_TRUE(near(path->entry_mm, {75, 60, 8.6}));
+  EXPECT_EQ(path->entry_shift_mm, 0);
+  EXPECT_EQ(stack.levels[path->first].slice->index, 4);
 }
 
-TEST(NeedleWay, SaysWhyThereIsNone) {
+TEST(NeedlePath, SaysWhyThereIsNone) {
   Stack stack(10);
   EXPECT_NE(
       stack.refusal(stack.lps(80, 60, 5), stack.lps(80, 60, 8)).find("is not below the entry"),
@@ -138,12 +164,12 @@ TEST(NeedleWay, SaysWhyThereIsNone) {
   EXPECT_TRUE(stack.plan(stack.lps(80, 60, 18), {}));
 }
 
-TEST(NeedleWay, EndsAtAGapThatIsTooWide) {
+TEST(NeedlePath, EndsAtAGapThatIsTooWide) {
   const Stack stack(10, {4, 5});
-  const auto way = stack.plan(stack.lps(80, 60, 18), {}, kAny, 3);
-  ASSERT_TRUE(way) << way.error().message;
-  EXPECT_TRUE(near(way->end_mm, {80, 60, 12}));
-  EXPECT_EQ(way->max_gap_mm, 2);
+  const auto path = stack.plan(stack.lps(80, 60, 18), {}, kAny, 3);
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_TRUE(near(path->end_mm, {80, 60, 12}));
+  EXPECT_EQ(path->max_gap_mm, 2);
   const auto through = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), kAny, 3);
   EXPECT_TRUE(through && through->max_gap_mm == 6);
 }
