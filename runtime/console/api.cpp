@@ -123,6 +123,8 @@ Answer new_scene(ConsoleState& console, const json& body) {
   if (const std::string why = trainee_code_error(request.name);
       request.name.empty() || !why.empty())
     return failure(kBadRequest, "body: /name: " + (why.empty() ? "must not be empty" : why));
+  if (request.has_live_hand && request.device.name != kInProcess)
+    return failure(kBadRequest, "body: /live_hand: is for the device inproc");
   if (request.target_mm && !request.entry_mm)
     return failure(kBadRequest, "body: /target_mm: needs entry_mm");
   const auto file = asset_of(console, scene, asset);

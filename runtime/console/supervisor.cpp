@@ -89,7 +89,11 @@ Result<void> Supervisor::check_free() {
 
 Result<void> Supervisor::make_scene(const NewSceneRequest& request) {
   if (auto free = check_free(); !free) return free;
-  return scene_maker_.start(request, settings_.programs, settings_.folder, settings_.sessions);
+  std::vector<std::string> options;
+  if (settings_.stiffness_limit_N_per_m)
+    options = {"--stiffness-limit", text_line("%.9g", *settings_.stiffness_limit_N_per_m)};
+  return scene_maker_.start(request, {settings_.programs, settings_.folder, settings_.sessions},
+                            options);
 }
 
 Result<void> Supervisor::test_device(const DeviceChoice& device) {

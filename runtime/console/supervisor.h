@@ -24,12 +24,12 @@
 
 namespace trocar::runtime {
 
-/// kSilent: it runs, but has stated nothing new for kSilentAfter.
+/// kSilent: the session runs, but no new telemetry has come for kSilentAfter. kLost: its process is gone without an end.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
 
-/// Take one X-ray picture, hold screening, or end it.
+/// Take one X-ray picture, keep continuous X-ray (screening) on, or switch it off.
 enum class XrayRequest : std::uint8_t { kShot, kScreen, kEnd };
 
 struct StartRequest {
@@ -46,7 +46,8 @@ class Supervisor {
  public:
   using Clock = std::chrono::steady_clock;
   struct Settings {
-    std::filesystem::path folder;    ///< empty: playback, no session
+    std::filesystem::path
+        folder;  ///< the folder of the scenes; empty: the console only plays recordings
     std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
     std::filesystem::path attach;    ///< telemetry link to follow instead of starting sessions
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
@@ -59,8 +60,8 @@ class Supervisor {
   /// Starts a session. Errors: (refused) a session or a test already runs, or a program cannot be
   /// started.
   Result<void> start(const StartRequest& request);
-  /// Tests a device without force. Errors: (refused) as for start(), or it is a simulated device of
-  /// the console's own.
+  /// Starts the test of a device, which gets no force. Errors: (refused) as for start(), or the console
+  /// itself simulates the device.
   Result<void> test_device(const DeviceChoice& device);
   const DeviceTest& test() const noexcept { return test_; }
   /// Makes a scene in the console's folder. Errors: (refused) as for start(), or those of SceneMaker::start().
@@ -69,14 +70,14 @@ class Supervisor {
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
   /// Hides what pages must not see: absolute paths and the files of the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
-  /// Takes an X-ray picture, or holds screening or lets it go; holding lasts 1 s. Errors: (refused) there is no
-  /// session, or it takes no X-ray.
+  /// Takes an X-ray picture, or switches screening on or off. It goes off after 1 s unless this is repeated. Errors: (refused)
+  /// there is no session, or it takes no X-ray.
   Result<void> xray(XrayRequest request);
   /// Passes a command on; `stop` also ends a test or the making of a scene. Errors: (refused) there is no session.
   Result<void> command(TelemetryCommand command);
   /// True if a session runs whose live hand can be moved.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
-  /// Moves the live hand, which must exist; none: it lets go.
+  /// Sets the target of the live hand, which must exist: the tip in {B} in m, and the rotation vector in rad; none: it lets go.
   void move_hand(const std::optional<std::array<double, 6>>& target) {
     telemetry_.move_hand(target);
   }
@@ -86,13 +87,14 @@ class Supervisor {
   /// Ends this console's own sessions: first with a command, after `patience` with SIGKILL. Returns
   /// true as soon as all of them have ended.
   bool end_all(Clock::time_point now, Clock::duration patience);
-  /// Reads what is new. The caller must call this every few milliseconds.
+  /// Reads telemetry, follows the console's processes, and checks an emergency stop that was sent. The caller must call this every
+  /// few milliseconds.
   void poll(Clock::time_point now);
 
   /// Telemetry of the present session, or of the last one.
   const SessionTelemetry& telemetry() const noexcept { return telemetry_; }
   RunState state() const noexcept { return state_; }
-  /// Returns true if the session starts, runs or is paused.
+  /// Returns true if the session starts, runs, is silent or is paused.
   bool is_live() const noexcept {
     return state_ == RunState::kStarting || state_ == RunState::kRunning ||
            state_ == RunState::kSilent || state_ == RunState::kPaused;
@@ -105,7 +107,7 @@ class Supervisor {
   std::filesystem::path log_file() const;
 
  private:
-  /// After an emergency stop the torques must be zero at `until`, in a tick later than `ticks`.
+  /// After an emergency stop a tick later than `ticks` must show zero torques, at `until` at the latest.
   struct StopCheck {
     Clock::time_point until;
     double ticks = 0;
@@ -144,7 +146,7 @@ class Supervisor {
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< size of the log when the device was started
   Clock::time_point started_at_, searched_at_, polled_at_;
-  std::uint64_t heard_ = 0;  ///< SessionTelemetry::snapshots() when the last one came
+  std::uint64_t heard_ = 0;  ///< SessionTelemetry::snapshots() at the last poll
   Clock::duration silence_{};
   std::optional<Clock::time_point> ending_since_;
   std::optional<StopCheck> stop_check_;

@@ -28,9 +28,9 @@ def bone_of(console, scene):
     return container(console.request("GET", f"/api/bone?scene={scene}", raw=True)[1])
 
 
-def largest_triangle(bone, arrays):
-    """The middle of the largest triangle of the topmost slice, in {B}."""
-    top = bone["slices"][0]
+def largest_triangle(bone, arrays, below_m=0.0):
+    """The middle of the largest triangle of the slice that lies so far below the topmost one, in {B}."""
+    top = min(bone["slices"], key=lambda each: abs(each["z_m"] - bone["slices"][0]["z_m"] + below_m))
     numbers = lambda part, kind: np.frombuffer(arrays, kind, part[1], part[0])
     corners = numbers(top["vertices"], "<f4").reshape(-1, 2)[numbers(top["triangles"], "<u4").reshape(-1, 3)].astype(float)
     (a, b), (c, d) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
@@ -51,7 +51,7 @@ def main():
         console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
         bone, arrays = bone_of(console, "scenes/vertebra.json")
         entry = largest_triangle(bone, arrays)
-        result = drive("drive_new_scene.mjs", {**links_of(console), "out": str(WORK / "pictures"), "entry": entry})
+        result = drive("drive_new_scene.mjs", {**links_of(console), "out": str(WORK / "pictures"), "entry": entry, "beside": largest_triangle(bone, arrays, 0.018)})
         said = result["chosen"]
         there = np.array(bone["lps_mm_of_device"]) @ [*entry, 1]
         check(np.linalg.norm(point(said["section"]["entry"]) - there) < 0.4, f"the page says {said['section']}, the point is {there}")

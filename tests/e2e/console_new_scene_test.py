@@ -4,6 +4,7 @@ it, what is refused, and that nothing else of the folder changes."""
 import json
 import os
 import pathlib
+import shutil
 import sys
 import time
 
@@ -47,7 +48,7 @@ def test_refusals(console, entry):
     good = {"scene": "scenes/vertebra.json", "name": "new", "entry_mm": entry}
     for change, status in (({"name": "a/b"}, 400), ({"name": "../up"}, 400), ({"name": ""}, 400), ({"name": "x" * 33}, 400), ({"name": 3}, 400), ({"entry_mm": [1, 2]}, 400),
                            ({"entry_mm": [1, 2, "3"]}, 400), ({"entry_mm": [1, 2, 1e9]}, 400), ({"target_mm": None}, 400), ({"live_hand": 1}, 400), ({"device": "udp:127.0.0.1:1"}, 400),
-                           ({"scene": "none.json"}, 404), ({"scene": "../x.json"}, 404), ({"asset": "none.glb"}, 404), ({"more": 1}, 400)):
+                           ({"live_hand": True, "device": "sim"}, 400), ({"scene": "none.json"}, 404), ({"scene": "../x.json"}, 404), ({"asset": "none.glb"}, 404), ({"more": 1}, 400)):
         told = console.post(PATH, {**good, **change})
         check(told[0] == status and told[1]["error"], f"{change}: {told}")
     without = {key: value for key, value in good.items() if key != "entry_mm"}
@@ -66,9 +67,9 @@ def test_made(console, folder, entry, target):
         status, answer = console.post(path, other)
         check(status == 409 and "a scene is being made" in answer["error"], f"{path} meanwhile: {status} {answer}")
     told, states = result(console)
-    check(told["scene"] == "to_target.json" and told["exit_code"] == 0 and "checking" in states, f"{told}, {set(states)}")
+    check(told["scene"] == "to_target.json" and told["end"] == "exit code 0" and told["name"] == "to_target" and "checking" in states, f"{told}, {set(states)}")
     check(told["warnings"] == [] and told["check"].startswith("scene") and "the needle enters at" in told["text"], f"{told}")
-    check(str(folder) not in json.dumps(told) and str(WORK) not in json.dumps(told), f"a path is told: {told}")
+    check(not any(part in json.dumps(told) for part in (str(folder), str(WORK), WORK.name)), f"a path is told: {told}")
     after = files_of(folder)
     check({name: after[name] for name in before} == before and set(after) - set(before) == {"to_target.json"}, f"{set(after) - set(before)}")
     scene = json.loads((folder / "to_target.json").read_text())
@@ -93,10 +94,63 @@ def test_of_asset(console, folder):
     check(console.post(PATH, {"asset": "sample.glb", "name": "nowhere", "entry_mm": [5000, 0, 0]})[0] == 200, "an entry far away")
     told, _ = result(console)
     last = told["text"].strip().splitlines()[-1]
-    check(told["exit_code"] == 3 and "scene" not in told and "check" not in told and "the needle meets no bone there" in last, f"{told}")
+    check(told["end"] == "exit code 3" and "scene" not in told and "check" not in told and "the needle meets no bone there" in last, f"{told}")
     check(not (folder / "nowhere.json").exists(), "a refused scene was written")
     os.symlink("/tmp/nothing", folder / "link.json")
     check(console.post(PATH, {"asset": "sample.glb", "name": "link"})[0] == 409, "a scene in place of a link")
+
+
+def until(console, state):
+    end = time.monotonic() + WITHIN_s
+    while time.monotonic() < end and console.get(PATH)[1]["state"] != state:
+        time.sleep(0.002)
+
+
+def test_name_taken_meanwhile(console, folder):
+    check(console.post(PATH, {"asset": "sample.glb", "name": "taken"})[0] == 200, "a scene whose name will be taken")
+    (folder / "taken.json").write_text("another file")
+    told, _ = result(console)
+    check("scene" not in told and "taken.json already" in told["error"], f"{told}")
+    check((folder / "taken.json").read_text() == "another file" and not list(folder.glob("*.making")), "a file was replaced or left")
+
+
+def test_stopped_check(console, folder):
+    check(console.post(PATH, {"asset": "sample.glb", "name": "unchecked"})[0] == 200, "a scene whose check will be stopped")
+    until(console, "checking")
+    console.post("/api/command", {"command": "stop"})
+    told, _ = result(console)
+    check(told["scene"] == "unchecked.json" and told["stopped"] and "warnings" not in told, f"{told}")
+    check((folder / "unchecked.json").exists(), "the scene is gone")
+
+
+STAND_IN = """#!/bin/sh
+echo "$@" >> {said}
+case "$*" in
+  *--new-scene*) {make} ;;
+  *--check*) echo "what the check says"; echo "trocar-run: warning: x.json: at 1 s: too soft" >&2; echo "trocar-run: warning: x.json: second" >&2; {check} ;;
+esac
+"""
+MAKE = 'while [ $# -gt 0 ]; do if [ "$1" = -o ]; then echo "{}" > "$2"; fi; shift; done; echo made'
+
+
+def test_stand_in(programs, folder, entry):
+    """What the console makes of trocar-run's words and ends, with a stand-in for it: findings, a check that fails, a program that dies."""
+    own = WORK / "programs"
+    own.mkdir()
+    shutil.copy(programs / "trocar-console", own)
+    for name, make, ends, expected in (("found", MAKE, "exit 0", {"warnings": ["at 1 s: too soft", "second"], "check": "what the check says\n", "end": "exit code 0"}),
+                                       ("failed", MAKE, "exit 3", {"end": "exit code 3"}), ("died", "kill -9 $$", "", {"end": "signal 9", "text": ""})):
+        said = WORK / f"{name}.said"
+        (own / "trocar-run").write_text(STAND_IN.format(said=said, make=make, check=ends))
+        (own / "trocar-run").chmod(0o755)
+        console = Console(own / "trocar-console", folder, "--stiffness-limit", "1234", page=PAGE)
+        check(console.post(PATH, {"asset": "sample.glb", "name": name, "entry_mm": entry})[0] == 200, f"{name}: the start")
+        told, _ = result(console)
+        check(expected.items() <= told.items() and ("scene" in told) == (name != "died") and ("warnings" in told) == (name == "found"), f"{name}: {told}")
+        check("check" not in told or name == "found" or "too soft" in told["check"], f"{name}: {told}")
+        words = said.read_text().splitlines()
+        check(len(words) == (1 if name == "died" else 2) and all("--device inproc --stiffness-limit 1234" in line for line in words), f"{name}: {words}")
+        check(console.stop() == 0, f"{name}: the console did not end as it should")
 
 
 def test_stop(console, folder):
@@ -114,9 +168,12 @@ def main():
     test_refusals(console, entry)
     test_made(console, folder, entry, target)
     test_of_asset(console, folder)
+    test_name_taken_meanwhile(console, folder)
+    test_stopped_check(console, folder)
     test_stop(console, folder)
     check(console.post(PATH, {"asset": "sample.glb", "name": "ended"})[0] == 200, "a scene when the console ends")
-    check(console.stop() == 0 and not (folder / "ended.json").exists(), "the console did not end as it should")
+    check(console.stop() == 0 and not list(folder.glob("*.making")) and not (folder / "ended.json").exists(), "the console did not end as it should")
+    test_stand_in(PROGRAMS, folder, entry)
     return outcome()
 
 

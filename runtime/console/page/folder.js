@@ -36,7 +36,7 @@ const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : bo
 const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
 
 export class Folder {
-  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording), device_words(name), new_scene(asset), may_make: whether it can be}.
+  /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording), device_words(name), new_scene(asset), may_make: true if the page may make a scene}.
   constructor(act) {
     this.act = act;
     this.data = { scenes: [], assets: [], recordings: [] };

@@ -31,9 +31,10 @@ export const inspection_of = (app) => ({
     return { open, why, is_ready: Boolean(xray.is_ready), has_context: Boolean(volume?.context), positions: xray.pictures.size, drawn: xray.drawn, tip_px: xray.tip_px ?? null, is_screening: xray.is_screening };
   },
   get planning() {
-    const { is_open, is_making, picks, points, result, rows } = app.planning;
-    return { is_open, is_making, picks, points, result: result ?? null, rows };
+    const { is_open, is_making, picks, result } = app.planning;
+    return { is_open, is_making, picks, points: { entry: app.planning.place("entry"), target: app.planning.place("target") }, result: result ?? null };
   },
+  get section_z_m() { return app.view?.slices[app.view.near]?.z_m ?? null; },
   pixel_of: (at_m) => app.view?.pixel_of(at_m) ?? null,
   get missed() { return app.live?.missed ?? 0; },
   get slices() { return app.view?.slices.map(({ slice, z_m, triangles, positions, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: positions.length / 2, cuts: cuts ?? 0 })) ?? []; },

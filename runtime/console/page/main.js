@@ -122,7 +122,7 @@ const preview = guarded(async (scene, asset) => {
   if (app.bone_key === key && app.preview && !app.live) return;
   app.bone_key = key;
   if (scene.asset_missing && !asset) return;
-  const made = Object.assign(new Shown([], { force_law: scene.force_law }), { is_preview: true });
+  const made = Object.assign(new Shown([], { force_law: scene.force_law }), { is_preview: true, scene: scene.file, asset });
   made.bone = read_bone(await get_container(file_query("/api/bone", { scene: scene.file, asset })));
   if (app.bone_key !== key) return;
   app.preview = made;
@@ -142,9 +142,11 @@ const folder = new Folder({
   new_scene: (asset) => planning.open(asset),
   get may_make() { return app.role === "operator"; },
 });
-const planning = app.planning = new Planning(app, { changed, error: notice, scene: () => folder.scene(folder.chosen), asset: () => folder.asset(), device: () => devices.name || "inproc",
+const planning = app.planning = new Planning(app, { changed, error: notice, scene: () => folder.scene(folder.chosen), device: () => devices.name || "inproc",
+  show: () => folder.chosen && folder.choose(folder.chosen),
   is_free: () => !is_running(), opened: () => app.imaging.show(app.imaging.open === "xray" ? "" : app.imaging.open), made: async (file) => {
     await refresh();
+    by_id("start-asset").value = "";  // the new scene is for its own asset
     await folder.choose(file);
   } });
 const training = new Training(app, { changed, error: notice, show_page: (blob, title) => show_page(blob, title, "") });
@@ -262,7 +264,7 @@ if (app.view) app.hand = new Hand(app);
 
 app.imaging = new Imaging({ source: shown, tab: () => app.tab, is_running: () => is_running(), is_operator: () => app.role === "operator",
   scene: () => (app.tab === "playback" ? app.playback.scene : folder.chosen), asset: () => (app.tab === "playback" ? undefined : folder.asset()),
-  is_planning: () => planning.is_open, plan: () => planning.needle(), pick: (at_m) => planning.is_open && planning.set(planning.picks, at_m), changed, error: notice });
+  is_planning: () => planning.is_active, plan: () => planning.needle(), pick: (at_m) => planning.is_active && planning.set(planning.picks, at_m), changed, error: notice });
 
 const is_running = () => ["starting", "running", "silent", "paused"].includes(app.state.state);
 const command = guarded(async (name) => { await post("/api/command", { command: name }); });
@@ -466,6 +468,7 @@ function frame(now) {
   draw_overlay(source);
   app.hand?.draw_bar();
   app.imaging.draw();
+  planning.draw();
   if (app.tab === "playback") draw_player();
   app.goals.draw(source, app.tab === "playback");
   if (!source || app.tab === "folder") return;

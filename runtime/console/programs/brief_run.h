@@ -30,6 +30,8 @@ class BriefRun {
   void poll(Clock::time_point now);
   /// None: it runs, or a signal ended it.
   std::optional<int> exit_code() const;
+  /// "exit code 3" or "signal 9"; empty while it runs.
+  std::string end() const { return has_ended_ ? process_->end() : std::string(); }
 
  private:
   std::optional<Process> process_;

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes a scene for points that a person has chosen on the bone: trocar-run --new-scene and then --check, as processes of
-// the console.
+// Makes a scene, through points that a person has chosen on the bone or without points. It runs trocar-run --new-scene and
+// then --check as processes of the console.
 // Tests: tests/e2e/console_new_scene_test.py
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "formats/base/result.h"
 #include "runtime/console/programs/brief_run.h"
@@ -18,7 +20,7 @@ namespace trocar::runtime {
 
 struct NewSceneRequest {
   std::filesystem::path asset;
-  std::string name;  ///< of the scene's file, without ".json": as trainee_code_error() allows
+  std::string name;  ///< name of the scene's file without ".json": 1 to 32 letters, digits, - or _
   /// In the patient's frame (LPS, mm). Without an entry the needle enters where the bone is thickest.
   std::optional<std::array<double, 3>> entry_mm, target_mm;
   bool has_live_hand = false;
@@ -28,11 +30,16 @@ struct NewSceneRequest {
 class SceneMaker {
  public:
   using Clock = BriefRun::Clock;
+  struct Folders {
+    std::filesystem::path programs;  ///< the folder that contains trocar-run
+    std::filesystem::path scenes;    ///< the folder that gets the new scene
+    std::filesystem::path sessions;  ///< gets a new folder with what the programs print
+  };
 
-  /// Starts to make a scene in `folder`. Nothing may be made yet. The programs' output goes into a new folder in `sessions`.
-  /// Errors: (refused) there is a file of that name; (refused, unwritable) a folder or a process cannot be made.
-  Result<void> start(const NewSceneRequest& request, const std::filesystem::path& programs,
-                     const std::filesystem::path& folder, const std::filesystem::path& sessions);
+  /// Starts to make a scene; is_running() must be false. `options`: options of trocar-run that the console gives to every session. Errors: (refused) there
+  /// is a file of that name; (refused, unwritable) a folder or a process cannot be made.
+  Result<void> start(const NewSceneRequest& request, const Folders& folders,
+                     const std::vector<std::string>& options);
   bool is_running() const noexcept {
     return state_ == State::kMaking || state_ == State::kChecking;
   }
@@ -44,15 +51,20 @@ class SceneMaker {
   std::function<std::string()> answer(const HiddenTexts& hidden) const;
 
  private:
-  enum class State { kNone, kMaking, kChecking, kEnded };
+  enum class State : std::uint8_t { kNone, kMaking, kChecking, kEnded };
+
+  std::vector<std::string> words_of(std::vector<std::string> first) const;
+  void publish();
 
   BriefRun run_;
   State state_ = State::kNone;
   std::filesystem::path program_, scene_, logs_;
-  DeviceChoice device_;
-  bool is_written_ = false, was_stopped_ = false;
-  std::optional<int> exit_code_;
-  std::string message_;  ///< why the check could not start
+  std::string name_;
+  std::vector<std::string>
+      options_;  ///< the options of both programs: the device's and the console's
+  bool is_written_ = false, was_checked_ = false, was_stopped_ = false;
+  std::string end_;    ///< how the last program has ended
+  std::string error_;  ///< the reason why the scene was not kept, or why the check could not start
 };
 
 }  // namespace trocar::runtime

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_new_scene.mjs JSON: entry and target by clicks, and the scene that the console makes of them, in the console's page. The argument:
-// {link, view_link, out, entry, top_mm}; `entry` is a position in {B} on the topmost slice. Prints one JSON object: {failures, chosen}, where
+// {link, view_link, out, entry, beside}; `entry` is a position in {B} on the topmost slice, and
+// `beside` one on the bone 18 mm below that slice. Prints one JSON object: {failures, chosen}, where
 // `chosen` has the texts of the points at each step.
 import { Browser } from "./browser.mjs";
 
@@ -48,6 +49,18 @@ await until("trocar.planning.points.target", "the target by its depth");
 const below = await get("trocar.planning.points.target");
 check(Math.hypot(below[0] - entry[0], below[1] - entry[1], below[2] - entry[2] + 0.018) < 1e-9, `18 mm below ${entry} is ${below}`);
 await browser.picture(page, "section");
+// The cross-section is at the target now, and a click moves it there; the second click of a double click does nothing.
+const { beside } = given;
+check(Math.abs((await get("trocar.section_z_m")) - below[2]) < 1.1e-3, `the cross-section is at ${await get("trocar.section_z_m")}, the target at ${below}`);
+const canvas = await page.locator("#canvas").boundingBox(), [bx, by] = await pixel_of(beside);
+await page.mouse.dblclick(canvas.x + bx, canvas.y + by);
+const moved = await get("trocar.planning.points");
+check(Math.hypot(moved.target[0] - beside[0], moved.target[1] - beside[1]) < 3e-4 && JSON.stringify(moved.entry) === JSON.stringify(entry), `a double click at ${beside} gives ${JSON.stringify(moved)}`);
+await page.fill("#plan-target", "");
+await page.keyboard.press("Tab");
+await page.fill("#plan-depth", "18");
+await page.keyboard.press("Tab");
+await page.waitForTimeout(400);
 
 // ---- the target by a click in a plane of the CT: 10 mm to the patient's left, 5 mm to the head ----
 await page.click("[data-picture=ct]");
@@ -66,6 +79,7 @@ await page.click("[data-picture=ct]");
 await page.click("[data-view=perspective]");
 await page.waitForTimeout(500);
 await page.click("#plan-pick-entry");
+await page.waitForTimeout(400);
 const box = await page.locator("#canvas").boundingBox(), middle = [Math.round(box.width / 2), Math.round(box.height / 2)];
 await click_at(middle);
 await page.waitForTimeout(300);
@@ -106,7 +120,9 @@ check(await page.isVisible("#plan-stop") && await page.isDisabled("#plan-close")
 await browser.picture(page, "making");
 await until("!trocar.planning.is_making && trocar.planning.result?.scene === 'clicked.json'", "the scene", 120000);
 check(/clicked.json is written and chosen. The check found nothing wrong./.test(await page.innerText("#plan-verdict")), `the verdict: ${await page.innerText("#plan-verdict")}`);
-check(await page.inputValue("#start-scene") === "clicked.json" && await get("trocar.planning.picks") === "entry", "the new scene is not chosen, with no point yet");
+check(await page.inputValue("#start-scene") === "clicked.json" && await page.inputValue("#plan-name") === "clicked-2", "the new scene is not chosen, or no new name is proposed");
+const kept = await texts();
+check(kept.entry === chosen.made.entry && kept.target === chosen.made.target, `the points are gone: ${JSON.stringify(kept)}`);
 await browser.picture(page, "made");
 await browser.accessible(page, "made");
 await browser.sizes(page, "made");
@@ -115,10 +131,27 @@ await browser.sizes(page, "made");
 await page.fill("#start-duration", "2");
 await page.click("#start");
 await until("trocar.row && trocar.row.t_s[0] > 0.1", "the session of the new scene");
-check((await get("trocar.goals.list.map(({ goal }) => goal)")).join() === "target,entry,corridor", `the goals: ${JSON.stringify(await get("trocar.goals.list"))}`);
+await until("trocar.goals.list.map(({ goal }) => goal).join() === 'target,entry,corridor'", "the goals of the new scene");
 check(await page.isHidden("#plan-bar"), "the bar of a new scene stays in a session");
 await browser.picture(page, "session");
 await until("trocar.state.state === 'ended'", "its end");
+
+// ---- after a session, on the same scene; a tab that is left while a scene is made ----
+await page.click("[data-to=folder]");
+await page.click("#plan-open");
+await until("/Click on the bone/.test(document.getElementById('plan-words').textContent)", "points on the scene whose session has ended");
+await page.fill("#plan-entry", chosen.section.entry);
+await page.keyboard.press("Tab");
+await page.fill("#plan-target", chosen.section.entry);
+await page.keyboard.press("Tab");
+check(/must lie below the entry/.test(await words()) && await page.isDisabled("#plan-make"), `a target at the entry: ${await words()}`);
+await page.fill("#plan-target", "");
+await page.keyboard.press("Tab");
+await page.fill("#plan-name", "elsewhere");
+await page.click("#plan-make");
+await page.click("[data-to=playback]");
+check(await page.isHidden("#plan-bar"), "the bar of a new scene is there in playback");
+await until("!trocar.planning.is_making && !trocar.planning.is_open", "the end of the making in another tab", 120000);
 
 // ---- an asset without a scene; a scene whose slices do not lie as in the scan ----
 await page.click("[data-to=folder]");

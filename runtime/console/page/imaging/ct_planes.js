@@ -71,8 +71,9 @@ export class CtPlanes {
   }
 
   #pick(name, canvas, event) {
-    if (!this.volume) return;
-    const { tip, axis } = this.#shown(), [right, up] = plane_axes(this.volume.patient, axis)[name];
+    const plane = this.planes.find((each) => each.name === name);
+    if (!this.volume || !plane.shows || event.detail > 1) return;  // the second click of a double click does nothing
+    const { tip, axes: [right, up] } = plane.shows;
     // The square picture is in the middle of its box.
     const { left, top, width, height } = canvas.getBoundingClientRect(), side = Math.min(width, height), m = Number(by_id("ct-width").value) / 1000;
     const x = m * (event.clientX - left - width / 2) / side, y = m * (top + height / 2 - event.clientY) / side;
@@ -98,8 +99,10 @@ export class CtPlanes {
     this.#draw(plane, needle);
   }
 
-  #draw({ name, context, image }, needle) {
-    const axes = plane_axes(this.volume.patient, needle.axis)[name], width_m = Number(by_id("ct-width").value) / 1000;
+  #draw(plane, needle) {
+    const { context, image } = plane;
+    const axes = plane_axes(this.volume.patient, needle.axis)[plane.name], width_m = Number(by_id("ct-width").value) / 1000;
+    plane.shows = { tip: needle.tip, axes };
     sample_plane(this.volume, needle.tip, axes, width_m, kSize, this.hu);
     const level = Number(by_id("ct-level").value), width = Math.max(1, Number(by_id("ct-window").value));
     const words = new Uint32Array(image.data.buffer);

@@ -77,7 +77,7 @@ export class View3d {
   set_bone(bone) {
     for (const part of [...this.bone_group.children]) this.drop(part);
     for (const part of [...(this.tool?.parts ?? []), this.shape, this.goals, this.plan]) if (part) this.drop(part);
-    this.tool = this.shape = this.goals = this.plan = null;
+    this.tool = this.shape = this.goals = this.plan = this.plan_at = null;
     this.set_marks([]);
     this.bone = bone;
     this.slices = [];
@@ -204,10 +204,11 @@ export class View3d {
     this.is_dirty = true;
   }
 
-  /// Shows a needle's way that is planned: {entry, end, target?} in {B}; null: none.
+  /// Shows a needle's way that is planned: {entry, end, target?, at} in {B}; null: none. The cross-section is at the height of `at`.
   set_plan(plan) {
     if (this.plan) this.drop(this.plan);
     this.plan = null;
+    this.plan_at = plan?.at ?? null;
     this.is_dirty = true;
     if (!plan) return;
     const at = (at_m) => ({ target: { at_m, radius_m: kPlanned_m } }), good = colour_of_page("--green"), first = colour_of_page("--blue");
@@ -273,9 +274,9 @@ export class View3d {
     const active = shown?.value("active_slice", -1) ?? -1;
     const found = this.slices.findIndex(({ slice }) => slice === active);
     if (found >= 0) return found;
-    const tip = shown?.values("tool_m");
+    const tip = this.plan_at ?? shown?.values("tool_m");
     if (!tip) return 0;
-    const below = this.slices.findIndex(({ z_m }) => z_m <= tip[2]);
+    const below = this.slices.findIndex(({ z_m }) => z_m <= tip[2] + 1e-5);
     return below >= 0 ? below : this.slices.length - 1;
   }
 
