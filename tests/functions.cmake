@@ -82,6 +82,14 @@ function(trocar_write_links file)
   file(WRITE ${file} "${lines}")
 endfunction()
 
+# trocar_long(NAMES...): labels tests of this folder that take more than half a minute, which scripts/test leaves to
+# scripts/test --all and so to CI.
+function(trocar_long)
+  foreach(name ${ARGN})
+    set_property(TEST ${name} APPEND PROPERTY LABELS long)
+  endforeach()
+endfunction()
+
 # trocar_wall_clock(NAMES...): labels tests of this folder that run in real time or compare times. A machine that stands
 # still can make them fail, so .ci/run runs those that failed once more.
 function(trocar_wall_clock)
