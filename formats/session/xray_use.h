@@ -12,8 +12,8 @@ namespace trocar {
 
 struct XrayUse {
   std::uint64_t shots = 0;            ///< single pictures
-  std::uint64_t screening_ticks = 0;  ///< ticks in which X-ray was on
-  bool is_screening = false;          ///< X-ray was on in the last tick
+  std::uint64_t screening_ticks = 0;  ///< ticks with continuous X-ray
+  bool is_screening = false;          ///< continuous X-ray was on in the last tick
 
   void add(const RecordingRow& row) noexcept {
     shots += (row.xray & kXrayPicture) != 0 ? 1 : 0;

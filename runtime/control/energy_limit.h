@@ -17,9 +17,9 @@
 // Contract (tests/runtime/control/energy_limit_test.cpp):
 //  1. An environment that does not generate energy (dW <= -dS) never raises the fault. Because S is the unscaled
 //     energy, the same holds if the wrench is rendered with a constant factor below 1.
-//  2. A puncture or another release does no work on the hand by itself. The tick of a puncture is never the start
-//     s of the window: the energy of the punctured sheet is already removed from S there, and the energy of the
-//     sheet below, which is loaded at once, is not yet in S.
+//  2. A puncture, or another release of stored energy that the force law intends, does no work on the hand by itself. Such a
+//     tick is never taken as s: its S is too small, because it lacks the energy of the punctured sheet already, and that of the
+//     sheet below, which is loaded at once, still.
 //  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the
 //     wrenches held since the last new pose.
 //  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time
@@ -39,8 +39,7 @@
 namespace trocar::runtime {
 
 inline constexpr double kEnergyWindow_s = 0.1;
-/// Number of ticks of the window at kMaxRate_Hz. At a rate above that, the window is shorter than
-/// kEnergyWindow_s.
+/// Size of the queue: the ticks of the window at kMaxRate_Hz, and one more.
 inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_Hz) + 1;
 
 /// Inputs of a tick.

@@ -5,21 +5,22 @@
 //
 // Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
 // energy_limit.h and passivity.h:
-//  1. Every command written is one that the device prepared (hand_device.h), within what it may do.
+//  1. Every command written was prepared by the device, within its limits (hand_device.h).
 //  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h, which starts
-//     from the last command written. If writing failed, the ramp starts one tick later, from the command
-//     that could not be written. Once the ramp has ended, and in `idle`, `ready` and `recovering`,
+//     from the last command written. If the fault is that a command could not be
+//     written, the ramp starts in the next tick, from that command. Once the ramp has ended, and in `idle`, `ready` and `recovering`,
 //     the force is zero.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. All times are those of the device's clock. Intervals between poses, velocities, the largest allowed
-//     step of a reading and the device's heat in a late tick are computed from differences of the device's time
-//     stamps, to the nanosecond. In `running`, a device state is new if its time stamp is finite and later
+//  4. All times are those of the device's clock. Differences of its time stamps, to the nanosecond, give the
+//     intervals between poses, the velocities, how far a reading may differ from the last one, and for how long the motors
+//     were heated in a late tick. In `running`, a device state is new if its time stamp is finite and later
 //     than the previous one. After no_data_max_s without a new device state the fault is kNoData. If a time
-//     stamp lies more than gap_max_s after the previous one, the fault is kNoData at once. In all safety
+//     stamp lies more than gap_max_s after the previous one, the fault is kNoData at once. (gap_max_s also limits the time
+//     between ticks.) In all safety
 //     states except `running`, the device's clock may restart, for example after the link was restored; the
 //     velocity estimation restarts too.
-//  5. The rise of commands, the ramps and the blending of stiffnesses count ticks, so late ticks
-//     make them slower.
+//  5. The ramp after a fault, the rise of authority and compensation after a recovery, and the change from one prefetched
+//     stiffness to the next take a number of ticks, so late ticks make them slower.
 // Tests: tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -42,7 +43,7 @@ namespace trocar::runtime {
 struct LoopModel {
   Tool tool;
   SafetyLimits limits;
-  PassivityOptions passivity;        ///< ignored by force laws that are passive
+  PassivityOptions passivity;        ///< not applied if the force law is passive
   CompensationOptions compensation;  ///< added to what the device renders, in `running` only
   double rate_Hz = 1000;
 };
@@ -51,8 +52,8 @@ struct LoopModel {
 struct LoopState {
   Pose T_device_plate;  ///< pose of the last tick whose checks passed
   VelocityWindow window;
-  PreviousPose
-      previous;  ///< earlier pose from which velocities are computed; absent: the last new pose
+  PreviousPose previous;  ///< earlier pose from which velocities are computed; without one they are
+                          ///< computed from the last new pose
   SpeedState speed;
   PassivityState passivity;
   EnergyAccount energy;
@@ -61,8 +62,7 @@ struct LoopState {
   /// tick is not new, or it is the first one. While no pose is new, the last velocity is kept, so the next
   /// new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Device time minus the time of the ticks counted so far. What the device did in this extra time, such as the
-  /// heating of its motors, has not been added yet.
+  /// Device time beyond the ticks counted so far, which HandDevice::age() has not been told yet.
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;  ///< time of the last reading that was kept
@@ -72,7 +72,8 @@ struct LoopState {
 
 struct TickResult {
   RecordingRow row;
-  ContactOutput contact;  ///< result of the force law; the caller requests the holes in its cuts()
+  ContactOutput
+      contact;  ///< result of the force law; the caller requests a hole for each of its cuts()
   DeviceReadout readout;
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick

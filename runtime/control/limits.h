@@ -7,7 +7,8 @@
 //  1. A check returns kNone within its limit, and its own fault beyond it, with the quantity, its value and the
 //     limit. A value that is not finite is beyond every limit. A limit of nan always trips, and so does a
 //     negative limit of a quantity that cannot be negative.
-//  2. Speeds are smoothed over `speed_window_s`, so that a single encoder count does not appear as a speed.
+//  2. Speeds go through a low-pass filter of first order with the time constant `speed_window_s`, so that a single encoder count
+//     does not appear as a speed.
 #pragma once
 
 #include <array>
@@ -25,12 +26,13 @@ struct SafetyLimits {
   double plate_tilt_max_rad = 0.6;          ///< angle between the plate's z axis and {B}'s
   double speed_max_m_per_s = 2;             ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 40;  ///< rotation rate of the plate
-  double speed_window_s = 0.004;            ///< smoothing time of item 2
+  double speed_window_s = 0.004;            ///< time constant of item 2
   /// Energy that may be released to the hand within 0.1 s beyond what was stored (energy_limit.h).
   double energy_limit_J = 0.05;
   /// Longest time without data from the device. Until then the loop uses the last device state.
   double no_data_max_s = 0.01;
-  /// Longest time between the starts of two ticks. 0: neither this nor missed deadlines are checked.
+  /// Longest time between the starts of two ticks, and between two time stamps of the device. 0: neither these nor missed
+  /// deadlines are checked.
   double gap_max_s = 0.1;
   int missed_deadlines_max = 2;  ///< number allowed in a row; more are a fault
   SafetyTiming timing;
@@ -46,7 +48,7 @@ struct SpeedState {
 /// Returns kWorkspace or none.
 FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept;
 
-/// Returns kSpeed or none, and stores the pose. `dt_s`: time since the last call. If has_pose is false, the plate
+/// Returns kSpeed or none, and stores the pose. `dt_s`: time of the device since the last pose. If has_pose is false, the plate
 /// is assumed to be at rest.
 FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
                         SpeedState& state) noexcept;

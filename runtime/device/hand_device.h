@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench goes out. The
-// loop, its safety, the force laws and the checks of a scene use only this interface. The device of the paper implements
-// it in runtime/mechanism/four_legs.h, over encoders and motors (device.h).
+// loop, its safety, the force laws and the checks of a scene use only this interface. runtime/mechanism/four_legs.h implements
+// it for the four-legged device of the paper, over encoders and motors (device.h).
 //
-// A session calls start() once, then the functions of the haptic thread in every tick in the order in which they
-// stand here, and close() at its end. Functions of the haptic thread do not allocate, lock, throw or block.
+// A session calls start() once, then in every tick those functions of the haptic thread that the tick needs: it reads and finds
+// the pose, tells how long the last command was held, renders or fades, writes, describes and advances. It calls close() at its
+// end. Functions of the haptic thread do not allocate, lock, throw or block.
 //
 // Contract:
 //  1. The result of a tick depends only on the construction arguments, on what was read, and on the sequence of
@@ -33,7 +34,7 @@
 
 namespace trocar::runtime {
 
-/// The largest number of values that a device measures in a tick, and of values that it is commanded.
+/// The largest numbers of measured values and of values of a command, in a tick.
 inline constexpr int kMaxMeasured = 16, kMaxCommanded = 8;
 
 /// Values measured at one time, in the device's own coordinates, such as encoder angles.
@@ -43,7 +44,7 @@ struct Measurement {
   std::array<double, kMaxMeasured> value{};
 };
 
-/// The limits of a device's own checks at a pose. A device that has no joints keeps their defaults.
+/// How far a pose is from the limits of the device's own checks. A device without joints leaves their members as they are.
 struct DeviceMargins {
   Fault fault = Fault::kNone;  ///< the fault with which these checks stop at this pose, or none
   /// The device can be at this pose. If not, the following members are not known.
@@ -51,7 +52,7 @@ struct DeviceMargins {
   /// Smallest distance of a joint from its limit; negative beyond it.
   double joint_rad = std::numeric_limits<double>::infinity();
   int joint = -1;                ///< this joint, by its index in Measurement::value
-  double inverse_condition = 1;  ///< the mechanism's: at most 1, and 0 at a singularity
+  double inverse_condition = 1;  ///< that of the Jacobian: at most 1, and 0 at a singularity
 };
 
 /// A box of positions of the plate's origin in {B}.
@@ -59,7 +60,7 @@ struct WorkspaceBox {
   std::array<double, 3> min_m{}, max_m{};
 };
 
-/// Limits of the motors and joints, for the programs that show a session; none and empty: the device states none.
+/// Limits of the motors and joints, for the programs that show a session. A device that does not state them leaves them out.
 struct MotorsAndJoints {
   std::optional<double> motor_peak_torque_Nm, motor_continuous_torque_Nm;
   std::vector<std::array<double, 2>> joint_limits_rad;  ///< smallest and largest angle
@@ -104,7 +105,7 @@ class DeviceSpecification {
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
   /// Text for `--check`: the smallest margins of several reachable poses. Empty: the device has no such limits.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
-  /// How a pose exceeds the limit of a fault of margins(), with value and limit. Empty: not this limit.
+  /// Says by how much a pose exceeds the limit of this fault of margins(), with value and limit. Empty: it does not.
   virtual std::string describe_fault(Fault /*fault*/, const Pose& /*T_device_plate*/) const {
     return {};
   }
@@ -113,7 +114,7 @@ class DeviceSpecification {
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time in which a device may have moved, so that it can check its own reading.
+/// The time since the last reading, with which the device checks that a reading does not jump.
 struct ReadingInterval {
   bool has_last = false;  ///< a reading was kept before this one
   double step_s = 0;      ///< time in which the device may have moved since then
@@ -127,9 +128,10 @@ struct PlatePose {
 /// The device's own forces that it cancels, so that the hand does not feel them.
 struct CompensationOptions {
   bool friction = false;
-  bool gravity = false;  ///< compensate the plate's weight, with the description's gravity
+  bool gravity = false;  ///< compensate the plate's weight, by the gravity of the description
   double friction_fraction = 0.8;  ///< below 1: an overcompensated device would move by itself
-  double still_rad_per_s = 0.05;   ///< below: Coulomb compensation is proportional to the rate
+  double still_rad_per_s =
+      0.05;  ///< below this rate Coulomb compensation is proportional to the rate
 };
 
 struct RenderInput {
@@ -152,7 +154,7 @@ class HandDevice {
 
   virtual const DeviceSpecification& specification() const noexcept = 0;
 
-  /// Begins a session with the device. From then on the device may expect ticks. May block. Called once.
+  /// Begins a session with the device. From then on the device may require a command in each period. May block. Called once.
   virtual Result<void> start() { return {}; }
 
   // The haptic thread calls these functions.
@@ -167,14 +169,15 @@ class HandDevice {
   virtual const Measurement& measured() const noexcept = 0;
   /// Keeps this tick's reading as the last one. Returns false, and keeps the older one, if it is not finite.
   virtual bool keep_reading() noexcept = 0;
-  /// The last command was held for this time. Returns a fault if the device has become too hot, for example.
+  /// Tells the device for how long the last command was held, from which it computes, for example, how hot its motors are. Returns a
+  /// fault if they are too hot.
   virtual FaultDetail age(double /*held_s*/) noexcept { return {}; }
   /// After a fault of age(), returns it again until the device has recovered enough to go on.
   virtual FaultDetail check_rested() const noexcept { return {}; }
   /// Prepares the command that renders the wanted wrench. `scale`: the share of the wrench that the device can
   /// render. After a fault no command is prepared, and stop() and fade() must follow.
   virtual FaultDetail render(const RenderInput& input, double& scale) noexcept = 0;
-  /// The force ends: fade() starts from the last command that was sent or attempted.
+  /// Keeps the last command that was sent or attempted, from which fade() starts. Sends nothing.
   virtual void stop() noexcept = 0;
   /// Prepares `share` times the command at which stop() was called. Compensation starts again from zero.
   virtual void fade(double share) noexcept = 0;

@@ -45,7 +45,7 @@ struct SessionReport {
   std::optional<Error> recording_error;  ///< the recording is incomplete; the error names its file
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;
-  double energy_released_max_J = 0;  ///< PassivityState::released_max_J
+  double energy_released_max_J = 0;  ///< largest net energy that a contact gave to the hand
   double damping_max_N_s_per_m = 0;  ///< largest damping of the passivity controller
   std::uint64_t damped_ticks = 0;
   RealtimeReport realtime;         ///< empty with a virtual clock
@@ -59,14 +59,18 @@ struct SessionReport {
   double max_force_N = 0;
   double torque_max_Nm = 0;
   XrayUse xray;
-  double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques / 0.05 m
-  std::uint64_t scaled_ticks = 0;  ///< ticks in which the motors could not render the whole wrench
+  double wrench_error_max =
+      0;  ///< largest relative error of the wrench at full authority; in the norm,
+          ///< torques are divided by 0.05 m
+  std::uint64_t scaled_ticks =
+      0;  ///< ticks at full authority in which the device could not render the whole wrench
   std::vector<PunctureEvent> punctures;  ///< the first kMaxListedPunctures punctures
   std::uint64_t punctures_not_listed = 0;
-  std::uint64_t ticks_not_observed = 0;  ///< number of ticks that on_tick missed: it was too slow
-  std::shared_ptr<const ForceLaw> law;   ///< the force law after the last tick
-  /// In a replay: index of the first row whose torques differ by a bit, or whose fault or number of
-  /// meshes differs; -1: none.
+  std::uint64_t ticks_not_observed =
+      0;  ///< ticks that SessionOptions::on_tick did not get, because it was too slow
+  std::shared_ptr<const ForceLaw> law;  ///< the force law after the last tick
+  /// In a replay: index of the first row in which a bit of the torques, or of the wrench of a device that measures its pose,
+  /// the fault or the number of finished holes is not that of the recording; -1: none.
   std::int64_t replay_first_difference = -1;
 };
 

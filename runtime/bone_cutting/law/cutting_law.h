@@ -21,7 +21,7 @@
 //  2. The front's work is the integral of the strength over the cut depth. The front never moves back, and
 //     moves only while the tip's force exceeds the strength at the front.
 //  3. A wall that has yielded stays where it was pushed (slot.h). Uncut material also acts as a wall for a
-//     tool that approaches it from outside (CuttingSlab::free).
+//     tool that approaches it from the side (CuttingSlab::free).
 //  4. A hole remains after the tool is withdrawn. If the tool's axis comes within `same_hole_m` of a hole, the
 //     tool is in that hole again: down to the depth already cut the tip meets no resistance, and the hole's
 //     walls and friction act. Elsewhere the tool makes a new hole. CuttingSlab::share reduces the strength
@@ -29,10 +29,10 @@
 //     the strengths by the coverage instead.)
 //  5. Soft tissue over the bone has elements of its own (soft_layer.h). The work of cutting it,
 //     `layer_cut_J`, is added to cut_J in the inequality.
-//  6. On a sloping surface (CuttingOptions::slope) the tip's spring acts along the surface's normal. What it
-//     stores depends on the stretch alone, and the stretch is carried from tick to tick, so a surface that turns
-//     under the tip changes the direction of the force and no energy. With a rigid coupling this holds because a
-//     tick uses the slope for which the wrench of the last tick was computed.
+//  6. On a sloping surface (CuttingOptions::slope) the tip's spring acts along the surface's normal. Its energy
+//     depends on its stretch alone, which is carried from tick to tick, so a surface that turns under the tip changes the
+//     direction of the force and not the energy. With a rigid coupling a new slope takes effect in the next tick only, so
+//     that the balance of energy uses the slope of the wrench that was rendered.
 //  7. No allocation, lock or system call; at most `most_steps` Newton steps in a tick.
 //
 // Depth is -z of {B}: the tool enters the bone downwards, within kMaxTilt_deg of upright.
@@ -78,7 +78,8 @@ struct CuttingOptions {
   CuttingTool tool;
   CuttingCoupling coupling;
   double tip_N_per_m = 20'000;  ///< stiffness of the tip against the front
-  double presliding_m = 1e-4;  ///< displacement along and around the shaft at which friction slides
+  double presliding_m =
+      1e-4;  ///< displacement along and around the shaft at which the shaft begins to slide
   /// Coulomb friction coefficient between the tip and what it presses on. On a surface (`slope`) friction acts in
   /// the surface, elsewhere across the tool's axis. The limit is this coefficient times the normal force at the end
   /// of the last tick. The friction force reaches the limit after a displacement of tip_presliding_m.
@@ -89,11 +90,11 @@ struct CuttingOptions {
   /// after tip_presliding_m and fades while the tip is raised by a diameter of the tool.
   double tip_hold = 0;
   /// The core in a hollow tool presses on the bore more, the longer it is, as grain does in a silo (H. Janssen, 1895).
-  /// Friction is multiplied by core_friction_factor(). `core_fraction`: the core's part of the friction of a short
-  /// core. `core_growth_per_m`: 2 mu kappa / r, with the bore's radius r and friction mu, and the ratio kappa of the
+  /// Friction is multiplied by core_friction_factor(). `core_fraction`: the part of the shaft's friction that comes from
+  /// the core, while that is short. `core_growth_per_m`: 2 mu kappa / r, with the bore's radius r and friction mu, and the ratio kappa of the
   /// pressures across and along the core.
   double core_fraction = 0, core_growth_per_m = 0;
-  /// Moment at which the tip turns in what it cuts. It acts while the tip is under load, and is reached after a
+  /// Moment about the axis beyond which the tip turns in what it cuts. It acts while the tip is under load, and is reached after a
   /// rotation by tip_presliding_m at the tool's radius.
   double twist_Nm = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot.
@@ -101,7 +102,7 @@ struct CuttingOptions {
   /// Gradient of the depth of the surface that the tip presses on, by x and y of {B}: it points downhill, and its
   /// length is the tangent of the slope. The tip's force then acts along the surface's normal, so that the tip is
   /// pushed downhill. None: the tip is inside bone, which surrounds it, and its force acts along the shaft. A new
-  /// value takes effect in the next tick. An angle between shaft and normal beyond kMaxSlope is limited to it.
+  /// value takes effect in the next tick. The tangent of the angle between shaft and normal is limited to kMaxSlope.
   std::optional<Eigen::Vector2d> slope;
   double tolerance =
       1e-6;             ///< residual force, relative to the larger of 1 N and the coupling force
@@ -131,10 +132,10 @@ struct CuttingSlab {
   double viscous_N_s_per_m2 = 0;                        ///< along the shaft, per embedded length
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;  ///< lateral, per embedded depth
   double clearance_m = 0;  ///< clearance of a new hole around the shaft
-  /// Region of the axis in which the tool touches no uncut material, used for a tool that approaches from the
-  /// side. The boundary of the region acts as a wall. Null: none. When `free_version` changes (the first
-  /// region has version 1), the region replaces the slot of the hole in such a way that the stored energy
-  /// does not grow. With a rigid coupling this waits until the shaft presses on no wall.
+  /// The positions (x, y) of the axis at which the tool touches no uncut material, used for a tool that approaches from
+  /// the side. The boundary of the region acts as a wall. Null: none. When `free_version` changes (the first
+  /// region has version 1), the region replaces the slot of the hole without adding stored energy. With a rigid
+  /// coupling it does so only when the shaft presses on no wall.
   const Slot* free = nullptr;
   std::uint32_t free_version = 0;
 };
@@ -161,8 +162,8 @@ struct CuttingState {
   /// Distance of the tip beyond the front, along the shaft. While it is positive, it is carried from tick to
   /// tick. It must not be recomputed from the geometry, because that would add energy.
   double stretch_m = 0;
-  /// Slab of thickness 0 on which the front rests; -1: none. The front stays there until it cuts the slab, although
-  /// the distance along the shaft is another one after the tool has been tilted.
+  /// Slab of thickness 0 on which the front rests; -1: none. The front stays at the slab's depth until it cuts the slab; it is
+  /// not recomputed from the stretch, even if the tool tilts.
   int bearing = -1;
   std::optional<Eigen::Vector2d> slope;  ///< CuttingOptions::slope of the last tick
   /// Depth by which the front has sunk because the tip slid down a slope. No bone surrounds the tool there.
@@ -171,10 +172,11 @@ struct CuttingState {
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< elastic slip along, around the shaft
   double tip_friction_N_per_m = 0;                         ///< stiffness in the last tick
   Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();    ///< elastic slip of the tip
-  double hold_tip_N = 0;     ///< force with which the bone around the tip was crushed
-  double hold_depth_m = 0;   ///< largest depth of the tip since it was last free
-  double hold_N_per_m = 0;   ///< stiffness of the hold in the last tick
-  double hold_slip_m = 0;    ///< elastic slip of the hold, as of stretch_m; at most 0
+  double hold_tip_N = 0;    ///< force with which the bone around the tip was crushed
+  double hold_depth_m = 0;  ///< largest depth of the tip since it was last free
+  double hold_N_per_m = 0;  ///< stiffness of the hold in the last tick
+  double hold_slip_m =
+      0;  ///< elastic slip of the hold along the shaft, with the sign of stretch_m; at most 0
   double twist_N_per_m = 0;  ///< stiffness against the tip's rotation in the last tick
   double twist_slip_m = 0;   ///< elastic slip around the axis, at the tool's radius
   int hole = -1;             ///< hole that the tool is in; -1: none
@@ -187,7 +189,8 @@ struct CuttingState {
   double wall_radius_m = 1e-6;
 };
 
-/// Factor on the friction of a tool with this embedded length; at most that of the exponent kMaxCoreExponent.
+/// The factor by which the core raises the friction of a shaft with this embedded length. The exponent core_growth_per_m *
+/// embedded_m is limited to kMaxCoreExponent.
 double core_friction_factor(const CuttingOptions& options, double embedded_m) noexcept;
 inline constexpr double kMaxCoreExponent = 4;
 
@@ -213,7 +216,7 @@ struct CuttingResult {
   bool has_converged = true;
 };
 
-/// Runs one tick. `slabs` has as many entries as `slabs` of each of `state.holes`. `T_device_plate`: pose at
+/// Runs one tick. `slabs` is as long as `state.holes[i].slabs` of each hole i. `T_device_plate`: pose at
 /// which the law is evaluated. If it is a predicted pose, the caller must correct the energy account for the
 /// difference from the measured pose.
 void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
