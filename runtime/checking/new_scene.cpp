@@ -23,8 +23,6 @@
 namespace trocar::runtime {
 namespace {
 
-using Json = SceneDraft::Json;
-
 constexpr double kWorkspaceMargin_m = 0.004;
 // A scripted hand is sent farther until the tip ends this near the target, so often at most.
 constexpr double kReached_m = 0.0015;
@@ -36,10 +34,6 @@ constexpr const char *kWhyCutting =
                      *kWhySheets =
                          "the law hooke with the paper's tissue and slices at least 9.5 mm apart, "
                          "so that each is felt, since ";
-
-std::string text_of(const Json& scene) {
-  return scene.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-}
 
 class Proposal {
  public:
@@ -245,19 +239,9 @@ class Proposal {
   }
 
   SceneDraft draft_of(const NeedlePath& path) const {
-    SceneDraft draft(asset_, levels_, path, is_chosen(), heights_);
+    SceneDraft draft(levels_, path, is_chosen(), heights_);
     draft.name_files(asset_file_, scene_file_);
     return draft;
-  }
-
-  /// Replaces the path of a scene's hand by a live hand at its start.
-  static Json with_live_hand(Json scene) {
-    Json& hand = scene["hand"];
-    Json start = hand["trajectory"][0];
-    hand["live"] = true;
-    hand["trajectory"] = Json::array({std::move(start)});
-    scene["duration_s"] = 600;
-    return scene;
   }
 
   Result<Placed> place(const std::string& text) const {
@@ -285,13 +269,13 @@ class Proposal {
   /// Tries a draft. If its path has a target and its hand is scripted, the hand is first sent so far that the tip gets to
   /// the target. Returns none, with the reason in `why`, if the scene is refused, has a warning although nobody has chosen
   /// its path, punctures nothing, or does not get to the target.
-  std::optional<Tried> try_draft(SceneDraft& draft, const std::function<Json()>& make,
+  std::optional<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make,
                                  std::string& why) const {
     if (draft.has_target() && choices_.hand == NewSceneHand::kScripted) {
       double beyond_m = 0, short_m = 0;
       for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
         draft.set_overshoot(beyond_m);
-        const Result<Placed> placed = place(text_of(make()));
+        const Result<Placed> placed = place(make());
         if (!placed) return fails(placed.error().message, why);
         const auto dry_run = run_dry_run(placed->scene, device_, placed->sheets, placed->options);
         if (!dry_run) return fails(dry_run.error().message, why);
@@ -305,7 +289,7 @@ class Proposal {
                                1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"),
                      why);
     }
-    return try_scene(make(), why);
+    return try_scene(draft, make, why);
   }
 
   static std::nullopt_t fails(const std::string& reason, std::string& why) {
@@ -313,9 +297,10 @@ class Proposal {
     return std::nullopt;
   }
 
-  std::optional<Tried> try_scene(const Json& proposed, std::string& why) const {
+  std::optional<Tried> try_scene(SceneDraft& draft, const std::function<std::string()>& make,
+                                 std::string& why) const {
     Tried tried;
-    tried.json = text_of(proposed);
+    tried.json = make();
     Result<Placed> placed = place(tried.json);
     if (!placed) return fails(placed.error().message, why);
     auto warnings = warnings_of(*placed);
@@ -331,7 +316,8 @@ class Proposal {
     if (tried.punctured == 0) return fails("the tool punctures nothing", why);
     tried.warnings = std::move(*warnings);
     if (choices_.hand == NewSceneHand::kScripted) return tried;
-    tried.json = text_of(with_live_hand(proposed));
+    draft.set_live_hand();
+    tried.json = make();
     placed = place(tried.json);
     if (!placed) return fails(placed.error().message, why);
     warnings = warnings_of(*placed);

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <system_error>
 #include <utility>
@@ -15,7 +16,7 @@ namespace trocar::runtime {
 namespace {
 
 using Eigen::Vector3d;
-using Json = SceneDraft::Json;
+using Json = nlohmann::ordered_json;  // ordered, because people read scenes
 
 // Length of the path above the bone, below the last slice, and below a target.
 constexpr double kAbove_m = 0.006, kBelow_m = 0.013, kBelowTarget_m = 0.008;
@@ -28,6 +29,10 @@ constexpr double kTargetRadius_m = 0.002, kCorridor_m = 0.003;
 /// Rounds to a multiple of 1 / parts.
 double rounded(double value, double parts) {
   return std::round(value * parts) / parts;
+}
+
+std::string text_of(const Json& scene) {
+  return scene.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 Json rounded_point(const Vector3d& at_m) {
@@ -56,9 +61,9 @@ double height_outside_bone_m(const NeedlePath& path) {
   return kAbove_m + (path.has_target ? kBelowTarget_m : kBelow_m);
 }
 
-SceneDraft::SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedlePath& path,
-                       bool is_chosen, TipHeights heights)
-    : asset_(asset), levels_(levels), path_(path), is_chosen_(is_chosen), heights_(heights) {
+SceneDraft::SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
+                       TipHeights heights)
+    : levels_(levels), path_(path), is_chosen_(is_chosen), heights_(heights) {
   anchor_mm_ = (path.entry_mm + path.end_mm).head<2>() / 2;
   for (double& x : anchor_mm_)
     x = rounded(x, 100);
@@ -90,104 +95,130 @@ double SceneDraft::height_m(std::size_t level) const {
   return entry_z_m_ + 1e-3 * (levels_[level].z_mm - path_.entry_mm.z());
 }
 
-Json SceneDraft::head() const {
-  return {{"schema", kSceneSchema},
-          {"name", scene_name_},
-          {"asset", asset_name_},
-          {"placement", {{"anchor_mm", {anchor_mm_.x(), anchor_mm_.y()}}}}};
-}
+/// Writes a draft's scenes as JSON.
+class SceneDraft::Writer {
+ public:
+  explicit Writer(const SceneDraft& draft) : d_(draft) {}
 
-Json SceneDraft::goals() const {
-  Json line = {{"entry_m", rounded_point(to_device(path_.entry_mm))}};
-  if (!path_.has_target) line["direction"] = rounded_point(path_.direction);
-  line["entry_radius_m"] = line["corridor_m"] = kCorridor_m;
-  Json goals;
-  if (path_.has_target)
-    goals["target"] = {{"at_m", rounded_point(to_device(path_.end_mm))},
-                       {"radius_m", kTargetRadius_m}};
-  goals["line"] = std::move(line);
-  return goals;
-}
-
-Json SceneDraft::keyframe(double t_s, const Vector3d& tip_m) const {
-  Json key = {{"t_s", rounded(t_s, 1e3)}, {"tip_m", rounded_point(tip_m)}};
-  const double angle_deg = tilt_deg(path_);
-  if (!(angle_deg > 0)) return key;
-  const Vector3d axis = (-Vector3d::UnitZ()).cross(path_.direction).normalized();
-  Json rotation = Json::array();
-  for (const double x : axis)
-    rotation.push_back(rounded(x * angle_deg, 1e3));
-  key["rotation_deg"] = std::move(rotation);
-  return key;
-}
-
-Json SceneDraft::hand(double speed_m_per_s, bool returns, Json& scene) const {
-  constexpr double kRest_s = 0.2;
-  const Vector3d& along = path_.direction;
-  const Vector3d from_m = to_device(path_.entry_mm) + kAbove_m / along.z() * along;
-  const double below_m = path_.has_target ? beyond_target_m_ : kBelow_m;
-  const Vector3d to_m = to_device(path_.end_mm) - below_m / along.z() * along;
-  const double length_m = (to_m - from_m).norm();
-  const double down_s = kRest_s + length_m / speed_m_per_s;
-  Json keys = {keyframe(0, from_m), keyframe(kRest_s, from_m), keyframe(down_s, to_m)};
-  double end_s = down_s + 0.3;
-  if (returns) {
-    keys.push_back(keyframe(down_s + 0.5, to_m));
-    end_s = down_s + 0.5 + length_m / speed_m_per_s / 1.5;
-    keys.push_back(keyframe(end_s, from_m));
-    end_s += 0.2;
+  Json head() const {
+    return {{"schema", kSceneSchema},
+            {"name", d_.scene_name_},
+            {"asset", d_.asset_name_},
+            {"placement", {{"anchor_mm", {d_.anchor_mm_.x(), d_.anchor_mm_.y()}}}}};
   }
-  scene["duration_s"] = rounded(end_s, 100);
-  return {{"stiffness_N_per_m", 8000}, {"damping_N_s_per_m", 140}, {"trajectory", std::move(keys)}};
+
+  Json goals() const {
+    Json line = {{"entry_m", rounded_point(d_.to_device(d_.path_.entry_mm))}};
+    if (!d_.path_.has_target) line["direction"] = rounded_point(d_.path_.direction);
+    line["entry_radius_m"] = line["corridor_m"] = kCorridor_m;
+    Json goals;
+    if (d_.path_.has_target)
+      goals["target"] = {{"at_m", rounded_point(d_.to_device(d_.path_.end_mm))},
+                         {"radius_m", kTargetRadius_m}};
+    goals["line"] = std::move(line);
+    return goals;
+  }
+
+  Json keyframe(double t_s, const Vector3d& tip_m) const {
+    Json key = {{"t_s", rounded(t_s, 1e3)}, {"tip_m", rounded_point(tip_m)}};
+    const double angle_deg = tilt_deg(d_.path_);
+    if (!(angle_deg > 0)) return key;
+    const Vector3d axis = (-Vector3d::UnitZ()).cross(d_.path_.direction).normalized();
+    Json rotation = Json::array();
+    for (const double x : axis)
+      rotation.push_back(rounded(x * angle_deg, 1e3));
+    key["rotation_deg"] = std::move(rotation);
+    return key;
+  }
+
+  Json hand(double speed_m_per_s, bool returns, Json& scene) const {
+    constexpr double kRest_s = 0.2;
+    const Vector3d& along = d_.path_.direction;
+    const Vector3d from_m = d_.to_device(d_.path_.entry_mm) + kAbove_m / along.z() * along;
+    const double below_m = d_.path_.has_target ? d_.beyond_target_m_ : kBelow_m;
+    const Vector3d to_m = d_.to_device(d_.path_.end_mm) - below_m / along.z() * along;
+    const double length_m = (to_m - from_m).norm();
+    const double down_s = kRest_s + length_m / speed_m_per_s;
+    Json keys = {keyframe(0, from_m), keyframe(kRest_s, from_m), keyframe(down_s, to_m)};
+    double end_s = down_s + 0.3;
+    if (returns) {
+      keys.push_back(keyframe(down_s + 0.5, to_m));
+      end_s = down_s + 0.5 + length_m / speed_m_per_s / 1.5;
+      keys.push_back(keyframe(end_s, from_m));
+      end_s += 0.2;
+    }
+    scene["duration_s"] = rounded(end_s, 100);
+    Json hand = {{"stiffness_N_per_m", 8000}, {"damping_N_s_per_m", 140}};
+    if (d_.has_live_hand_) {
+      hand["trajectory"] = Json::array({keys[0]});
+      hand["live"] = true;
+      scene["duration_s"] = 600;
+    } else {
+      hand["trajectory"] = std::move(keys);
+    }
+    return hand;
+  }
+
+  Json cutting(double force_scale) const {
+    Json scene = head();
+    std::size_t first = d_.path_.first, last = d_.path_.last;
+    // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
+    const auto is_joined = [&](std::size_t above) {
+      return d_.levels_[above].z_mm - d_.levels_[above + 1].z_mm <=
+             1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
+    };
+    const auto fits = [&](std::size_t from, std::size_t to) {
+      return std::abs(d_.levels_[from].slice->index - d_.levels_[to].slice->index) <
+             static_cast<int>(kMaxSceneSlices);
+    };
+    while (d_.is_chosen_ && last + 1 < d_.levels_.size() && is_joined(last) &&
+           d_.height_m(last + 1) >= d_.heights_.low_m && fits(first, last + 1))
+      ++last;
+    while (d_.is_chosen_ && first > 0 && is_joined(first - 1) &&
+           d_.height_m(first - 1) <= d_.heights_.high_m && fits(first - 1, last))
+      --first;
+    const int a = d_.levels_[first].slice->index, b = d_.levels_[last].slice->index;
+    scene["body"] = {{"from", std::min(a, b)},
+                     {"to", std::max(a, b)},
+                     {"top_z_m", rounded(d_.height_m(first), 1e7)}};
+    scene["tissue"] = {{"cut",
+                        {{"bone", {{"law", "kopperdahl-power"}}},
+                         {"tearing_N_per_m", 500},
+                         {"friction_kPa", 60},
+                         {"bed_N_per_mm3", 30},
+                         {"lateral_strength_MPa", 5}}}};
+    scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
+    scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
+    scene["hand"] = hand(0.0115, true, scene);
+    if (d_.is_chosen_) scene["goals"] = goals();
+    return scene;
+  }
+
+  Json sheets(double threshold_N, double share) const {
+    Json scene = head();
+    scene["slices"] = Json::array();
+    for (const std::size_t level : separable_levels(d_.levels_, d_.path_))
+      scene["slices"].push_back(
+          {{"index", d_.levels_[level].slice->index}, {"z_m", rounded(d_.height_m(level), 1e7)}});
+    scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
+    scene["force_law"] = {{"kind", "hooke"}};
+    if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
+    scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
+    scene["hand"] = hand(0.0175, false, scene);
+    if (d_.is_chosen_) scene["goals"] = goals();
+    return scene;
+  }
+
+ private:
+  const SceneDraft& d_;
+};
+
+std::string SceneDraft::cutting(double force_scale) const {
+  return text_of(Writer(*this).cutting(force_scale));
 }
 
-Json SceneDraft::cutting(double force_scale) const {
-  Json scene = head();
-  std::size_t first = path_.first, last = path_.last;
-  // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
-  const auto is_joined = [&](std::size_t above) {
-    return levels_[above].z_mm - levels_[above + 1].z_mm <=
-           1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
-  };
-  const auto fits = [&](std::size_t from, std::size_t to) {
-    return std::abs(levels_[from].slice->index - levels_[to].slice->index) <
-           static_cast<int>(kMaxSceneSlices);
-  };
-  while (is_chosen_ && last + 1 < levels_.size() && is_joined(last) &&
-         height_m(last + 1) >= heights_.low_m && fits(first, last + 1))
-    ++last;
-  while (is_chosen_ && first > 0 && is_joined(first - 1) &&
-         height_m(first - 1) <= heights_.high_m && fits(first - 1, last))
-    --first;
-  const int a = levels_[first].slice->index, b = levels_[last].slice->index;
-  scene["body"] = {
-      {"from", std::min(a, b)}, {"to", std::max(a, b)}, {"top_z_m", rounded(height_m(first), 1e7)}};
-  scene["tissue"] = {{"cut",
-                      {{"bone", {{"law", "kopperdahl-power"}}},
-                       {"tearing_N_per_m", 500},
-                       {"friction_kPa", 60},
-                       {"bed_N_per_mm3", 30},
-                       {"lateral_strength_MPa", 5}}}};
-  scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
-  scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
-  scene["hand"] = hand(0.0115, true, scene);
-  if (is_chosen_) scene["goals"] = goals();
-  return scene;
-}
-
-Json SceneDraft::sheets(double threshold_N, double share) const {
-  Json scene = head();
-  scene["slices"] = Json::array();
-  for (const std::size_t level : separable_levels(levels_, path_))
-    scene["slices"].push_back(
-        {{"index", levels_[level].slice->index}, {"z_m", rounded(height_m(level), 1e7)}});
-  scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
-  scene["force_law"] = {{"kind", "hooke"}};
-  if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
-  scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
-  scene["hand"] = hand(0.0175, false, scene);
-  if (is_chosen_) scene["goals"] = goals();
-  return scene;
+std::string SceneDraft::sheets(double threshold_N, double share) const {
+  return text_of(Writer(*this).sheets(threshold_N, share));
 }
 
 }  // namespace trocar::runtime

@@ -4,11 +4,9 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "formats/asset/asset.h"
 #include "runtime/checking/needle_path.h"
 
 namespace trocar::runtime {
@@ -29,12 +27,10 @@ std::vector<std::size_t> separable_levels(const std::vector<Level>& levels, cons
 
 class SceneDraft {
  public:
-  using Json = nlohmann::ordered_json;  // ordered, because people read scenes
-
   /// `levels`: of the asset, the topmost first. `is_chosen`: a person has chosen the path. The scene then has goals for it, and its
-  /// bone volume includes the connected slices above and below. The asset, the levels and the path must outlive the draft.
-  SceneDraft(const Asset& asset, const std::vector<Level>& levels, const NeedlePath& path,
-             bool is_chosen, TipHeights heights);
+  /// bone volume includes the connected slices above and below. Levels and path must outlive the draft.
+  SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
+             TipHeights heights);
 
   /// Sets the scene's name, and the asset's file name in it: relative to the scene's folder, except that an absolute name of a file
   /// outside of that folder stays absolute.
@@ -43,24 +39,24 @@ class SceneDraft {
   /// negative, and has no effect without a target.
   void set_overshoot(double beyond_target_m) { beyond_target_m_ = beyond_target_m; }
 
+  /// From now on the scenes have a live hand, which begins where the scripted one does.
+  void set_live_hand() { has_live_hand_ = true; }
+
   /// A scene with one bone volume of the levels around the path, with a strength computed from HU, and a hand that goes in and out.
-  Json cutting(double force_scale) const;
+  std::string cutting(double force_scale) const;
   /// A scene with a single sheet at each of separable_levels(). `share`: the fraction of the force that the device can render; below 1
   /// it becomes the force scale.
-  Json sheets(double threshold_N, double share) const;
+  std::string sheets(double threshold_N, double share) const;
   bool has_target() const { return path_.has_target; }
   /// The height of the target in {B}, in m; the path must have one.
   double target_z_m() const { return to_device(path_.end_mm).z(); }
 
  private:
-  Json head() const;
-  Json goals() const;
-  Json hand(double speed_m_per_s, bool returns, Json& scene) const;
-  Json keyframe(double t_s, const Eigen::Vector3d& tip_m) const;
+  class Writer;
+
   Eigen::Vector3d to_device(const Eigen::Vector3d& at_mm) const;
   double height_m(std::size_t level) const;
 
-  const Asset& asset_;
   const std::vector<Level>& levels_;
   const NeedlePath& path_;
   bool is_chosen_;
@@ -69,6 +65,7 @@ class SceneDraft {
   Eigen::Vector2d anchor_mm_ = Eigen::Vector2d::Zero();
   double entry_z_m_ = 0;  ///< height of the entry in {B}
   double beyond_target_m_ = 0;
+  bool has_live_hand_ = false;
 };
 
 }  // namespace trocar::runtime

@@ -35,6 +35,7 @@ export const inspection_of = (app) => ({
     return { is_open, is_making, picks, points: { entry: app.planning.place("entry"), target: app.planning.place("target") }, result: result ?? null };
   },
   get section_z_m() { return app.view?.slices[app.view.near]?.z_m ?? null; },
+  pick: (x, y) => app.view?.pick(x, y) ?? null,
   pixel_of: (at_m) => app.view?.pixel_of(at_m) ?? null,
   get missed() { return app.live?.missed ?? 0; },
   get slices() { return app.view?.slices.map(({ slice, z_m, triangles, positions, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: positions.length / 2, cuts: cuts ?? 0 })) ?? []; },

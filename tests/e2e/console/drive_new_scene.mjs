@@ -55,7 +55,7 @@ check(Math.abs((await get("trocar.section_z_m")) - below[2]) < 1.1e-3, `the cros
 const canvas = await page.locator("#canvas").boundingBox(), [bx, by] = await pixel_of(beside);
 await page.mouse.dblclick(canvas.x + bx, canvas.y + by);
 const moved = await get("trocar.planning.points");
-check(Math.hypot(moved.target[0] - beside[0], moved.target[1] - beside[1]) < 3e-4 && JSON.stringify(moved.entry) === JSON.stringify(entry), `a double click at ${beside} gives ${JSON.stringify(moved)}`);
+check(Math.hypot(moved.target[0] - beside[0], moved.target[1] - beside[1]) < 3e-4 && JSON.stringify(moved.entry) === JSON.stringify(entry), `a double click at ${beside}, pixel ${[bx, by]} of ${JSON.stringify(canvas)}, where there is ${JSON.stringify(await get(`trocar.pick(${bx}, ${by})`))}, gives ${JSON.stringify(moved)}`);
 await page.fill("#plan-target", "");
 await page.keyboard.press("Tab");
 await page.fill("#plan-depth", "18");

@@ -40,14 +40,15 @@ export class Planning {
 
   /// A click is a press that does not move, because a drag turns the view. The second click of a double click does nothing.
   #listen(canvas) {
-    let pressed = null, clicked_ms = -Infinity;
+    let pressed = null, clicked = null;
     const is_near = (a, b) => Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY) <= kClick_px;
     canvas.addEventListener("pointerdown", (event) => { pressed = event.isPrimary && event.button === 0 ? event : null; });
     canvas.addEventListener("pointerup", (event) => {
-      if (!this.is_active || !pressed || !is_near(event, pressed) || event.timeStamp - clicked_ms < kDoubleClick_ms) return;
+      const is_second = clicked && event.timeStamp - clicked.timeStamp < kDoubleClick_ms && is_near(event, clicked);
+      if (!this.is_active || !pressed || !is_near(event, pressed) || is_second) return;
       const box = canvas.getBoundingClientRect(), at_m = this.app.view?.pick(event.clientX - box.left, event.clientY - box.top);
       if (!at_m) return;
-      clicked_ms = event.timeStamp;
+      clicked = event;
       this.set(this.picks, at_m);
     });
   }
