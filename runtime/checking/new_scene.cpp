@@ -184,7 +184,7 @@ class Proposal {
   }
 
   Result<NeedlePath> chosen_path(double max_gap_mm) const {
-    const auto path = plan_needle_path(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
+    auto path = plan_needle_path(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
     if (!path || !path->has_target) return path;
     const double depth_mm = path->entry_mm.z() - path->end_mm.z();
     const double most_mm = 1e3 * (heights_.high_m - heights_.low_m - height_outside_bone_m(*path));

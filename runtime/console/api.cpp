@@ -96,7 +96,7 @@ Result<std::filesystem::path> asset_of(const ConsoleState& console, const std::s
                                        const std::string& asset) {
   if (!asset.empty()) return console.files.find(asset);
   const auto file = console.files.find(scene);
-  if (!file) return file;
+  if (!file) return file.error();
   const Result<Scene> read = read_scene(*file);
   if (!read) return read.error();
   return read->asset;

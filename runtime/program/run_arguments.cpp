@@ -169,14 +169,14 @@ Result<void> check_history(const RunArguments& a) {
 /// Reads a point such as "-12.5,3,40".
 Result<std::array<double, 3>> read_point(const std::string& option, const std::string& text) {
   constexpr double kMost_mm = 1e4;
+  const std::string why =
+      option + " " + text + ": must be three numbers X,Y,Z: mm in the patient's frame, DICOM's LPS";
   std::array<double, 3> point{};
   const char *at = text.data(), *const last = at + text.size();
   for (std::size_t i = 0; i < point.size(); ++i) {
     const auto [end, error] = std::from_chars(at, last, point[i]);
     const bool ends_well = i + 1 < point.size() ? end != last && *end == ',' : end == last;
-    if (error != std::errc() || !ends_well || !(std::abs(point[i]) <= kMost_mm))
-      return usage(option + " " + text +
-                   ": must be three numbers X,Y,Z: mm in the patient's frame, DICOM's LPS");
+    if (error != std::errc() || !ends_well || !(std::abs(point[i]) <= kMost_mm)) return usage(why);
     at = end + (end != last ? 1 : 0);
   }
   return point;
