@@ -121,7 +121,7 @@ class Proposal {
     Wrench up = Wrench::Zero();
     up[2] = force_N;
     return device_.specification.renderable_share(
-        Pose{{0, 0, (heights_.low_m + heights_.high_m) / 2}, {1, 0, 0, 0}}, up);
+        Pose{{0, 0, (heights_.min_m + heights_.max_m) / 2}, {1, 0, 0, 0}}, up);
   }
   /// Factor on the force scales that are tried; 1 for a device that renders half of what bone bears.
   double weakness() const {
@@ -180,14 +180,14 @@ class Proposal {
 
   /// Height of the bone that a path may go through.
   double room_mm() const {
-    return 1e3 * (heights_.high_m - heights_.low_m - height_outside_bone_m(NeedlePath{}));
+    return 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(NeedlePath{}));
   }
 
   Result<NeedlePath> chosen_path(double max_gap_mm) const {
     auto path = plan_needle_path(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
     if (!path || !path->has_target) return path;
     const double depth_mm = path->entry_mm.z() - path->end_mm.z();
-    const double most_mm = 1e3 * (heights_.high_m - heights_.low_m - height_outside_bone_m(*path));
+    const double most_mm = 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(*path));
     if (depth_mm > most_mm)
       return refused(
           text_line("the target lies %.1f mm below the entry, and the device has room "
@@ -382,7 +382,7 @@ class Proposal {
                    ". Slices are at their true spacing, in the middle of the heights %.3f to "
                    "%.3f m that the tip reaches. A dry run punctured %zu of %zu slices, with at "
                    "most %.1f N, ",
-                   heights_.low_m - kWorkspaceMargin_m, heights_.high_m + kWorkspaceMargin_m,
+                   heights_.min_m - kWorkspaceMargin_m, heights_.max_m + kWorkspaceMargin_m,
                    made.punctured, made.sheets, made.force_max_N) +
                describe_warnings(made.warnings) +
                (choices_.hand == NewSceneHand::kLive
@@ -400,7 +400,7 @@ class Proposal {
   const NewSceneChoices& choices_;
   std::vector<Level> levels_;  ///< levels of the asset, the topmost first
   bool has_hu_ = false;        ///< every slice with material has HU
-  TipHeights heights_;         ///< heights of the tip that the proposal uses
+  WorkspaceHeights heights_;   ///< heights of the tip that the proposal uses
   std::optional<Kept> kept_;
 };
 

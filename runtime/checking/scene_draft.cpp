@@ -62,15 +62,15 @@ double height_outside_bone_m(const NeedlePath& path) {
 }
 
 SceneDraft::SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
-                       TipHeights heights)
+                       WorkspaceHeights heights)
     : levels_(levels), path_(path), is_chosen_(is_chosen), heights_(heights) {
   anchor_mm_ = (path.entry_mm + path.end_mm).head<2>() / 2;
   for (double& x : anchor_mm_)
     x = rounded(x, 100);
   // The path is in the middle of the heights.
   const double used_m = 1e-3 * (path.entry_mm.z() - path.end_mm.z()) + height_outside_bone_m(path);
-  const double free_m = heights.high_m - heights.low_m - used_m;
-  entry_z_m_ = rounded(heights.high_m - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
+  const double free_m = heights.max_m - heights.min_m - used_m;
+  entry_z_m_ = rounded(heights.max_m - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
 }
 
 void SceneDraft::name_files(const std::filesystem::path& asset_file,
@@ -100,6 +100,57 @@ class SceneDraft::Writer {
  public:
   explicit Writer(const SceneDraft& draft) : d_(draft) {}
 
+  Json cutting(double force_scale) const {
+    Json scene = head();
+    std::size_t first = d_.path_.first, last = d_.path_.last;
+    // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
+    const auto is_joined = [&](std::size_t above) {
+      return d_.levels_[above].z_mm - d_.levels_[above + 1].z_mm <=
+             1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
+    };
+    const auto fits = [&](std::size_t from, std::size_t to) {
+      return std::abs(d_.levels_[from].slice->index - d_.levels_[to].slice->index) <
+             static_cast<int>(kMaxSceneSlices);
+    };
+    while (d_.is_chosen_ && last + 1 < d_.levels_.size() && is_joined(last) &&
+           d_.height_m(last + 1) >= d_.heights_.min_m && fits(first, last + 1))
+      ++last;
+    while (d_.is_chosen_ && first > 0 && is_joined(first - 1) &&
+           d_.height_m(first - 1) <= d_.heights_.max_m && fits(first - 1, last))
+      --first;
+    const int a = d_.levels_[first].slice->index, b = d_.levels_[last].slice->index;
+    scene["body"] = {{"from", std::min(a, b)},
+                     {"to", std::max(a, b)},
+                     {"top_z_m", rounded(d_.height_m(first), 1e7)}};
+    scene["tissue"] = {{"cut",
+                        {{"bone", {{"law", "kopperdahl-power"}}},
+                         {"tearing_N_per_m", 500},
+                         {"friction_kPa", 60},
+                         {"bed_N_per_mm3", 30},
+                         {"lateral_strength_MPa", 5}}}};
+    scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
+    scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
+    scene["hand"] = hand(0.0115, true, scene);
+    if (d_.is_chosen_) scene["goals"] = goals();
+    return scene;
+  }
+
+  Json sheets(double threshold_N, double share) const {
+    Json scene = head();
+    scene["slices"] = Json::array();
+    for (const std::size_t level : separable_levels(d_.levels_, d_.path_))
+      scene["slices"].push_back(
+          {{"index", d_.levels_[level].slice->index}, {"z_m", rounded(d_.height_m(level), 1e7)}});
+    scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
+    scene["force_law"] = {{"kind", "hooke"}};
+    if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
+    scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
+    scene["hand"] = hand(0.0175, false, scene);
+    if (d_.is_chosen_) scene["goals"] = goals();
+    return scene;
+  }
+
+ private:
   Json head() const {
     return {{"schema", kSceneSchema},
             {"name", d_.scene_name_},
@@ -159,57 +210,6 @@ class SceneDraft::Writer {
     return hand;
   }
 
-  Json cutting(double force_scale) const {
-    Json scene = head();
-    std::size_t first = d_.path_.first, last = d_.path_.last;
-    // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
-    const auto is_joined = [&](std::size_t above) {
-      return d_.levels_[above].z_mm - d_.levels_[above + 1].z_mm <=
-             1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
-    };
-    const auto fits = [&](std::size_t from, std::size_t to) {
-      return std::abs(d_.levels_[from].slice->index - d_.levels_[to].slice->index) <
-             static_cast<int>(kMaxSceneSlices);
-    };
-    while (d_.is_chosen_ && last + 1 < d_.levels_.size() && is_joined(last) &&
-           d_.height_m(last + 1) >= d_.heights_.low_m && fits(first, last + 1))
-      ++last;
-    while (d_.is_chosen_ && first > 0 && is_joined(first - 1) &&
-           d_.height_m(first - 1) <= d_.heights_.high_m && fits(first - 1, last))
-      --first;
-    const int a = d_.levels_[first].slice->index, b = d_.levels_[last].slice->index;
-    scene["body"] = {{"from", std::min(a, b)},
-                     {"to", std::max(a, b)},
-                     {"top_z_m", rounded(d_.height_m(first), 1e7)}};
-    scene["tissue"] = {{"cut",
-                        {{"bone", {{"law", "kopperdahl-power"}}},
-                         {"tearing_N_per_m", 500},
-                         {"friction_kPa", 60},
-                         {"bed_N_per_mm3", 30},
-                         {"lateral_strength_MPa", 5}}}};
-    scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
-    scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
-    scene["hand"] = hand(0.0115, true, scene);
-    if (d_.is_chosen_) scene["goals"] = goals();
-    return scene;
-  }
-
-  Json sheets(double threshold_N, double share) const {
-    Json scene = head();
-    scene["slices"] = Json::array();
-    for (const std::size_t level : separable_levels(d_.levels_, d_.path_))
-      scene["slices"].push_back(
-          {{"index", d_.levels_[level].slice->index}, {"z_m", rounded(d_.height_m(level), 1e7)}});
-    scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
-    scene["force_law"] = {{"kind", "hooke"}};
-    if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
-    scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
-    scene["hand"] = hand(0.0175, false, scene);
-    if (d_.is_chosen_) scene["goals"] = goals();
-    return scene;
-  }
-
- private:
   const SceneDraft& d_;
 };
 

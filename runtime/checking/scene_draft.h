@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drafts of scenes for a needle's path, as JSON. Nothing is checked here; new_scene.h tries the drafts.
-// Tests: tests/e2e/new_scene_test.py
+// Tests: tests/e2e/new_scene_test.py, tests/e2e/chosen_points_test.py
 #pragma once
 
 #include <filesystem>
@@ -8,16 +8,13 @@
 #include <vector>
 
 #include "runtime/checking/needle_path.h"
+#include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
 
 inline constexpr double kNeedleRadius_m = 0.0015,
                         kPaperToolRadius_m = 0.003;  ///< radii of the tools of drafts
 
-/// The range of the tip's heights in {B} that a draft may use.
-struct TipHeights {
-  double low_m = 0, high_m = 0;
-};
 /// Returns how far in m the hand moves above the entry and below the end of the path, both together.
 double height_outside_bone_m(const NeedlePath& path);
 
@@ -28,9 +25,9 @@ std::vector<std::size_t> separable_levels(const std::vector<Level>& levels, cons
 class SceneDraft {
  public:
   /// `levels`: of the asset, the topmost first. `is_chosen`: a person has chosen the path. The scene then has goals for it, and its
-  /// bone volume includes the connected slices above and below. Levels and path must outlive the draft.
+  /// bone volume includes the connected slices above and below. `heights`: those of the tip in {B} that the draft may use. Levels and path must outlive the draft.
   SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
-             TipHeights heights);
+             WorkspaceHeights heights);
 
   /// Sets the scene's name, and the asset's file name in it: relative to the scene's folder, except that an absolute name of a file
   /// outside of that folder stays absolute.
@@ -39,7 +36,7 @@ class SceneDraft {
   /// negative, and has no effect without a target.
   void set_overshoot(double beyond_target_m) { beyond_target_m_ = beyond_target_m; }
 
-  /// From now on the scenes have a live hand, which begins where the scripted one does.
+  /// Gives the scenes a live hand, which begins where the scripted one does.
   void set_live_hand() { has_live_hand_ = true; }
 
   /// A scene with one bone volume of the levels around the path, with a strength computed from HU, and a hand that goes in and out.
@@ -60,7 +57,7 @@ class SceneDraft {
   const std::vector<Level>& levels_;
   const NeedlePath& path_;
   bool is_chosen_;
-  TipHeights heights_;
+  WorkspaceHeights heights_;
   std::string asset_name_, scene_name_;
   Eigen::Vector2d anchor_mm_ = Eigen::Vector2d::Zero();
   double entry_z_m_ = 0;  ///< height of the entry in {B}
