@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The distance to the edge of the material of an uncut slice, with its gradient, on a raster that the haptic thread
-// reads in constant time. Cuts do not change it.
+// The signed distance of a point to the edge of the material of an uncut slice, and the gradient of this
+// distance. Both come from a raster that the haptic thread reads in constant time. Holes cut during the session
+// do not change them.
 //
 // Contract (tests/runtime/contact/edge_distance_test.cpp):
-//  1. At the nodes of the raster the distance is exact, apart from rounding, and limited to kReach_mm. Between the
-//     nodes it is bilinear, so it is exact beside a straight edge.
-//  2. It is positive in the material and negative beside it. Outside of the raster it is -kReach_mm.
+//  1. At the nodes of the raster the distance is exact except for rounding. Its magnitude is limited to kReach_mm.
+//     Between the nodes it is interpolated bilinearly, which is exact near a straight edge.
+//  2. The distance is positive inside the material and negative outside it. Outside of the raster it is -kReach_mm.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,21 +21,21 @@ namespace trocar::runtime {
 
 class EdgeDistance {
  public:
-  /// Distance of the nodes; larger if the raster would otherwise have more than kMaxNodes.
+  /// Distance between neighbouring nodes. It is larger if the raster would otherwise have more than kMaxNodes nodes.
   static constexpr double kSpacing_mm = 0.5;
   static constexpr double kMaxNodes = 250'000;
   static constexpr double kReach_mm = 4;
 
   EdgeDistance() = default;
-  /// `outline`: the rings of a slice, with the material on their left. Time proportional to the number of edges times
-  /// the nodes within kReach_mm of one, plus the number of nodes.
+  /// `outline`: the rings of a slice, with the material on their left. The time is the sum of two parts: one is
+  /// proportional, for each edge, to the number of nodes within kReach_mm of it, and one to the number of all nodes.
   EdgeDistance(const Pslg& outline, const Lattice& lattice);
 
   struct Sample {
     double distance_m = -1e-3 * kReach_mm;
     Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< in {B}
   };
-  /// At a point of {B}. No allocation.
+  /// Returns the distance and its gradient at a point of {B}. No allocation.
   Sample at(const PlanarTransform& transform, const Eigen::Vector2d& at_m) const noexcept;
 
  private:

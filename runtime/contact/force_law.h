@@ -30,18 +30,19 @@
 
 namespace trocar::runtime {
 
-/// Limits of the stiffness that a law renders, beside those that follow from the scene, the device and the rate.
+/// Limits of the stiffness that a law renders. They apply in addition to the limits that follow from the scene, the
+/// device and the rate.
 struct StiffnessLimits {
-  /// The stiffness that follows from the plate's mass is divided by this. It is 1 for a simulated device, which has
-  /// the mass that it states, and kHardwareMargin for one whose mass was measured.
+  /// The stiffness limit that follows from the plate's mass is divided by this margin. The margin is 1 for a
+  /// simulated device, whose mass is known exactly, and kHardwareMargin for a device whose mass was measured.
   double margin = 1;
   double most_N_per_m =
-      std::numeric_limits<double>::infinity();  ///< at the tip; the operator's limit
+      std::numeric_limits<double>::infinity();  ///< limit at the tip, set by the operator
 };
 inline constexpr double kHardwareMargin = 2;
 
-/// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. They are valid during the
-/// call of the factory, not necessarily as long as the law exists.
+/// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. The pointers are valid only
+/// during the call of the factory.
 struct ForceLawSetup {
   const Scene& scene;
   const DeviceSpecification& device;
@@ -83,11 +84,11 @@ class ForceLaw {
   /// The loop calls this in each tick in which the state is not `running`. The next update() then starts
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
-  /// The loop calls this at the end of every tick. Writes the law's columns of the recording, if any, and
-  /// moves RecordingRow::tool_m by what a coupling holds the tool away from the plate.
+  /// The loop calls this at the end of every tick. Writes the law's columns of the recording, if it has any. If the
+  /// law has a coupling, also adds the offset of the proxy from the plate to RecordingRow::tool_m.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
-  /// Distance by which the tool must be retracted so that no force acts when `running` begins. 0: the tool is
-  /// in free space. `running` begins only if the distance is 0.
+  /// Distance by which the tool must be retracted before the state `running` can begin. It is 0 if the tool is in
+  /// free space, where no force acts.
   virtual double retract_distance_m(std::span<const Sheet* const> sheets,
                                     const Pose& T_device_plate) const noexcept = 0;
   /// True if the law itself guarantees passivity. The loop then only observes the energy, and the passivity
@@ -100,8 +101,8 @@ class ForceLaw {
   virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
   /// The law's lines in the output of `--check`. Each ends with a line feed.
   virtual std::string describe() const = 0;
-  /// Why the loop may release energy to the hand or oscillate with this law at this rate, and what helps, in one
-  /// line; empty: nothing is known against it.
+  /// One line that says why the loop may give energy to the hand or oscillate with this law at this rate, and what
+  /// helps. It is empty if no such reason is known.
   virtual std::string stability_warning() const { return {}; }
   /// Stiffness and threshold of the sheet with this index.
   virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {

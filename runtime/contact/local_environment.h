@@ -8,19 +8,21 @@
 
 namespace trocar::runtime {
 
-/// Forces on the tool in {B}. If the tool moves by m, the length of shaft in its holes grows by
-/// -m_z / axis_z.
+/// Forces on the tool in {B}. If the tool moves by the vector m, the length of the shaft below each hole
+/// grows by -m_z / axis_z.
 struct LocalEnvironment {
   // The sheet in contact acts along z. The sum of its spring and damper never pulls.
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
-  // Friction on the shaft in all its holes acts along `axis`, a unit vector up the shaft.
+  // Friction acts on the shaft in all of its holes, along `axis`. This is a unit vector up the shaft.
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;
-  /// Stiffness of the friction springs that do not yet slide if the shaft moves inwards, and outwards.
+  /// Sum of the stiffnesses of the friction springs that do not slide yet: if the shaft moves inwards, and
+  /// if it moves outwards.
   double dry_in_N_per_m = 0, dry_out_N_per_m = 0;
   double viscous_N_s_per_m = 0;
-  // The rims act in the sheet's plane, at the intersection of the axis and the plane.
+  // The rims of the holes push the shaft in the plane of the sheet, at the intersection of the tool's axis
+  // and this plane.
   Eigen::Vector2d rim_N = Eigen::Vector2d::Zero();
   double rim_N_per_m = 0;
   double stored_J = 0;  ///< energy of all springs

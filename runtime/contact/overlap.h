@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coverage of the tool, which is the fraction of its outline over
-// material, and the centroid of that area.
+// The coverage of the tool, which is the fraction of the area of its outline that lies over material, and
+// the centroid of the covered area.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,9 +19,9 @@ struct Overlap {
 };
 
 /// Intersects the tool's outline with the sheet's material outside of the holes. A coverage within 1e-9 of
-/// 0 or 1 is set to exactly 0 or 1. An empty outline has coverage 0. `holes`: outlines of the same tool, at
-/// most kMaxPendingHoles. Clips in buffers of fixed capacity, without allocation. Time proportional to the
-/// number of triangles near the tool.
+/// 0 or 1 is set to exactly 0 or 1. An empty outline has coverage 0. `holes`: outlines of the same tool
+/// that are not yet cut into the mesh, at most kMaxPendingHoles. Uses buffers of fixed capacity and does
+/// not allocate. The time is proportional to the number of triangles near the tool.
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
                 std::span<const LatticeOutline> holes) noexcept;
 

@@ -1,37 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// Contact and puncture of separate sheets (force laws `hooke` and
-// `network`): the state machine of each sheet and its force on the tool. There is one tool, and the sheets
-// are stacked along z. (Paper, II.C, Fig. 11 and 12.)
+// Contact and puncture of separate sheets, for the force laws `hooke` and `network`: the state machine of
+// each sheet, and its force on the tool. There is one tool, and the sheets are stacked along z. (Paper,
+// II.C, Fig. 11 and 12.)
 //
 // Contract (tests/runtime/contact/contact_test.cpp tests each point):
 //  1. Coverage is the fraction of the area of the tool's outline that lies over material. Contact begins
 //     when the tip passes from above to below a sheet with a coverage of at least `min_coverage`. With less
-//     coverage the tool misses the sheet: until the tip has been above the sheet again, the sheet exerts no
-//     force, except the force of a hole that the shaft is in (item 7). A tool that slides off the material
-//     later misses the sheet in the same way.
-//  2. In contact F = k dx + c b dx', but at least 0. dx = z_sheet - z_tip is the penetration, c the
-//     coverage, and K and b are the tissue's stiffness and damping. dx' is the rate of dx: the difference
-//     since the previous new pose, or since the argument `previous` of update_contact() if that is given,
-//     divided by the time on the device's clock. While no pose is new, dx' keeps its value, so the next new
-//     pose causes no force spike. With the force law `hooke`, k = c K, and F acts at the centroid of the
-//     covered area. With the force law `network`, k and the point of action come from the prefetched
-//     stiffness, which a worker computed for a tool position near the present one. A new prefetched
-//     stiffness is blended in over kBlend_s. While there is none, the law `hooke` applies.
+//     coverage the tool misses the sheet. A missed sheet exerts no force until the tip has been above it
+//     again. The only exception is the force of a hole that the shaft is in (item 7). A tool in contact
+//     that later slides off the material has also missed the sheet.
+//  2. In contact the force is F = k dx + c b dx', but at least 0. The penetration is dx = z_sheet - z_tip,
+//     and c is the coverage. K and b are the tissue's stiffness and damping. The rate dx' is the change of
+//     dx since the previous new pose, divided by the time between the two poses on the device's clock. If
+//     update_contact() is given the argument `previous`, that pose is used instead of the previous new
+//     pose. In a tick without a new pose dx' keeps its value, so that the next new pose causes no force
+//     spike. With the force law `hooke`, k = c K, and F acts at the centroid of the covered area. With the
+//     force law `network`, k and the point of action come from the prefetched stiffness, which a worker
+//     computed for a tool position near the present one. A new prefetched stiffness replaces the old one
+//     gradually, with the time constant kBlend_s. Until the first one is ready, the law `hooke` applies.
 //  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force is zero, and
 //     a hole with the tool's outline is requested. In later ticks, until the tip has been above the sheet,
 //     the sheet exerts only the force of its hole on the shaft (shaft.h). If the coverage has dropped below
 //     `min_coverage`, the tool slides off the sheet instead of puncturing it.
-//  4. The topmost sheet in contact bears the force. The sheets below it are shielded: the tool does not
-//     touch them until the tick after the topmost one is punctured, or until the tool slides off it.
-//  5. A requested hole acts as open immediately, even before the remesher has cut it into the mesh.
+//  4. The topmost sheet in contact bears the force. It shields the sheets below it: the tool does not touch
+//     them until the tick after the topmost sheet is punctured, or until the tool slides off that sheet.
+//  5. A requested hole takes effect immediately, even before the remesher has cut it into the mesh.
 //  6. The tool's outline in a sheet is the section of the tool's prism with the undeformed sheet. So a tool
 //     that moves along its own axis keeps its outline, however much it is tilted.
-//  7. A sheet remembers its last kMaxHoles holes. If the tool misses the sheet or slides off it, its
+//  7. A sheet remembers its last kMaxHoles holes. If the tool misses the sheet or slides off it, the tool's
 //     outline is compared with the nearest remembered holes, at most kMaxPendingHoles of them. If the part
-//     outside of all these holes is less than `min_coverage`, the shaft is in the nearest hole again, as
-//     after a puncture, and the hole's force acts from the next tick on. The forces of a hole are
-//     multiplied by the hole's coverage. This is the tool's coverage at the puncture, plus the part of the
-//     outline inside older holes times the coverage of the nearest of these holes; it is at most 1.
+//     of the outline outside of all these holes is less than `min_coverage`, the shaft has returned to the
+//     nearest hole. The force of this hole then acts from the next tick on, as after a puncture. Each hole
+//     has a coverage, by which its forces are multiplied. It is the tool's coverage at the puncture plus,
+//     if the outline then overlapped older holes, the overlapping part times the coverage of the nearest of
+//     these holes. It is at most 1.
 // Tests: tests/runtime/contact/contact_test.cpp
 #pragma once
 
@@ -56,9 +58,9 @@ struct ContactModel {
   double dt_s = 1e-3;                      ///< duration of a tick
   bool uses_prefetched_stiffness = false;  ///< force law `network`
   /// Smallest coverage with which contact begins. Without this bound, a tool that returns through its own
-  /// hole slightly off centre would be in contact with the rim.
+  /// hole slightly off centre would touch the rim and come into contact again.
   double min_coverage = 0.05;
-  /// The stiffness of a sheet is prefetched once the tip is at most this far above the sheet.
+  /// The stiffness of a sheet is prefetched only if the tip is at most this far above the sheet.
   double prefetch_height_m = 0.03;
 };
 
@@ -75,8 +77,9 @@ struct RememberedHole {
 
 enum class SheetState : std::uint8_t { kFree, kContact, kShielded, kPunctured, kMissed };
 
-/// Response of a sheet to the tool at one position. The force is stiffness * depth. It acts at the distance
-/// `offset_m` (x, y) from the intersection of the tool's axis and the sheet.
+/// Response of a sheet to the tool at one position. The force is `stiffness_N_per_m` times the depth. The
+/// vector `offset_m` (x, y) points from the intersection of the tool's axis and the sheet to the point
+/// where the force acts.
 struct PrefetchedStiffness {
   std::int32_t sheet = -1;  ///< index of the sheet; -1: none
   double stiffness_N_per_m = 0;
@@ -137,14 +140,14 @@ struct ContactOutput {
   std::int32_t active_sheet = -1;
   ContactPhase phase = ContactPhase::kFree;
   bool punctured_now = false;  ///< a sheet is punctured in this tick
-  double trial_force_N = 0;    ///< F at the puncture: it exceeded the threshold and was not applied
+  double trial_force_N = 0;    ///< F of the tick of a puncture, above the threshold; not applied
   CutRequest cut;              ///< the puncture's hole, unless `cut_list` is used
   std::span<const CutRequest> cut_list;  ///< requests of a law that makes several in a tick
   bool backlog = false;  ///< more than kMaxPendingHoles wait for one sheet; `cut` is invalid
   bool not_upright =
       false;  ///< the tool is tilted by more than kMaxTilt_deg; no other member is valid
   PrefetchRequest prefetch;  ///< next request for the law's prefetch worker
-  LocalEnvironment local;    ///< springs, dampers and friction that wrench_device is the sum of
+  LocalEnvironment local;    ///< springs, dampers and friction whose forces add up to wrench_device
 
   // ForceLaw::update() fills these members, for the loop and the session.
 
@@ -167,22 +170,22 @@ void drop_published(const Sheet& sheet, SheetTrack& track) noexcept;
 
 /// Runs one tick of contact. `sheets`: the meshes in use, topmost first, at most kMaxSceneSlices. The
 /// `cuts` of a sheet must never decrease from tick to tick. `prefetched`: the latest stiffness (force law
-/// `network`). `pose_interval_s`: time since the previous new pose, on the device's clock; 0: the pose is
-/// not new. `previous`: earlier pose and its age, from which velocities are computed instead of from the
-/// previous new pose. No allocation. Cost: at most one overlap() for each sheet above the tip that is in
-/// contact or may come into contact, and at most kMaxPendingHoles outline_outside() for each sheet that is
-/// punctured or missed in this tick.
+/// `network`). `pose_interval_s`: time since the previous new pose, on the device's clock, or 0 if the pose
+/// is not new. `previous`: an earlier pose and its age. If it is given, velocities are computed from it
+/// instead of from the previous new pose. No allocation. Each sheet above the tip that is in contact or may
+/// come into contact costs at most one overlap(). Each sheet that is punctured or missed in this tick costs
+/// at most kMaxPendingHoles outline_outside().
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const PrefetchedStiffness& prefetched, const Pose& T_device_plate,
                     double pose_interval_s, ContactState& state, ContactOutput& output,
                     const PreviousPose& previous = {}) noexcept;
 
-/// Call this in ticks without update_contact(): the next tick starts without rate and friction. Contact
-/// states, punctures and requested holes are kept.
+/// Call this in ticks without update_contact(). The next tick then starts without rate and friction.
+/// Contact states, punctures and requested holes are kept.
 void reset_motion(ContactState& state) noexcept;
 
-/// Call this if the tool jumped by `shift_m` without a force, as the proxy does when a puncture frees it.
-/// The rates of the next tick ignore this motion.
+/// Call this if the tool jumped by `shift_m` without a force. The proxy does so when a puncture releases
+/// it. The rates of the next tick then ignore this jump.
 void shift_tool(const ContactModel& model, const Pose& T_device_plate,
                 const Eigen::Vector3d& shift_m, ContactState& state) noexcept;
 

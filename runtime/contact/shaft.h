@@ -4,12 +4,12 @@
 // tissue, IEEE TBME 51(10), 2004) and the resistance of the rim to being pushed aside.
 //
 // Contract (tests/runtime/contact/shaft_test.cpp):
-//  1. Dry friction is a spring that slides once its deflection is `presliding_m` (P. Dahl 1968, with a linear
-//     rise). Its force never exceeds dry_friction_N and opposes the motion. It dissipates energy: over a
-//     closed motion its work on the shaft is never positive.
-//  2. The rim's force lies in the sheet's plane and opposes the displacement of the shaft's axis since it
-//     entered the hole, at the puncture or when it came back. Entering a hole therefore neither stores nor
-//     releases energy.
+//  1. Dry friction is a spring between shaft and hole. Its force rises linearly with its deflection up to
+//     `presliding_m` and is dry_friction_N there. From then on the spring slides (after P. Dahl, 1968, with a
+//     linear rise). It opposes the motion. Its work on the shaft over a closed motion is never positive.
+//  2. The rim's force lies in the sheet's plane. It opposes the displacement of the shaft's axis from the
+//     position at which the shaft entered the hole, either at the puncture or when it returned. Entering a
+//     hole therefore neither stores nor releases energy.
 #pragma once
 
 #include <Eigen/Core>
@@ -39,7 +39,7 @@ struct ShaftSection {
 
 void enter_hole(const ShaftSection& section, ShaftState& state) noexcept;
 
-/// Call this in ticks without shaft_force(): the shaft stays in its hole, and friction restarts at 0.
+/// Call this in ticks without shaft_force(). The shaft stays in its hole, and friction restarts at 0.
 void reset_motion(ShaftState& state) noexcept;
 
 /// Inserted length at an earlier pose.
@@ -58,7 +58,8 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& secti
 void add_shaft(const ShaftTissue& tissue, const ShaftSection& section, const ShaftState& state,
                LocalEnvironment& local) noexcept;
 
-/// Call this if the shaft moved in by `inserted_m` without a force. The next tick's rate ignores this motion.
+/// Call this if the shaft moved in by `inserted_m` without a force. The rate of the next tick
+/// ignores this motion.
 void shift_shaft(double inserted_m, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

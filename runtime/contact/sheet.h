@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sheet: one slice of an asset, placed in the device's frame, with a grid to look up the
 // triangles under the tool. The haptic thread only reads it. Holes are cut into a second copy that
-// the haptic thread does not see (runtime/workers/remesher.h).
+// the haptic thread does not use (runtime/workers/remesher.h).
 // Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
@@ -35,14 +35,14 @@ struct Sheet {
 };
 
 /// If the scene has a `body`, replaces the scene's slices by those slices of the asset that the
-/// body names and that have material, at their true spacing. Errors: (refused, with `name`, the
-/// asset's, in the message) fewer than two slices with material; planes that are not parallel or
-/// less than 0.1 mm apart; a slice more than 1 m below the device's origin.
+/// body names and that have material, at their true spacing. `name`: the asset's name, which
+/// messages contain. Errors: (refused) fewer than two slices with material; planes that are not
+/// parallel or less than 0.1 mm apart; a slice more than 1 m below the device's origin.
 Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name);
 
 /// Places the scene's slices; returns them with the topmost first. Checks every mesh
-/// (formats/geometry/mesh_validity.h), because contact and cuts rely on valid meshes. Errors:
-/// (refused, with `name`, the asset's, in the message) a slice that the asset does not have; a
+/// (formats/geometry/mesh_validity.h), because contact and cuts rely on valid meshes. `name`: the
+/// asset's name, which messages contain. Errors: (refused) a slice that the asset does not have; a
 /// slice without material; an invalid mesh; a tool that is too small for the lattice or has more
 /// than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
@@ -52,8 +52,9 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 /// Returns the plate's pose with the plate level and the tip on the sheet, at the scene's anchor.
 Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept;
 
-/// Free vertex and triangle slots of a placed sheet, for what its cuts add. If they run short, more
-/// are added. A hole of six corners needs about six vertices and twelve triangles.
+/// Spare capacity of a placed sheet, for the vertices and triangles that cutting holes
+/// adds. When it runs short, it is enlarged. A hole of six corners needs about six vertices
+/// and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
 
 /// Largest number of holes of one sheet that may wait to be cut into its mesh.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A raster of the material of an uncut slice and of its HU, which the
-// haptic thread reads in constant time. Cuts do not change it.
+// A raster of the material of an uncut slice and of its HU. The haptic thread reads it in constant time. Holes cut
+// during the session do not change it.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,11 +15,10 @@
 namespace trocar::runtime {
 
 /// Contract (tests/runtime/contact/slice_field_test.cpp):
-///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's volume at the
-///     centre. If the asset has HU at vertices only, it is interpolated linearly between the corners of the
-///     triangle. If the asset has no HU, it is 0.
-///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than
-///     kMaxPixels.
+///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's volume at the centre. If
+///     the asset has HU at vertices only, the pixel's HU is interpolated linearly between the corners of the triangle.
+///     If the asset has no HU, the pixel's HU is 0.
+///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than kMaxPixels.
 class SliceField {
  public:
   static constexpr double kPixel_mm = 0.25;
@@ -39,7 +38,7 @@ class SliceField {
   std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {
-    double share = 0;  ///< coverage: fraction of the disc's points over material
+    double share = 0;  ///< coverage: fraction of the disc's sample points that lie over material
     double hu = 0;     ///< mean HU of these points; 0 if there are none
   };
   /// Mean over a disc in {B}, taken from 19 points of equal weight. No allocation.

@@ -28,10 +28,10 @@ struct TissueChoice {
   std::optional<double> mean_hu;  ///< mean HU of the slice's material, if the asset has it
 };
 
-/// Returns the tissue that the scene's slice names. If it names none, returns the first
-/// tissue that has a label from which the asset was made (parameters.labels) or whose range
-/// contains the mean HU of the slice's material (measures.mean_hu). If there is no such
-/// tissue, returns Scene::tissue.
+/// Returns the tissue that the scene's slice names. If the slice names none, returns the first
+/// tissue that fits. A tissue fits if it has a label from which the asset was made
+/// (parameters.labels), or if its range contains the mean HU of the slice's material
+/// (measures.mean_hu). If no tissue fits, returns Scene::tissue.
 TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                            const AssetSlice& slice);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool: a prism on the plate, and its outline on a slice's lattice. The same outline serves to
-// compute the coverage and to cut the hole.
+// The tool, a prism on the plate, and its outline on a slice's lattice. The coverage is computed from
+// this outline, and the hole is cut with it.
 // Tests: tests/runtime/contact/tool_outline_test.cpp
 #pragma once
 

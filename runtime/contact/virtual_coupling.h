@@ -4,16 +4,18 @@
 // the spring. (J. Colgate, M. Stanley, J. Brown, Issues in the haptic display of tool use, IROS 1995;
 // R. Adams, B. Hannaford, Stable haptic interaction with virtual environments, IEEE TRA 15(3), 1999)
 //
-// The proxy has no mass, and has the plate's orientation. In each tick it moves to the equilibrium of coupling
-// and environment. The environment consists of the sheet, the friction of the shaft and the rims around the
-// proxy's last position. Each is linear up to its limit: the sheet does not pull, and dry friction slides.
+// The proxy has no mass, and has the plate's orientation. In each tick it moves to the position where the
+// forces of the coupling and of its environment balance. The environment consists of the sheet, the friction
+// of the shaft and the rims, all at the proxy's last position. Each of them is linear within its limits: the
+// sheet cannot pull, and dry friction slides at its maximum.
 //
 // Contract (tests/runtime/contact/virtual_coupling_test.cpp):
 //  1. If nothing acts on the proxy, the proxy coincides with the tool, and the force is zero.
 //  2. If the proxy is at rest in a sheet of stiffness k, or is pushed aside by a rim of stiffness k, the force
-//     is that of the springs k and the coupling in series. In motion, a damper in the sheet or friction of the
-//     shaft adds exactly its own force.
-//  3. In the tick in which a sheet is punctured, the coupling already transmits only the remaining forces.
+//     is that of two springs in series, k and the coupling. In motion, the force of a damper in the sheet or
+//     of the shaft's friction is added in full.
+//  3. In the tick in which a sheet is punctured, the coupling already transmits only the forces that
+//     remain after it.
 #pragma once
 
 #include "runtime/contact/local_environment.h"
@@ -34,7 +36,7 @@ struct CouplingState {
   Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();  ///< proxy's origin minus plate's origin
   Eigen::Vector3d last_offset_m = Eigen::Vector3d::Zero();
   LocalEnvironment environment;
-  double damper_N_per_m = 0;  ///< damping divided by the time of the last move
+  double damper_N_per_m = 0;  ///< damping divided by the duration of the last move
 };
 
 /// Returns the pose of the proxy, to be used instead of the plate's in this tick. `pose_interval_s`,
@@ -48,8 +50,8 @@ PreviousPose previous_proxy(double pose_interval_s, const PreviousPose& previous
                             const CouplingState& state) noexcept;
 
 /// Returns the wrench on the plate, given the wrench of the environment on the proxy and the environment's
-/// elements. If `punctured` (a sheet was punctured in this tick), the proxy jumps by the change of
-/// `state.offset_m`. The moment is that of the environment.
+/// elements. If a sheet was punctured in this tick (`punctured`), the proxy jumps by the change of
+/// `state.offset_m`. The moment on the plate is the moment of the environment.
 Wrench coupling_wrench(const CouplingOptions& options, const Wrench& wrench_device,
                        const LocalEnvironment& environment, bool punctured,
                        CouplingState& state) noexcept;
