@@ -3,14 +3,14 @@
 // the tool at its position, runs the cutting law, and requests holes in the meshes.
 //
 // Contract (tests/runtime/bone_cutting/contact/bone_contact_test.cpp):
-//  1. The strength of a slab is the strength of the material under the tool's outline (computed from HU if the
-//     scene says so), multiplied by the coverage, which is the fraction of the outline over material that is
-//     not yet cut. Friction is multiplied by the coverage that the uncut sheet had, so cutting a hole does
-//     not reduce its friction.
+//  1. The strength of a slab is the strength of the material under the tool's outline, multiplied by the
+//     coverage. If the scene says so, the strength is computed from HU. Here the coverage is the fraction of
+//     the outline over material that is not yet cut. Friction is multiplied by the coverage in the uncut sheet
+//     instead, so cutting a hole does not reduce the friction in it.
 //  2. Each sheet that the cutting front passes completely gets one hole request. The front can pass several
 //     sheets in one tick. If the coverage is almost 0, no hole is requested.
 //  3. If the coverage is below one half and no hole has been cut there, the sheet's edges act as walls
-//     (admissible_region.h). Where a wall has yielded, the tool's outline is cut out.
+//     (admissible_region.h). Where such a wall has yielded, a hole with the tool's outline is requested.
 //  4. All times are those of the device's clock. Without a new pose, the tick repeats the previous position.
 //  5. No allocation, lock or exception.
 #pragma once
@@ -30,7 +30,7 @@ struct SheetInContact {
   LatticeOutline outline;            ///< tool's outline for which `grip` and `hu` were computed
   std::uint32_t cuts = 0;            ///< number of holes in the mesh when `share` was computed
   std::uint32_t cuts_requested = 0;  ///< number of requested holes at that time
-  bool is_known = false;             ///< the values below have been computed
+  bool is_known = false;             ///< the other values have been computed
   bool has_hu = false;               ///< material lies under the tool, so `hu` is valid
   bool is_beside = false;     ///< coverage below one half, and no hole cut: edges act as walls
   bool is_presented = false;  ///< at least half of the tool lies over material of the uncut sheet
@@ -60,7 +60,7 @@ struct BoneContactState {
   std::vector<CuttingSlab> slabs;
   std::vector<SheetInContact> sheets;
   std::vector<CutRequest> cuts;  ///< requests of the last tick; capacity for every sheet
-  CuttingOptions options;        ///< tip_N_per_m follows the sheet at the tip
+  CuttingOptions options;        ///< tip_N_per_m is that of the sheet at the tip
   CuttingResult result;
   BoneEnergyAccount energy;
   double twist_rad_per_s = 0,
@@ -79,18 +79,20 @@ struct BoneContactState {
 
 BoneContactState make_bone_contact_state(const BoneVolume& bone);
 
-/// Runs one tick. `T_device_plate`: measured pose. `T_device_evaluated`: the same or the predicted pose.
-/// `tracks`: requested and pending holes of the sheets. Fills `output` as update_contact() does. Wrench and
-/// stored energy are the tissue's, before SceneForceLaw::force_scale.
+/// Runs one tick. `T_device_plate`: the measured pose. `T_device_evaluated`: the same pose or the
+/// predicted one. `tracks`: requested and pending holes of the sheets. Fills `output` in the same way
+/// as update_contact(). The wrench and the stored energy are those of the tissue, before
+/// multiplication by SceneForceLaw::force_scale.
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
                          double pose_interval_s, std::span<SheetTrack> tracks,
                          BoneContactState& state, ContactOutput& output) noexcept;
 
-/// Call this in ticks without update_bone_contact(): the next tick starts without load. Holes are kept.
+/// Call this in ticks without update_bone_contact(). The next tick then starts without load. Holes are kept.
 void reset_motion(BoneContactState& state) noexcept;
 
-/// Distance by which the tool must be raised so that no force acts when the loop resumes; 0: none.
+/// Distance by which the tip must be raised so that no force acts when the loop resumes; 0: no
+/// raising is needed.
 double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
                           const BoneContactState& state) noexcept;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cutting front: its depth, and its advance under a force. It only moves down, and it stops at the first
-// equilibrium that it reaches.
+// The cutting front: its depth, and its advance under a force. The front only moves down, and it stops at
+// the first equilibrium that it reaches.
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
@@ -8,18 +8,19 @@
 
 namespace trocar::runtime {
 
-/// Determines the front. Under load it is kept from the last tick. Otherwise it is the uppermost uncut
-/// material at or below the tip.
+/// Determines the depth of the front. While the tip presses on the front, the front stays where it was in
+/// the last tick. Otherwise it is at the uppermost uncut material at or below the tip.
 void find_front(Tick& tick) noexcept;
 
-/// Advance of the front along the shaft, its work, and the strength before its end.
+/// Advance of the front along the shaft, the work of this advance, and the strength of the material just
+/// cut at its end.
 struct Advance {
   double length_m = 0, work_J = 0, strength_N = 0;
   bool ends_free = false;  ///< the front leaves all material
 };
 
-/// Computes the advance after which the tip's force no longer exceeds the strength. The force starts at
-/// `tip_N` and falls by `per_m` (N per metre of advance).
+/// Computes the advance after which the tip's force no longer exceeds the strength. The force is `tip_N`
+/// before the advance and falls by `per_m` (N per metre of advance).
 Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 
 /// Returns CuttingState::bearing for the end of this tick.
@@ -27,7 +28,7 @@ int bearing_slab(const Tick& tick) noexcept;
 
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 
-/// Values that a step of the front changes. They serve to undo the step.
+/// Values that a step of the front changes. They are kept so that the step can be undone.
 struct FrontMemory {
   double stretch_m, front_m, cut_J;
   bool is_free;

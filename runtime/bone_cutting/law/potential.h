@@ -32,8 +32,9 @@ struct Evaluation {
   bool walls_yield = false, is_saturated = false;  ///< is_saturated: the coupling is at its limits
 };
 
-/// Evaluates the potential at the proxy's pose X. With `majorise`, H is the second derivative of a parabola
-/// that lies above the potential even where elements yield (yield_spring.h).
+/// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is instead the second
+/// derivative of a parabola that touches the potential at X and lies above it elsewhere, even where
+/// elements yield (yield_spring.h).
 void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
               CuttingResult& out) noexcept;
 

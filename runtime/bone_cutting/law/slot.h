@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slot of a hole: the region in one plane in which the tool's axis
-// does not press on the hole's wall. It is the convex hull of its corners, widened on all sides by the
-// clearance. It can only grow, so that pushing the wall aside always costs energy. (A region that moved with
-// the tool would close again behind it.)
+// The slot of a hole: the region in one plane in which the tool's axis does not press on the hole's wall.
+// The region is the convex hull of its corners, widened on all sides by the clearance. It can only grow, so
+// that pushing the wall aside always costs energy. (A region that moved with the tool would close again
+// behind the tool.)
 //
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
 //  1. reach().distance_m is the distance to the convex hull of the corners minus the clearance, and
 //     at least 0.
-//  2. include(p) extends the region so that it contains p: the hull gets the nearest additional corner whose
-//     clearance disc contains p. Without clearance the result is the convex hull of the region and p. The
-//     distance of no point grows. If the hull has more than kMaxCorners corners, the edge whose removal adds
-//     least area is replaced by the intersection of the lines of its two neighbours.
+//  2. include(p) extends the region so that it contains p. The hull gets one more corner, which is the point
+//     nearest to the hull whose clearance disc contains p. Without clearance the result is the convex hull
+//     of the region and p. No point gets farther from the region. If the hull then has more than kMaxCorners
+//     corners, one edge is removed by extending its two neighbours until they intersect. The removed edge is
+//     the one that adds the least area.
 #pragma once
 
 #include <Eigen/Core>
@@ -34,14 +35,15 @@ class Slot {
     double distance_m = 0;
     Eigen::Vector2d away =
         Eigen::Vector2d::Zero();  ///< unit vector away from the region; zero inside
-    /// Distance divided by the radius of curvature of the equidistant curve: 1 next to a corner without
-    /// clearance, 0 next to an edge. It is the second derivative of distance^2 / 2 across `away`.
+    /// Distance divided by the radius of curvature of the curve of equal distance. It is 1 next to a
+    /// corner without clearance and 0 next to an edge. It is also the second derivative of distance^2 /
+    /// 2 across `away`.
     double bend = 0;
   };
   Reach reach(const Eigen::Vector2d& p_m) const noexcept;
 
-  /// Vector from the nearest point of the hull to `p_m`, without subtracting the clearance; zero inside.
-  /// The search starts at the result for the previous point.
+  /// Vector from the nearest point of the hull to `p_m`. The clearance is not subtracted. Inside the hull
+  /// the vector is zero. The search starts at the result for the previous point.
   struct Offset {
     double x_m = 0, y_m = 0;
     bool beside_corner = false;
@@ -59,11 +61,11 @@ class Slot {
     return offset_of_many(p_m);
   }
 
-  /// If one corner or one edge of the hull is the nearest part of the hull for all points within `reach_m`
-  /// of `p_m`, calls corner(offset) or edge(offset, edge, squared length of the edge) and returns the result
-  /// of that call; `offset` is the vector from the corner or edge to `p_m`. If all these points are inside,
-  /// returns true without a call. Returns false if different parts are nearest to different points, or if
-  /// the last search's result does not decide this.
+  /// Checks whether one and the same corner or edge of the hull is nearest to all points within `reach_m` of
+  /// `p_m`. If so, calls corner(offset) or edge(offset, edge, squared length of the edge), and returns the
+  /// result of that call. `offset` is the vector from the corner or edge to `p_m`. If all these points are
+  /// inside the hull, returns true without a call. Returns false if different parts are nearest to different
+  /// points, or if the result of the last search does not suffice to decide.
   template <class Corner, class Edge>
   bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
                Edge&& edge) const noexcept {
@@ -94,7 +96,8 @@ class Slot {
 
  private:
   Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
-  /// Result of nearest_of_many(): inside, the one nearest corner or edge, or several or unknown ones.
+  /// Result of nearest_of_many(): all points inside, the one nearest corner or edge, or several
+  /// or unknown ones.
   struct Nearest {
     enum { kInside, kCorner, kEdge, kSeveral } part = kSeveral;
     Eigen::Vector2d offset_m = Eigen::Vector2d::Zero(), edge_m = Eigen::Vector2d::Zero();

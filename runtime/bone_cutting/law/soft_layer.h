@@ -4,26 +4,28 @@
 // force, and there is friction between it and the shaft (Okamura, Simone and O'Leary, IEEE Trans.
 // Biomed. Eng. 51, 2004).
 //
-// Each layer is an element of its own between the tip and the layer's front. It acts parallel to the tip's
-// element in the bone, because the layer stretches by millimetres and the bone by micrometres. Let z be the
-// stretch, that is max(0, stretch_m + slide of the tip in this tick). The layer's incremental potential is
+// Each layer is an element of its own between the tip and the layer's front. It acts in parallel with the
+// tip's element in the bone, because the layer stretches by millimetres and the bone by micrometres. Let z
+// be the layer's stretch, which is max(0, stretch_m + slide of the tip in this tick). The layer's
+// incremental potential is
 //   W(z) = a1 z^2 / 2 + a2 z^3 / 3,
-// which is convex in the slide because a1, a2 >= 0. The layer has two internal variables. The puncture
-// changes no energy. The front only moves down, which shortens z, so W can only decrease.
+// which is convex in the slide because a1, a2 >= 0. Two internal variables describe the layer: whether it
+// is punctured, and the depth of its front. The puncture changes no energy. The front only moves down. This
+// shortens z, so W can only decrease.
 //
 // Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
 //  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
 //  2. Until the puncture, the layer's force is a1 z + a2 z^2 at the depth z below the surface.
-//  3. The tip presses on the uppermost layer that it has not cut through, and on all lower tissue only
-//     through that layer. Therefore only that layer is punctured or cut, and the force that does so is the
-//     sum of its own force and the forces of all tissue below it. A thin layer close below a strong one can
-//     therefore be cut in the same tick as the strong one, if it is stretched enough by then.
-//  4. A punctured layer is cut at the force `cutting_N` down to its bottom. From then on the layer exerts
-//     only friction in this hole. The hole remains after the tool is withdrawn: a tool that comes back
-//     nearer to the hole than the tool's radius enters it again. Elsewhere the layer is uncut.
-//  5. The stretch of a loaded layer is carried from tick to tick. It is computed from geometry only while
-//     the layer is unloaded.
-//  6. No allocation; at most kMaxLayerAdvances front steps in a tick. Further steps are made in
+//  3. The tip presses directly only on the uppermost layer that it has not cut through, and it presses on
+//     all lower tissue through that layer. Therefore only that layer is punctured or cut. The force that
+//     does so is the sum of the layer's own force and the forces of all tissue below it. A thin layer close
+//     below a strong one can be cut in the same tick as the strong one, if it is stretched enough by then.
+//  4. A punctured layer is cut down to its bottom at the force `cutting_N`. After that the layer exerts
+//     only friction in this hole. The hole remains after the tool is withdrawn. A tool that returns within
+//     a tool radius of the hole enters it again. Elsewhere the layer is uncut.
+//  5. The stretch of a loaded layer is carried from tick to tick. The stretch of an unloaded layer is
+//     computed from the geometry.
+//  6. No allocation. A tick makes at most kMaxLayerAdvances front steps, and the remaining steps follow in
 //     the next tick.
 #pragma once
 
@@ -54,7 +56,7 @@ inline SoftSpring soft_spring(const SoftLayer& layer, double z_m) noexcept {
   const double a1 = layer.stiffness_N_per_m, a2 = layer.stiffening_N_per_m2;
   return {z_m * z_m * (0.5 * a1 + z_m * a2 / 3), z_m * (a1 + z_m * a2), a1 + 2 * z_m * a2};
 }
-/// Stretch at which the layer's force is `force_N`, at least 0; infinite if the layer has no stiffness.
+/// Stretch at which the layer's force is `force_N`; at least 0, and infinite if the layer has no stiffness.
 double stretch_at(const SoftLayer& layer, double force_N) noexcept;
 
 struct SoftHole {

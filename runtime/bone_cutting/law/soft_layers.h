@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The soft layers' part of one tick (soft_layer.h).
+// The part of one tick that concerns the soft layers (soft_layer.h).
 // Tests: tests/runtime/bone_cutting/law/soft_layer_test.cpp
 #pragma once
 
@@ -14,7 +14,7 @@ void find_layers(Tick& tick) noexcept;
 /// Total force, energy and stiffness of all layers after the tip has slid by `slide_m` along the shaft.
 SoftSpring spring_of_layers(const Tick& tick, double slide_m) noexcept;
 
-/// Friction force of the layers on the shaft (N), computed from the cut depth that the shaft fills.
+/// Friction force of the layers on the shaft (N). It is proportional to the cut depth that the shaft fills.
 double friction_of_layers(const Tick& tick) noexcept;
 
 /// Advance of the front of the layer that the tip presses on.
@@ -24,10 +24,10 @@ struct LayerAdvance {
   double stiffness_N_per_m = 0;  ///< stiffness of the layer before the advance
   bool ends_layer = false;
 };
-/// Punctures the pressed layer if the total force, `bone_N` plus the force of all layers, suffices. If the
-/// layer is punctured, computes the advance after which the total force equals the layer's cutting force. Per
-/// metre of advance the force falls by `falling` times the layer's stiffness; `falling` is 1 if the tip keeps
-/// its position, and less if the tip follows.
+/// Punctures the layer that the tip presses on if the total force, which is `bone_N` plus the force of all
+/// layers, suffices. Then computes the advance after which the total force equals the layer's cutting force.
+/// Per metre of advance the force falls by `falling` times the layer's stiffness. `falling` is 1 if the tip
+/// keeps its position, and less if the tip follows the front.
 LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept;
 /// Index of the layer that the tip presses on; -1: none.
 int pressed_layer(const Tick& tick, double slide_m) noexcept;

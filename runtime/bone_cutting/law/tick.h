@@ -25,8 +25,8 @@ struct Tick {
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// The tip's stretch grows by the product of this vector and the tip's displacement. Inside bone it is the axis.
-  /// On a surface it is the inward normal, scaled so that its component along the axis is 1.
+  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. Inside bone the vector
+  /// is the axis. On a surface it is the inward normal, scaled so that its component along the axis is 1.
   Eigen::Vector3d press = axis;
 
   int hole = -1;                          ///< hole that the tool is in or would enter; -1: none
@@ -56,8 +56,8 @@ struct Tick {
     return std::min(front_m - std::max(state.slid_m, 0.0), -tip.z());
   }
 
-  /// Removes the component of the tip's slip along the normal of what it presses on, and limits its length to
-  /// tip_presliding_m. This can only lower the stored energy.
+  /// Removes the component of the tip's slip that is normal to the surface, or inside bone along the axis, and
+  /// limits the slip's length to tip_presliding_m. Both can only lower the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= press * (press.dot(slip) / press.squaredNorm());
@@ -65,7 +65,7 @@ struct Tick {
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
   }
 
-  /// Difference of `press` and the axis on a surface of this slope.
+  /// Returns the difference between `press` and the axis, on a surface with this slope.
   Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
     const Eigen::Vector3d normal(slope.x(), slope.y(), 1);
     const double along = normal.dot(axis);

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss points at
-// which the wall acts, and each Gauss point has a slot. As long as the shaft stays close to a reference
-// position and the wall at a Gauss point does not yield, the nearest corner or edge of that point's slot does
-// not change. The energy of the point is then quadratic in the shaft's displacement, and so is the sum of such
-// energies. Therefore the first evaluation of a tick visits all points, and the other evaluations visit only
-// the few points whose energy is not quadratic.
+// which the wall acts, and each Gauss point has a slot. While the shaft stays close to a reference position
+// and the wall at a Gauss point does not yield, the nearest corner or edge of that point's slot stays the
+// same. The point's energy is then a quadratic function of the shaft's displacement, and so is the sum over
+// such points. Therefore only the first evaluation of a tick visits all points. The other evaluations visit
+// only the few points whose energy is not quadratic.
 //
-// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): apart from rounding, add_walls() adds the sum over
-// all points, independent of earlier poses.
+// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all points. Apart
+// from rounding, the sum does not depend on earlier poses.
 #pragma once
 
 #include <Eigen/Core>
@@ -51,7 +51,8 @@ class WallSums {
     mixed_[1] += depth_m * mixed;
     mixed_[2] += depth2 * mixed;
   }
-  /// Returns the sums after the shaft has moved by `by`, if the stiffness of all points stays constant.
+  /// Returns the sums after the shaft has moved by `by`, assuming that the stiffness of every point
+  /// stays constant.
   WallSums moved(const ShaftLine& by) const noexcept {
     const Eigen::Matrix2d S1 = stiffness(1);
     const Eigen::Vector2d more = stiffness(0) * by.at_m + S1 * by.per_depth,
@@ -81,10 +82,10 @@ class WallSums {
                                           Eigen::Vector2d::Zero()};
 };
 
-/// Cached sums over the quadratic points: those whose energy is quadratic while the shaft stays within a
-/// radius of its position at the last visit of all points. The radius, CuttingState::wall_radius_m, is adapted
-/// to the motion of the shaft in a tick. With a larger radius fewer points are quadratic; with a smaller one,
-/// all points are visited more often.
+/// Cached sums over the quadratic points. These are the points whose energy is quadratic while the shaft stays
+/// within a radius of its position at the last visit of all points. The radius, CuttingState::wall_radius_m,
+/// is adapted to the motion of the shaft in a tick. A larger radius leaves fewer points quadratic; with a
+/// smaller one, all points are visited more often.
 class WallModel {
  public:
   /// Call this when a wall has changed.

@@ -1,25 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// The strength of bone from CT: HU to density by a linear calibration, and density to modulus and strength by
-// published laws, chosen by name. Densities in g/cm^3, moduli and strengths in MPa.
+// The strength of bone from CT. A linear calibration maps HU to density, and published laws, chosen by name,
+// map density to modulus and strength. Densities are in g/cm^3, moduli and strengths in MPa.
 //
-// A law holds for the density that its authors measured, and these differ. In the same bone the mineral
-// density that quantitative CT measures against a phantom of K2HPO4 is about the ash density (mineral mass
-// over volume), which is 0.6 of the apparent density (wet mass without marrow over volume). A density states
-// its kind, and a law accepts no other kind, unless by a named conversion.
+// Each law holds for the kind of density that its authors measured, and the kinds differ. Quantitative CT
+// measures a mineral density against a phantom of K2HPO4. In the same bone this is about the ash density
+// (mineral mass over volume), which is 0.6 of the apparent density (wet mass without marrow over volume).
+// Here every density states its kind, and a law accepts another kind only through a named conversion.
 //
-// Sources of the laws, and how they were checked (none in the papers' full texts):
+// Sources of the laws, and how they were checked (never against the papers' full texts):
 //  - Kopperdahl 2002: the title names quantitative CT. The linear coefficients appear in two public programs
-//    for vertebrae; one feeds K2HPO4-equivalent density, the other calls it apparent. The power form appears
-//    in the first of them. Used here as QCT density.
-//  - Morgan 2003: the abstract says apparent density, and exponents from 1.49 to 2.18 by site. The
-//    vertebra's coefficients appear in the same two programs.
+//    for vertebrae. One program feeds them K2HPO4-equivalent density, the other calls the density apparent.
+//    The power form appears in the first program. Used here with QCT density.
+//  - Morgan 2003: the abstract says apparent density, and exponents from 1.49 to 2.18 by site. The vertebra's
+//    coefficients appear in the same two programs.
 //  - Keller 1994: one public program has the coefficients, for ash density of the spine, and others use his
-//    femur law with ash density. Used here as ash density; not verified in the paper.
+//    femur law with ash density. Used here with ash density; not verified in the paper.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
-//  1. Values are those of the published formulas, never negative: a linear law is 0 below its root.
-//  2. estimate() returns no value if density and law differ in kind and no conversion is allowed or known. A
-//     result names the conversion that was applied.
+//  1. Values are those of the published formulas, but never negative: below its root a linear law is 0.
+//  2. If density and law differ in kind, and no conversion is allowed or known, estimate() returns no value.
+//     The result names the conversion that was applied.
 #pragma once
 
 #include <optional>
@@ -38,7 +38,7 @@ struct HuCalibration {
   DensityKind kind = DensityKind::kQct;
   bool is_assumed = true;
 };
-/// Density of the calibration's kind, at least 0.
+/// Returns the density, at least 0, of the kind that the calibration names.
 double density_of(const HuCalibration& calibration, double HU) noexcept;
 
 /// value = constant + factor * density^exponent
@@ -68,8 +68,8 @@ struct DensityConversion {
   double factor = 1;
   std::string_view source;
 };
-/// Null: none is known. There is none from QCT density, because published ones hold for one phantom and
-/// scanner.
+/// Null: no conversion is known. There is none from QCT density, because the published ones hold for one
+/// phantom and scanner only.
 const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept;
 
 /// Modulus and strength from HU.
@@ -84,7 +84,8 @@ struct BoneEstimate {
 std::optional<BoneEstimate> estimate(const BoneLaw& law, const HuCalibration& calibration,
                                      double HU, bool may_convert = false) noexcept;
 
-/// Strength of a tool's front: the bone's strength over its area, and the tearing of its outline.
+/// Strength of the front under a tool: the bone's strength times the tool's area, plus the tearing
+/// along its perimeter.
 inline double front_strength_N(double strength_MPa, double area_m2, double tearing_N_per_m,
                                double perimeter_m) noexcept {
   return strength_MPa * 1e6 * area_m2 + tearing_N_per_m * perimeter_m;

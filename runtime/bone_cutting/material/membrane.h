@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force with which a tool breaks through a layer of soft tissue, from the tissue's fracture toughness. A
-// pointed tip opens a crack that is as long as the tip is wide where it leaves the layer, but never longer than
-// the crack that the whole tool opens (torn_length_m). Spreading the tissue and friction add to the force of
-// tearing (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016: tearing takes 61 %).
+// The force with which a tool breaks through a layer of soft tissue, computed from the tissue's fracture
+// toughness. A pointed tip opens a crack. The crack is as long as the tip is wide at the depth of the layer's
+// thickness, but never longer than the crack that the whole tool opens (torn_length_m). The force consists of the
+// force of tearing, which is 61 % of it, and of the forces of spreading and friction (A. Barnett, Y.-S. Lee, J.
+// Moore, J. Manuf. Sci. Eng. 138, 2016).
 //
 // Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):
-//  1. force = toughness * min(torn length, 2 h tan(half angle)) / 0.61 for a pointed tip and a layer of thickness
-//     h; toughness * torn length / 0.61 for a flat or hollow tip.
+//  1. For a pointed tip and a layer of thickness h, force = toughness * min(torn length, 2 h tan(half angle)) /
+//     0.61. For a flat or hollow tip, force = toughness * torn length / 0.61.
 #pragma once
 
 #include "runtime/bone_cutting/material/tool_in_tissue.h"
 
 namespace trocar::runtime {
 
-/// Tearing as a fraction of the force.
+/// Force of tearing as a fraction of the whole force.
 inline constexpr double kTearingFraction = 0.61;
 
-/// `toughness_J_per_m2`: work for each area of crack. The tool must be without error.
+/// `toughness_J_per_m2`: work per area of crack. The tool must be valid (error_of()).
 double membrane_break_N(double toughness_J_per_m2, double thickness_m,
                         const ToolShape& tool) noexcept;
 

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force with which a tip breaks through a thin wall of cortical bone that has nothing behind it, such as the
-// wall of a pedicle. The wall is a rigid-plastic plate, simply supported or clamped at a free radius. It breaks by
-// bending along plastic hinge lines (H. Hopkins, W. Prager, J. Mech. Phys. Solids 2, 1953, for a plate that is
-// loaded over a disc) or by punching, whichever needs less force. Experimental: measured forces of thin walls
-// differ from it by factors of up to 3 (tests/bench/published_forces.json).
+// wall of a pedicle. The model of the wall is a rigid-plastic plate that is simply supported or clamped along a
+// circle, whose radius is the free radius. The plate breaks either by bending along plastic hinge lines (H.
+// Hopkins, W. Prager, J. Mech. Phys. Solids 2, 1953, for a plate that is loaded over a disc) or by punching,
+// whichever needs less force. This is experimental: measured forces of thin walls differ from the result by
+// factors of up to 3 (tests/bench/published_forces.json).
 //
 // Contract (tests/runtime/bone_cutting/material/thin_wall_test.cpp):
-//  1. bending = clamping * pi * flow * t^2 / 4 / (1 - 2 a / (3 R)), with the thickness t, the radius a of the tip
-//     (at most R) and the free radius R. punching = 2 pi a t * shear.
-//  2. The flow stress of cortex is 100 MPa at 1.9 g/cm^3 and falls with the square of the apparent density.
+//  1. bending = clamping * pi * flow * t^2 / 4 / (1 - 2 a / (3 R)), where t is the thickness, a the radius of the
+//     tip (at most R) and R the free radius. punching = 2 pi a t * shear.
+//  2. The flow stress of cortex is 100 MPa at 1.9 g/cm^3. It is proportional to the square of the
+//     apparent density.
 #pragma once
 
 namespace trocar::runtime {
@@ -21,7 +23,7 @@ struct ThinWall {
   double clamping = 3;  ///< 2: simply supported; 4: clamped
 };
 
-/// Flow stress of cortical bone of an apparent density in g/cm^3.
+/// Flow stress of cortical bone. The argument is its apparent density.
 double cortex_flow_Pa(double apparent_g_per_cm3) noexcept;
 
 double bending_N(const ThinWall& wall, double tip_radius_m) noexcept;
