@@ -1,31 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// Limits the energy that the environment (tissue and coupling) releases to
-// the hand; more is the fault kEnergyLimit. The limit does not depend on the passivity controller, which reduces
-// that energy but cannot bound it.
+// Limits the energy that the environment (tissue and coupling) releases to the hand. More energy is the fault kEnergyLimit. The
+// limit acts independently of the passivity controller, which reduces that energy but cannot bound it.
 //
-// W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was
-// entered. A wrench held over a tick does the work wrench * (next pose - this pose), which is known one tick
-// later. Compensation torques do not count. S(t) is the energy stored in the elastic elements of the environment:
-// the sheet, the rims, the springs of dry friction, and the coupling. S is the force law's full stored energy: it
-// is not multiplied by Safety::authority (the factor on the force after a recovery), and not reduced when the
-// motors cannot render the whole wrench.
+// W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was entered. A wrench
+// held over a tick does the work wrench * (next pose - this pose), which is known one tick later. Compensation torques do not
+// count. S(t) is the energy stored in the elastic elements of the environment: the sheet, the rims, the springs of dry
+// friction, and the coupling. S is the force law's full stored energy. It is not multiplied by Safety::authority (the factor on
+// the force after a recovery), and it is not reduced when the motors cannot render the whole wrench.
 //
-// Invariant: for any two ticks s <= t at most kEnergyWindow_s apart
+// Invariant: for any two ticks s <= t at most kEnergyWindow_s apart, either
 //   W(t) - W(s) <= S(s) + SafetyLimits::energy_limit_J,
 // or kEnergyLimit is raised at t.
 //
 // Contract (tests/runtime/control/energy_limit_test.cpp):
 //  1. An environment that does not generate energy (dW <= -dS) never raises the fault. Because S is the unscaled
 //     energy, the same holds if the wrench is rendered with a constant factor below 1.
-//  2. A puncture, or another release of stored energy that the force law intends, does no work on the hand by itself. Such a
-//     tick is never taken as s: its S is too small, because it lacks the energy of the punctured sheet already, and that of the
-//     sheet below, which is loaded at once, still.
+//  2. A puncture, or another release of stored energy that the force law intends, does no work on the hand by itself. The tick
+//     of such a release is never taken as s, because its S is too small: it no longer contains the energy of the punctured
+//     sheet, and it does not yet contain that of the sheet below, which is loaded at once.
 //  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the
-//     wrenches held since the last new pose.
-//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time
-//     receives at most A * S more than it gave, where S is the stored energy at the deepest contact. With the
-//     default SafetyTiming, A is 0.4.
-//  5. A limit that is nan or negative always trips. While the state is not `running`, the account is kept
+//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time receives at most A *
+//     S more energy than it gave. Here S is the stored energy at the deepest contact. With the default SafetyTiming, A is 0.4.
+//  5. A limit that is nan or negative always raises the fault. While the state is not `running`, the account is kept
 //     at zero (reset()).
 #pragma once
 
@@ -39,7 +35,7 @@
 namespace trocar::runtime {
 
 inline constexpr double kEnergyWindow_s = 0.1;
-/// Size of the queue: the ticks of the window at kMaxRate_Hz, and one more.
+/// Size of the queue: the number of ticks in the window at kMaxRate_Hz, plus one.
 inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_Hz) + 1;
 
 /// Inputs of a tick.

@@ -1,26 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// One tick of the haptic loop, the same in real and in virtual time. In:
-// the pose that a device measures. Out: the wrench that the device is to render, and one row of the recording. No
-// allocation, lock or exception.
+// One tick of the haptic loop, the same in real and in virtual time. Its input is the pose that a device measures. Its outputs are
+// the wrench that the device is to render, and one row of the recording. No allocation, lock or exception.
 //
 // Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
 // energy_limit.h and passivity.h:
 //  1. Every command written was prepared by the device, within its limits (hand_device.h).
-//  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h, which starts
-//     from the last command written. If the fault is that a command could not be
-//     written, the ramp starts in the next tick, from that command. Once the ramp has ended, and in `idle`, `ready` and `recovering`,
-//     the force is zero.
+//  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h, which starts from the last command
+//     written. If the fault is that a command could not be written, the ramp starts in the next tick, from that command. The force is
+//     zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. All times are those of the device's clock. Differences of its time stamps, to the nanosecond, give the
-//     intervals between poses, the velocities, how far a reading may differ from the last one, and for how long the motors
-//     were heated in a late tick. In `running`, a device state is new if its time stamp is finite and later
-//     than the previous one. After no_data_max_s without a new device state the fault is kNoData. If a time
-//     stamp lies more than gap_max_s after the previous one, the fault is kNoData at once. (gap_max_s also limits the time
-//     between ticks.) In all safety
-//     states except `running`, the device's clock may restart, for example after the link was restored; the
-//     velocity estimation restarts too.
-//  5. The ramp after a fault, the rise of authority and compensation after a recovery, and the change from one prefetched
-//     stiffness to the next take a number of ticks, so late ticks make them slower.
+//  4. All times are those of the device's clock. Differences of its time stamps, to the nanosecond, give the intervals between poses,
+//     the velocities, the largest allowed difference between two readings, and the time for which the motors were heated in a late
+//     tick. In `running`, a device state is new if its time stamp is finite and later than the previous one. After no_data_max_s
+//     without a new device state, the fault kNoData is raised. If a time stamp lies more than gap_max_s after the previous one,
+//     kNoData is raised at once. (gap_max_s also limits the time between ticks.) In all states of the safety state machine except
+//     `running`, the device's clock may restart, for example after the link was restored. The velocity estimation then restarts too.
+//  5. Some changes take a fixed number of ticks, so late ticks make them slower. These are the ramp after a fault, the rise of
+//     authority and compensation after a recovery, and the change from one prefetched stiffness to the next.
 // Tests: tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -58,11 +54,10 @@ struct LoopState {
   PassivityState passivity;
   EnergyAccount energy;
   std::uint64_t tick = 0;  ///< number of ticks done
-  /// Time between the previous new pose and the pose of this tick, on the device's clock. 0: the pose of this
-  /// tick is not new, or it is the first one. While no pose is new, the last velocity is kept, so the next
-  /// new pose causes no force spike.
+  /// Time between the previous new pose and the pose of this tick, on the device's clock. It is 0 if the pose of this tick is not
+  /// new, or is the first one. While no pose is new, the last velocity is kept, so that the next new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Device time beyond the ticks counted so far, which HandDevice::age() has not been told yet.
+  /// Time on the device's clock that has passed but was not yet passed to HandDevice::age().
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;  ///< time of the last reading that was kept

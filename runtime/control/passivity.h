@@ -5,28 +5,27 @@
 // Hannaford, G. Hirzinger, Time domain passivity control with reference energy following, IEEE
 // TCST 13(5), 2005).
 //
-// A wrench held over a tick does the work wrench * (next pose - this pose), which is known
-// exactly one tick later. The energy balance is the work that the environment absorbed from the
-// hand minus the energy that it stores. If a spring K is sampled and held, the balance falls by K
+// A wrench held over a tick does the work wrench * (next pose - this pose), which is known exactly
+// one tick later. The energy balance is the work that the environment absorbed from the hand minus
+// the energy that it stores. If a spring of stiffness K is sampled and held, the balance falls by K
 // (step)^2 / 2 per tick, in either direction of motion. A negative balance means that the
 // environment generates energy.
 //
 // Contract (tests/runtime/control/passivity_test.cpp):
 //  1. The balance equals the absorbed work minus the stored energy, up to rounding, for any motion.
-//  2. The wrench is unchanged, to the last bit, while the balance is not negative and while
-//     the environment only absorbs energy. So a push that ends in a puncture follows the
-//     force law exactly.
+//  2. As long as the balance is not negative, or the environment only absorbs energy, the wrench is
+//     unchanged to the last bit. So a push that ends in a puncture follows the force law exactly.
 //  3. The damping is at most damping_max() and opposes the plate's motion. It can at most cancel the
-//     environment's force along its direction, so that it never pulls the hand into a sheet. A
-//     deficit that remains is removed in later ticks of the contact.
+//     environment's force along its direction, so that it never pulls the hand into a sheet. An
+//     energy deficit that remains is removed in later ticks of the contact.
 //  4. A planned release (a puncture) sets the balance to zero. So neither the energy that the sheet
 //     lost nor an earlier deficit causes damping afterwards.
 //  5. While the required damping is within its bound, a sheet returns to the hand at most the energy
-//     that it absorbed plus the work of one tick. `released_max_J` records any excess. Energy that
-//     is still stored, in a sheet, a rim or the springs of friction, does not count as released.
-//  6. A positive balance is capped at credit_max_J, so that a dissipative environment (friction on
-//     the shaft) cannot accumulate energy to oscillate with. Stored energy that the caller does not
-//     report must be less than that.
+//     that it absorbed plus the work of one tick. `released_max_J` records any excess. Energy that a
+//     sheet, a rim or the springs of friction still store does not count as released.
+//  6. A positive balance is capped at credit_max_J. Otherwise a dissipative environment (friction on
+//     the shaft) could accumulate energy that later feeds oscillations. Stored energy that the
+//     caller does not report must be less than credit_max_J.
 #pragma once
 
 #include "runtime/device/pose.h"

@@ -1,22 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safety state machine: five states (idle, ready, running, fault,
-// recovering), the events that lead from one to another, and the factor on the torques in each state.
+// The safety state machine. It has five states (idle, ready, running, fault, recovering), events that lead from one state
+// to another, and a factor on the torques in each state.
 //
 // Contract (tests/runtime/control/safety_test.cpp):
-//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request
-//     for recovery leaves that state. The operator's emergency stop leads to `fault` from every state, and takes the place
-//     of the fault that was kept.
-//  2. When a fault ends `running`, torques are ramped down, from the tick in which the fault is found: they
-//     are the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks, and is below 1 in
-//     the first of them. At 250 Hz and more this takes at most kRampMax_s; at lower rates torques are zero
-//     at once. They are also zero at once after kEnergyLimit, because a ramp would continue to release
-//     energy to the hand.
-//  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free
-//     space. A fault restarts that time. Torques are zero meanwhile.
-//  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`, with
-//     `ramps_at_start` also at the beginning.
-//  5. If a time is nan, the result is safe: torques are zero at once, recovery never ends, and authority
-//     does not rise. A negative time counts as zero.
+//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request for recovery
+//     leaves the state `fault`. The operator's emergency stop leads to `fault` from every state, and replaces the fault
+//     that was kept.
+//  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the fault is found. They are
+//     the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks and is already below 1 in the first
+//     of them. At 250 Hz and more this takes at most kRampMax_s. At lower rates torques are zero at once. After
+//     kEnergyLimit they are also zero at once, because a ramp would continue to release energy to the hand.
+//  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free space. A fault
+//     restarts this time. In `recovering`, torques are zero.
+//  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`. With
+//     `ramps_at_start`, it also does so at the beginning of a session.
+//  5. If a time is nan, the result is safe: torques are zero at once, recovery never ends, and authority does not rise. A
+//     negative time is treated as zero.
 #pragma once
 
 #include <cstdint>
@@ -36,10 +35,10 @@ struct SafetyTiming {
 };
 
 enum class SafetyEvent : std::uint8_t {
-  kSeen,     ///< the device's state was read and found good
+  kSeen,     ///< the device's state was read and passed the checks
   kFree,     ///< no fault, and the tool is in free space
   kFault,    ///< a fault was found
-  kRecover,  ///< the operator asks for recovery
+  kRecover,  ///< the operator requests recovery
   kSettled,  ///< the time of item 3 is over
   kStop,     ///< the operator's emergency stop is pressed
 };
@@ -72,8 +71,8 @@ bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 /// Call this in each tick in which the operator's emergency stop is pressed.
 void press_stop(Safety& safety, double t_s) noexcept;
 
-/// Requests recovery. The request takes effect only in the state `fault`, once torques are zero; then
-/// true is returned.
+/// Requests recovery. The request takes effect only in the state `fault` after torques have become zero. Returns true if
+/// it takes effect.
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Returns the state with which a session begins.
@@ -83,12 +82,12 @@ inline Safety initial_safety(const SafetyTiming& timing) noexcept {
   return safety;
 }
 
-/// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `seen`: a device
-/// state has been read. `free`: the tool is in free space.
+/// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `seen`: a state of the device has
+/// been read. `free`: the tool is in free space.
 void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,
              bool seen, bool free) noexcept;
 
-/// Returns the factor of item 2 for this tick, on the torques at which `running` was left. Call it once in
+/// Returns the factor of item 2 for this tick. It multiplies the last torques before `running` was left. Call this once in
 /// each tick in which the state is not `running`.
 double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encoders and motors of the four-legged device: angles come in, torques go out. They are those of the simulated
-// device in the process, of a drive behind UDP, of a recording that is replayed, or of a test.
-// runtime/mechanism/four_legs.h makes a HandDevice of them.
+// Encoders and motors of the four-legged device: angles come in, torques go out. They can belong to the
+// simulated device in the process, a drive behind UDP, a recording that is replayed, or a test.
+// runtime/mechanism/four_legs.h builds a HandDevice on this interface.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
@@ -28,14 +28,13 @@ struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
 };
 
-/// A session calls start() once, then read(), write() and advance() in each tick, and close() at
-/// its end. The haptic thread calls read(), write() and restore(): they never allocate, lock,
-/// throw or block.
+/// A session calls start() once, then read(), write() and advance() in each tick, and close() at its end. The
+/// haptic thread calls read(), write() and restore(), so these never allocate, lock, throw or block.
 class Device {
  public:
   virtual ~Device() = default;
 
-  /// Begins a session with the device. From then on the device may expect ticks. May
+  /// Begins a session with the device. From then on the device may require a command in each period. May
   /// block. Called once.
   virtual Result<void> start() { return {}; }
   /// Reads the latest state. `state` changes only on kOk.
@@ -48,8 +47,8 @@ class Device {
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() {}
-  /// Ends a tick of `dt_s`, and advances the time of a device that is paced by the loop. Called on
-  /// the thread of read() and write(). May block only if is_paced_by_loop() is true.
+  /// Ends a tick of length `dt_s`. A device that is paced by the loop advances its time by `dt_s`. Called on the
+  /// thread of read() and write(). May block only if is_paced_by_loop() is true.
   virtual void advance(double /*dt_s*/) {}
   /// Ends the session.
   virtual void close() {}

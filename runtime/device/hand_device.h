@@ -3,16 +3,16 @@
 // loop, its safety, the force laws and the checks of a scene use only this interface. runtime/mechanism/four_legs.h implements
 // it for the four-legged device of the paper, over encoders and motors (device.h).
 //
-// A session calls start() once, then in every tick those functions of the haptic thread that the tick needs: it reads and finds
-// the pose, tells how long the last command was held, renders or fades, writes, describes and advances. It calls close() at its
-// end. Functions of the haptic thread do not allocate, lock, throw or block.
+// A session calls start() once, and close() at its end. In every tick it calls those functions of the haptic thread that the tick
+// needs. It reads the device and finds the pose, states how long the last command was held, renders a wrench or fades, writes the
+// command, describes the tick and advances. Functions of the haptic thread do not allocate, lock, throw or block.
 //
 // Contract:
-//  1. The result of a tick depends only on the construction arguments, on what was read, and on the sequence of
-//     calls, so that a replay of the readings gives the same bits.
-//  2. Whatever wrench is wanted, the command that write() sends is finite and within what the device may do.
-//  3. delivered() is the wrench that the last command renders to the hand. Energy is accounted with it, not with
-//     the wrench that was wanted.
+//  1. The result of a tick depends only on the construction arguments, on the readings, and on the sequence of calls, so that a
+//     replay of the readings gives the same bits.
+//  2. Whatever wrench is wanted, the command that write() sends is finite and within the device's limits.
+//  3. delivered() is the wrench that the last command renders to the hand. The energy account uses this wrench, not the wrench
+//     that was wanted.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -34,7 +34,7 @@
 
 namespace trocar::runtime {
 
-/// The largest numbers of measured values and of values of a command, in a tick.
+/// The largest number of measured values in a tick, and the largest number of values in a command.
 inline constexpr int kMaxMeasured = 16, kMaxCommanded = 8;
 
 /// Values measured at one time, in the device's own coordinates, such as encoder angles.
@@ -44,14 +44,14 @@ struct Measurement {
   std::array<double, kMaxMeasured> value{};
 };
 
-/// How far a pose is from the limits of the device's own checks. A device without joints leaves their members as they are.
+/// How far a pose is from the limits of the device's own checks. A device without joints does not set the members about joints.
 struct DeviceMargins {
-  Fault fault = Fault::kNone;  ///< the fault with which these checks stop at this pose, or none
-  /// The device can be at this pose. If not, the following members are not known.
+  Fault fault = Fault::kNone;  ///< the fault that these checks raise at this pose, or none
+  /// The device can be at this pose. If false, the following members are not known.
   bool is_reachable = true;
-  /// Smallest distance of a joint from its limit; negative beyond it.
+  /// Smallest distance of a joint from its limit; negative if a joint is beyond its limit.
   double joint_rad = std::numeric_limits<double>::infinity();
-  int joint = -1;                ///< this joint, by its index in Measurement::value
+  int joint = -1;                ///< index of this joint in Measurement::value
   double inverse_condition = 1;  ///< that of the Jacobian: at most 1, and 0 at a singularity
 };
 
@@ -60,14 +60,14 @@ struct WorkspaceBox {
   std::array<double, 3> min_m{}, max_m{};
 };
 
-/// Limits of the motors and joints, for the programs that show a session. A device that does not state them leaves them out.
+/// Limits of the motors and joints, for programs that display a session. A device that does not state them leaves them empty.
 struct MotorsAndJoints {
   std::optional<double> motor_peak_torque_Nm, motor_continuous_torque_Nm;
   std::vector<std::array<double, 2>> joint_limits_rad;  ///< smallest and largest angle
 };
 
-/// Facts about a device that do not change during a session. The force laws, the checks of a scene, the live hand and
-/// the telemetry use them without a device. The haptic thread may call the functions that are noexcept.
+/// Facts about a device that do not change during a session. The force laws, the checks of a scene, the live hand and the telemetry
+/// use them without access to the device itself. The haptic thread may call the functions that are noexcept.
 class DeviceSpecification {
  public:
   virtual ~DeviceSpecification() = default;
@@ -76,12 +76,12 @@ class DeviceSpecification {
   virtual std::string_view name() const noexcept = 0;
   /// Text for `--check`: the largest force or torque, such as "6 Nm peak a motor".
   virtual std::string describe_strength() const = 0;
-  /// False if the device measures only its position, and the orientation stays what it was at the start.
+  /// False if the device measures only its position. The orientation then stays what it was at the start.
   virtual bool senses_rotation() const noexcept = 0;
-  /// False if the device renders only forces, and a wanted moment is dropped.
+  /// False if the device renders only forces. A wanted moment is then dropped.
   virtual bool renders_moment() const noexcept = 0;
   virtual int buttons() const noexcept { return 0; }
-  /// Workspace that the maker states; none: the safety limits and the device's own checks bound it.
+  /// Workspace that the maker states. None: only the safety limits and the device's own checks bound the workspace.
   virtual std::optional<WorkspaceBox> workspace() const noexcept { return std::nullopt; }
   virtual MotorsAndJoints motors_and_joints() const { return {}; }
 
@@ -90,31 +90,32 @@ class DeviceSpecification {
   virtual std::array<double, 3> inertia_kg_m2() const noexcept = 0;
   /// Largest stiffness at the tip that the maker states, in N/m; 0: none is stated.
   virtual double stiffness_max_N_per_m() const noexcept = 0;
-  /// Resolution of every measured value, in its own unit; 0: the values are exact.
+  /// Resolution of every measured value, in the unit of that value; 0: the values are exact.
   virtual double resolution() const noexcept = 0;
-  /// Damping of the plate's twist [v; omega] by the device's own friction at a pose; none: the device cannot be there.
+  /// Damping that the device's own friction gives the plate at a pose: the matrix from the twist [v; omega] to the wrench that
+  /// opposes it, in SI units. None: the device cannot be at this pose.
   virtual std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const = 0;
-  /// The largest factor, at most 1, with which the device can render a wrench at a pose; 0: it cannot be there.
+  /// The largest factor, at most 1, with which the device can render a wrench at a pose; 0: the device cannot be at this pose.
   virtual double renderable_share(const Pose& T_device_plate,
                                   const Wrench& wrench_device) const = 0;
   /// Text for `--check`: what rendering a wrench at a pose demands of the device. `what` names the wrench.
   virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                                       const Wrench& wrench_device) const = 0;
 
-  /// The margins of the checks that the device's find_pose() applies to a pose.
+  /// The margins of this pose from the limits that find_pose() checks.
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
-  /// Text for `--check`: the smallest margins of several reachable poses. Empty: the device has no such limits.
+  /// Text for `--check`: the smallest margins over several reachable poses. Empty: the device has no such limits.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
-  /// Says by how much a pose exceeds the limit of this fault of margins(), with value and limit. Empty: it does not.
+  /// Text that says by how much a pose exceeds the limit of this fault of margins(), with value and limit. Empty: it does not.
   virtual std::string describe_fault(Fault /*fault*/, const Pose& /*T_device_plate*/) const {
     return {};
   }
-  /// The pose computed from what the device measured in a tick, whether its checks accept it or not; none: it
+  /// The pose computed from the device's measurements in a tick, even if the device's checks reject it. None: the pose
   /// cannot be computed.
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time since the last reading, with which the device checks that a reading does not jump.
+/// The time since the last reading. From it the device decides whether a reading differs too much from the last one.
 struct ReadingInterval {
   bool has_last = false;  ///< a reading was kept before this one
   double step_s = 0;      ///< time in which the device may have moved since then
@@ -125,7 +126,7 @@ struct PlatePose {
   double residual_m = 0;  ///< how well redundant sensors agree on the pose; 0 if there are none
 };
 
-/// The device's own forces that it cancels, so that the hand does not feel them.
+/// The device's own forces that the loop cancels, so that the hand does not feel them.
 struct CompensationOptions {
   bool friction = false;
   bool gravity = false;  ///< compensate the plate's weight, by the gravity of the description
@@ -142,7 +143,7 @@ struct RenderInput {
   double authority_rise = 0;  ///< compensation rises from 0 to 1 by this much in each tick
 };
 
-/// Values of a tick for the display, which do not belong to a recording.
+/// Values of a tick for the display, which are not recorded.
 struct DeviceReadout {
   std::array<double, kMaxCommanded> command_limit{};  ///< largest command possible now
   double margin = 0;  ///< smallest distance of a measured value from its limit; negative beyond it
@@ -159,23 +160,23 @@ class HandDevice {
 
   // The haptic thread calls these functions.
 
-  /// Reads the newest state. `t_s`: its time on the device's clock, ascending; changed only on kOk.
+  /// Reads the newest state. `t_s`: its time on the device's clock, ascending. `t_s` changes only on kOk.
   virtual DeviceStatus read(double& t_s) noexcept = 0;
-  /// Uses the reading that was kept last instead of this tick's reading, which is absent or not new.
+  /// Uses the reading that was kept last. Called if this tick's reading is absent or not new.
   virtual void use_last_reading() noexcept = 0;
-  /// Checks the reading and the device itself, and computes the pose; `pose` changes only without a fault.
+  /// Checks the reading and the device itself, and computes the pose. `pose` changes only if there is no fault.
   virtual FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept = 0;
   /// This tick's reading, from which velocities are computed.
   virtual const Measurement& measured() const noexcept = 0;
   /// Keeps this tick's reading as the last one. Returns false, and keeps the older one, if it is not finite.
   virtual bool keep_reading() noexcept = 0;
-  /// Tells the device for how long the last command was held, from which it computes, for example, how hot its motors are. Returns a
-  /// fault if they are too hot.
+  /// Tells the device for how long the last command was held. The device can compute from this, for example, the temperature of its
+  /// motors, and returns a fault if they are too hot.
   virtual FaultDetail age(double /*held_s*/) noexcept { return {}; }
-  /// After a fault of age(), returns it again until the device has recovered enough to go on.
+  /// After a fault of age(), returns it again until the device has recovered enough to continue.
   virtual FaultDetail check_rested() const noexcept { return {}; }
-  /// Prepares the command that renders the wanted wrench. `scale`: the share of the wrench that the device can
-  /// render. After a fault no command is prepared, and stop() and fade() must follow.
+  /// Prepares the command that renders the wanted wrench. `scale`: the fraction of the wrench that the device can render. If a fault
+  /// is returned, no command is prepared, and the caller must call stop() and fade().
   virtual FaultDetail render(const RenderInput& input, double& scale) noexcept = 0;
   /// Keeps the last command that was sent or attempted, from which fade() starts. Sends nothing.
   virtual void stop() noexcept = 0;
@@ -183,7 +184,7 @@ class HandDevice {
   virtual void fade(double share) noexcept = 0;
   /// Sends the prepared command, which is held until the next write. Never returns kEndOfData.
   virtual DeviceStatus write() noexcept = 0;
-  /// Sends a command without force; for times outside a tick.
+  /// Sends a command without force. Used outside of ticks.
   virtual void write_zero() noexcept = 0;
   /// The wrench that the last command renders to the hand, without compensation of the device's own forces.
   virtual Wrench delivered() const noexcept = 0;
@@ -194,7 +195,7 @@ class HandDevice {
   virtual void restore() noexcept {}
   /// Fills the device's columns of the recording, and the values for the display.
   virtual void describe(RecordingRow& row, DeviceReadout& readout) const noexcept = 0;
-  /// Ends a tick of `dt_s`, and advances the time of a device that is paced by the loop. May block only if
+  /// Ends a tick of length `dt_s`. A device that is paced by the loop advances its time by `dt_s`. May block only if
   /// is_paced_by_loop() is true.
   virtual void advance(double /*dt_s*/) {}
 

@@ -22,7 +22,7 @@ struct Pose {
 };
 
 /// An earlier pose from which the velocity is computed (runtime/control/velocity_window.h). A
-/// motion with the present velocity would have led from it to the present pose.
+/// motion at the present velocity leads from it to the present pose in `ago_s`.
 struct PreviousPose {
   Pose T_device_plate;
   double ago_s = 0;  ///< time since this pose; 0: there is none, and the last new pose is used
@@ -71,8 +71,8 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   return q.normalized();
 }
 
-/// Returns the same wrench with its moment about another point, where new point + lever_m
-/// = old point.
+/// Returns the same wrench with its moment about another point. `lever_m` points from this new
+/// point to the old one.
 inline Wrench moved_by(const Wrench& wrench, const Eigen::Vector3d& lever_m) noexcept {
   Wrench moved = wrench;
   moved.tail<3>() += lever_m.cross(Eigen::Vector3d(wrench.head<3>()));

@@ -37,11 +37,12 @@ struct OpenDeviceOptions {
       say;  ///< takes what a device of another maker has to say, one line each; not on the haptic thread
 };
 
-/// True if the device may have motors. Only the device in the process is known to be simulated; a device process is
-/// taken to have motors, whatever it says.
+/// True if the device may have motors. Only the device in the process is known to be simulated. A device process is assumed to
+/// have motors, whatever it reports.
 bool may_have_motors(std::string_view uri);
 
-/// Longest time without data from a simulated device process, as on a machine with other work, in s.
+/// Longest time without data from a simulated device process, in s. It is long because other work on the machine can
+/// delay the process.
 inline constexpr double kSimulatedNoData_s = 0.25;
 
 /// True if the device is a process behind the device link.
@@ -51,11 +52,11 @@ bool is_device_process(std::string_view uri);
 /// but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
-/// Returns the name of the built-in description of a pose device (pose_session.h) that belongs to a URI; empty: the URI is that of
-/// the four-legged device, or its description must be given.
+/// Returns the name of the built-in description of a pose device (pose_session.h) that belongs to a URI. Empty: the URI is that of
+/// the four-legged device, or the user must give a description.
 std::string_view built_in_description(std::string_view uri);
-/// Like built_in_description(), but asks the device, so that the description says whether its handle's orientation is measured.
-/// Blocks up to kOpenTimeout_s. Errors: those of the device's PoseConnection::open().
+/// Like built_in_description(), but asks the device, so that the description states whether the orientation of the handle is
+/// measured. Blocks up to kOpenTimeout_s. Errors: those of the device's PoseConnection::open().
 Result<std::string> find_built_in_description(std::string_view uri);
 /// A device ready for start(), or for the first tick of a replay.
 struct OpenedDevice {
@@ -64,26 +65,26 @@ struct OpenedDevice {
   std::unique_ptr<HandDevice> device;           ///< uses one of these two
 };
 
-/// Makes the four-legged device of these encoders and motors.
+/// Builds the four-legged device from these encoders and motors.
 OpenedDevice make_four_legs(const DeviceDescription& description,
                             std::unique_ptr<Device> encoders_and_motors);
 
-/// Makes the hand device of this pose device, which lies in the scene as pose_frame() says.
+/// Builds the hand device from this pose device, placed in the scene as pose_frame() returns.
 OpenedDevice make_pose_hand(const PoseDeviceDescription& description, const Scene& scene,
                             std::unique_ptr<PoseDevice> pose_device);
 
-/// Makes the simulated device of this description, held by the scene's hand, which is not live. Errors: (refused) the
-/// device cannot be where the hand begins.
+/// Makes the simulated device of this description, held by the scene's hand, which must not be live. Errors: (refused) the device
+/// cannot be at the position where the hand begins.
 Result<std::shared_ptr<HandDevice>> simulate_device(const Scene& scene,
                                                     const AnyDeviceDescription& description);
 
-/// Makes the specification of a device of this description, lying in the scene.
+/// Makes the specification of a device of this description, placed in the scene.
 std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescription& description,
                                                         const Scene& scene);
 
-/// Opens the device of a URI. Errors: those of check_device_uri() and
-/// of the device; (usage) the description is not of the device's kind; (bug) the scene's hand is live, and there is no
-/// OpenDeviceOptions::hand, or the reverse.
+/// Opens the device of a URI. Errors: those of check_device_uri() and of the device; (usage) the description is for another kind
+/// of device; (bug) the scene's hand is live but OpenDeviceOptions::hand is null, or the hand is not live but
+/// OpenDeviceOptions::hand is set.
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// Returns the help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT:

@@ -13,7 +13,7 @@ namespace trocar::runtime {
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-/// Distances of a pose from the limits; a negative distance is beyond the limit.
+/// Distances of a pose from the limits. A distance is negative if the limit is exceeded.
 struct PoseMargins {
   DeviceMargins device;
   double box_m = 0;     ///< distance of the plate's origin from the nearest workspace side
@@ -23,7 +23,7 @@ struct PoseMargins {
 PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& limits,
                          const Tool& tool, const Pose& T_device_plate) noexcept;
 
-/// Returns the fault with which the loop stops at this pose, or none.
+/// Returns the fault that the loop raises at this pose, or none.
 Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcept;
 
 }  // namespace trocar::runtime

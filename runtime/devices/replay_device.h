@@ -15,7 +15,7 @@ class ReplayDevice final : public Device {
   /// `rows` must outlive the device.
   explicit ReplayDevice(std::span<const RecordingRow> rows) : rows_(rows) {}
 
-  /// Returns state and status of the next row; kEndOfData after the last row.
+  /// Returns the state and status of the next row; kEndOfData after the last row.
   DeviceStatus read(DeviceState& state) noexcept override {
     if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
     const RecordingRow& row = rows_[next_++];

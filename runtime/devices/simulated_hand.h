@@ -13,22 +13,23 @@
 
 namespace trocar::runtime {
 
-/// Makes the simulated device, held by the scene's hand at the hand's first keyframe. If there are
-/// no `mechanics`, the light model is used.
+/// Makes the simulated device, held by the scene's hand at the hand's first keyframe. If `mechanics` is empty, the light
+/// model is used.
 Result<SimulatedDevice> make_simulated_device(
     const Scene& scene, const DeviceDescription& description,
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
-/// Like the function above, but `hand` moves the scene's hand. It must outlive the device.
+/// Like the function above, but `hand` moves the scene's hand. `hand` must outlive the device.
 Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description,
                                               UnscriptedHand& hand);
 
-/// Returns where a pose device lies in a scene: the middle of its workspace is the middle of the box around the plate's path by
-/// the scene's hand.
+/// Returns where a pose device lies in a scene. The middle of its workspace is placed at the middle of the box around the path on
+/// which the scene's hand moves the plate.
 PoseFrame pose_frame(const PoseDeviceDescription& description, const Scene& scene);
 
-/// Makes a simulated pose device, held by the scene's hand, or moved by `hand` if that is not null. `hand` must outlive the device.
+/// Makes a simulated pose device. The scene's hand holds it, and `hand` moves that hand if it is not null. `hand` must
+/// outlive the device.
 Result<SimulatedPoseDevice> make_simulated_pose_device(const Scene& scene,
                                                        const PoseDeviceDescription& description,
                                                        UnscriptedHand* hand);

@@ -13,19 +13,19 @@
 
 namespace trocar::runtime {
 
-/// A range of heights of the tip above the middle of the device.
+/// A range of heights of the tip in {B}, for a plate whose origin is on the z axis of {B}.
 struct WorkspaceHeights {
   double min_m = 0, max_m = 0;
 };
-/// Returns the longest range of heights that the tip reaches with the plate's rotation `q`, by default
-/// upright; none: it reaches no height.
+/// Returns the longest range of heights that the tip reaches with the plate's rotation `q`, which is
+/// upright by default. None: the tip reaches no height.
 std::optional<WorkspaceHeights> workspace_heights(
     const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool,
     const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
 
-/// A rectangle of tip positions at one height, all of which the tip reaches with this rotation. It is the
-/// largest square around the device's middle, with each side then moved outwards as far as
-/// possible. Positions 2 mm apart are tested.
+/// A rectangle of tip positions at one height, all of which the tip reaches with this rotation. It is
+/// found as the largest square around the tip of a plate on the z axis of {B}, each side of which is then
+/// moved outwards as far as possible. Positions 2 mm apart are tested.
 struct WorkspaceRectangle {
   Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `cutting`: the tool cuts through one bone volume
-// (runtime/bone_cutting) and is coupled to the plate as stiffly as the device allows. The law is passive
-// by itself (cutting_law.h).
+// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting), and a coupling
+// connects it to the plate as stiffly as the device allows. The law is passive by itself
+// (cutting_law.h, contract 1).
 // Tests: tests/runtime/session/cutting_session_test.cpp
 #pragma once
 
@@ -31,7 +31,7 @@ class CuttingForceLaw final : public ForceLaw {
  public:
   /// Creates the law. The coupling is chosen for one pose of the plate: level, with the tip on the
   /// topmost sheet at the scene's anchor (over_anchor() in runtime/contact/sheet.h). Errors: those of
-  /// make_bone_volume(), with the asset's name in front.
+  /// make_bone_volume(), with the asset's name before each message.
   static Result<std::unique_ptr<CuttingForceLaw>> make(const ForceLawSetup& setup);
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;

@@ -2,9 +2,10 @@
 // The prefetch worker of the force law `network`. It computes the stiffness of a sheet's spring network
 // (runtime/deformation) under the tool, outside the haptic thread.
 //
-// The network is linear in the depth. So its response to the tool is fully described by a stiffness and by the
-// point where the force acts, and the haptic thread solves no equations. With the scene's solver `propagation`
-// (runtime/deformation/propagation.h), the stiffness is the force per depth to which the propagation converges.
+// The forces of the network are proportional to the depth of the tool. So the response to the tool is fully
+// described by a stiffness and by the point where the force acts, and the haptic thread need not solve equations.
+// If the scene names the solver `propagation` (runtime/deformation/propagation.h), the stiffness is the force per
+// depth to which it converges.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -39,9 +40,9 @@ struct PrefetchReport {
 class NetworkPrefetch final : public PrefetchWorker {
  public:
   /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of place_slices(). `lattice` is
-  /// the asset's. For each distinct stiffness this takes some milliseconds, or some hundred if the tool has many
-  /// corners. Errors: (refused) for a tissue and this tool, no membrane tension and foundation stiffness give the
-  /// tissue's stiffness (runtime/deformation/calibration.h).
+  /// that of the asset. This takes some milliseconds for each distinct stiffness, or some hundred if the tool has
+  /// many corners. Errors: (refused) for one of the tissues and this tool, no membrane tension and foundation
+  /// stiffness give the tissue's stiffness (runtime/deformation/calibration.h).
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);

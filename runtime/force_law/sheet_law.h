@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force laws of separate sheets. `hooke`: each sheet is a spring under the tool. `network`: the same
-// contact, with the stiffness of the sheet's spring network, which a prefetch worker computes. Contact and
-// puncture are those of runtime/contact/puncture.h; a virtual coupling can connect the tool to the plate.
+// The force laws of separate sheets. With `hooke`, each sheet is a spring under the tool. With `network`,
+// contact is the same, but the stiffness is that of the sheet's spring network, which a prefetch worker
+// computes. Contact and puncture are those of runtime/contact/puncture.h. A virtual coupling can connect
+// the tool to the plate.
 // Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The operator's commands while a session runs: pause, zero, emergency stop, resume, recover.
 //
-// Pause, zero and emergency stop are latched. While one is set, its fault is raised in every tick,
-// so it survives another fault and blocks recovery. `resume` releases the pause, and `recover`
-// releases all three.
+// Pause, zero and emergency stop are latched. While one is set, its fault is raised in every tick.
+// Its fault therefore returns after any other fault, and recovery is blocked. `resume` releases the
+// pause, and `recover` releases all three.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -36,8 +36,8 @@ class OperatorCommands {
   }
   /// Returns true if recovery is to be requested in this tick, and clears the operator's request.
   bool take_recovery() noexcept;
-  /// Clears the operator's request. Called when a fault is latched, because an earlier request does
-  /// not count for it.
+  /// Clears the operator's request. Called when a fault is latched, because a request made before
+  /// the fault does not apply to it.
   void forget_recovery() noexcept;
 
  private:

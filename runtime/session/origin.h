@@ -19,8 +19,8 @@ namespace trocar::runtime {
 /// report. Errors: (refused) the file cannot be read.
 Result<std::string> digest_of(const std::filesystem::path& file);
 
-/// Makes the origin. `scene_file`: the file of `scene`. `scene` and `description` include the
-/// changes made by the command line. Every option on which torques depend gets an entry.
+/// Makes the origin. `scene_file`: the file from which `scene` was read. `scene` and `description` include
+/// the changes made by the command line. Every option that affects torques gets an entry.
 Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, const Scene& scene,
                                     const DeviceDescription& description,
                                     const SessionOptions& options);
@@ -28,19 +28,19 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
 /// Returns the StiffnessLimits::margin of a recording; 1 if it states none.
 double stated_stiffness_margin(const RecordingOrigin& recorded);
 
-/// Returns true if a recording states that any time between two states of the device was allowed
+/// Returns true if a recording states that the time between two states of the device was not limited
 /// (SafetyLimits::gap_max_s 0), as with a simulated device process.
 bool allows_any_state_gap(const RecordingOrigin& recorded);
 
 /// Returns the SafetyLimits::no_data_max_s that a recording states, up to 1 s; its default if it states none.
 double stated_no_data_limit_s(const RecordingOrigin& recorded);
 
-/// Returns the rate of the haptic loop that a recording states; 0: none.
+/// Returns the rate of the haptic loop that a recording states; 0: it states none.
 double stated_rate_Hz(const RecordingOrigin& recorded);
 
-/// Compares the origin of the recording `name` with that of the run that is to replay it. Errors:
-/// (refused) scene, asset, device description or an option differs. Otherwise returns a warning if
-/// the recording has no origin or was made by another version of the program; else an empty string.
+/// Compares the origin of the recording `name` with that of the run that is to replay it. Errors: (refused)
+/// the scene, asset, device description or an option differs. Returns a warning if the recording has no
+/// origin or was made by another version of the program, and an empty string otherwise.
 Result<std::string> check_replay(const RecordingOrigin& recorded, const RecordingOrigin& run,
                                  const std::string& name);
 

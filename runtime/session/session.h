@@ -23,8 +23,9 @@ SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& de
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers);
 
-/// Like the function above, but creates the workers itself. Errors: those of make_workers(). It is
-/// not suitable for a drive behind a link, which would end a session whose first tick comes late.
+/// Like the function above, but creates the workers itself. Errors: those of make_workers(). Do not
+/// use this function for a drive behind a link. Creating the workers takes time, and such a drive
+/// ends the session if the first tick is late.
 Result<SessionReport> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options);

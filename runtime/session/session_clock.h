@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A clock decides when the ticks of a session happen, and from which tick on new meshes and
 // prefetched stiffness are used. There are three clocks:
-//  real Ticks follow the wall clock. Results of the workers are used as soon as they are
-//  ready. virtual Ticks follow each other without a pause. Results are used a fixed number of
-//  ticks after the
-//           request, so that the same input gives the same recording.
-//  replay Like virtual, but results are used from the recorded ticks on (columns `cuts_published`
-//  and
-//           `response_*`). Commands and outside faults come from the recording, too.
+//  - real: ticks follow the wall clock. Results of the workers are used as soon as they are ready.
+//  - virtual: ticks follow each other without a pause. Results are used a fixed number of ticks
+//    after the request, so that the same input gives the same recording.
+//  - replay: like virtual, but results are used from the recorded ticks on (columns
+//    `cuts_published` and `response_*`). Commands and faults from outside the loop also come
+//    from the recording.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -43,7 +42,7 @@ class SessionClock {
   virtual void prefetch(const PrefetchRequest&) noexcept {}
 
   /// Runs the session to its end, and stops the remesher. Torques are set to zero directly after
-  /// the last tick, because motors would hold the last torques while the other threads end.
+  /// the last tick. Otherwise the motors would hold the last torques while the other threads end.
   virtual RealtimeReport run(SessionLoop& loop) = 0;
 
  protected:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic tick of a session. In: the operator's commands and the current meshes. Out: the command
-// that the device gets, requests for holes, and the result of the tick for the observers.
+// The haptic tick of a session. Its inputs are the operator's commands and the current meshes. Its outputs are the command to
+// the device, requests for holes, and the result of the tick for the observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -24,7 +24,7 @@ namespace trocar::runtime {
 
 class SessionLoop {
  public:
-  /// All references must outlive the loop. `advance` is called after each tick with its period, and moves a simulated device.
+  /// All references must outlive the loop. `advance` is called after each tick with the period; it moves a simulated device.
   SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
               const std::function<void(double dt_s)>& advance, const SessionOptions& options,
               const SessionWorkers& workers, SessionClock& clock);

@@ -38,15 +38,15 @@ struct SessionOptions {
   Clock clock = Clock::kReal;
   double rate_Hz = 1000;
   double duration_s = 1;
-  /// Virtual clock: number of ticks from the request for a hole or for prefetched stiffness until
-  /// the result is used.
+  /// Virtual clock only: number of ticks from the request for a hole or for prefetched stiffness
+  /// until the result is used.
   std::uint64_t handover_ticks = 8;
-  /// Virtual clock: period of the requests for prefetched stiffness.
+  /// Virtual clock only: period of the requests for prefetched stiffness.
   double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;
   RecordingOrigin origin;  ///< written into the recording and the black boxes
-  /// Called as soon as the recording cannot be continued, never on the realtime haptic thread. The
-  /// session continues without a recording.
+  /// Called as soon as the recording cannot be continued, but never on the realtime haptic thread.
+  /// The session continues without a recording.
   std::function<void(const Error&)> on_recording_error;
   /// Called immediately with each message to the operator, never on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
@@ -60,18 +60,20 @@ struct SessionOptions {
   StiffnessLimits stiffness;
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
-  /// The operator sets this with kOnRequest. It is cleared when it takes effect.
+  /// The operator sets this with RecoveryPolicy::kOnRequest. It is cleared when the
+  /// recovery takes effect.
   std::atomic<bool>* recover = nullptr;
   /// Folder of the black boxes; none: they are not written.
   std::optional<std::filesystem::path> black_box;
   int cpu = -1;                             ///< RealtimeOptions::cpu
   const std::atomic<bool>* stop = nullptr;  ///< ends the session between two ticks
-  /// If set, the session is published in memory that other processes read, and their commands
-  /// are taken (formats/session/telemetry.md).
+  /// If set, the session is published in memory that other processes read, and the session obeys
+  /// their commands (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
   /// X-ray shots and screening are taken from other processes, or from the rows of a replay.
   bool counts_xray = false;
-  /// Takes what `telemetry` says of a live hand; null: there is none. It must outlive the session.
+  /// Receives the messages of a live hand, which come through `telemetry`; null: there is none. It
+  /// must outlive the session.
   HandReceiver* hand = nullptr;
   /// Called at the frame rate, never on the realtime haptic thread.
   FrameFunction on_frame;

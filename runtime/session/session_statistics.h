@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happened in a session, counted tick by tick.
+// What happened in a session, collected tick by tick.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -53,9 +53,8 @@ struct SessionReport {
   Histogram tick;                  ///< wall time of a tick, without the simulated device's step
   Histogram device;                ///< part of `tick`: reading and writing the device
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
-  /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim,
-  /// coupling and damping. Compensation of the device's own forces does not count, because it
-  /// is not felt.
+  /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim, coupling and damping. It does
+  /// not contain the compensation of the device's own forces, because the hand does not feel this compensation.
   double max_force_N = 0;
   double torque_max_Nm = 0;
   XrayUse xray;
@@ -69,8 +68,8 @@ struct SessionReport {
   std::uint64_t ticks_not_observed =
       0;  ///< ticks that SessionOptions::on_tick did not get, because it was too slow
   std::shared_ptr<const ForceLaw> law;  ///< the force law after the last tick
-  /// In a replay: index of the first row in which a bit of the torques, or of the wrench of a device that measures its pose,
-  /// the fault or the number of finished holes is not that of the recording; -1: none.
+  /// In a replay: index of the first row that differs from the recording; -1: none. Compared are the bits of the torques
+  /// (for a device that measures its pose, of the wrench), the fault, and the number of finished holes.
   std::int64_t replay_first_difference = -1;
 };
 
@@ -82,7 +81,7 @@ class SessionStatistics final : public TickObserver {
 
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
-  /// `device_ns`: the part of the tick that read and wrote the device.
+  /// `device_ns`: time of the tick in which the device was read and written.
   void add_tick_time(std::int64_t duration_ns, std::int64_t device_ns) noexcept {
     report_.tick.add(duration_ns);
     report_.device.add(device_ns);

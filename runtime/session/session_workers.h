@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The observers and workers of a session. It takes longer to create them than a drive waits for its
+// The observers and workers of a session. Creating them takes longer than a drive waits for its
 // first tick, so they are created before the link is opened.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
@@ -38,8 +38,8 @@ struct SessionWorkers {
 };
 
 /// Creates the workers and observers. Errors: (unwritable) the recording or the folder of the black
-/// boxes cannot be written; (refused) what the factory of the force law refuses. Later failures are
-/// in the report.
+/// boxes cannot be written; (refused) the factory of the force law refuses the scene. Later
+/// failures are in the session's report.
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
                                     const Remesher& remesher, const SessionOptions& options);
 

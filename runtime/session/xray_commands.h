@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operator's X-ray, as other processes command it. A shot is one picture. Screening lasts as long as its key is held: whoever
-// holds it says so again and again, so that X-ray ends by itself if that process dies.
+// The operator's X-ray commands, which come from other processes. A shot is one picture. Screening lasts as long as a key is
+// held. The process with that key confirms screening again and again, so that X-ray ends by itself if the process dies.
 // Tests: tests/runtime/session/xray_commands_test.cpp
 #pragma once
 
@@ -17,11 +17,11 @@ class XrayCommands {
  public:
   /// Screening that nobody has confirmed for this long ends.
   static constexpr std::int64_t kHeld_ns = 1'000'000'000;
-  /// Shots that may wait, because each tick takes one; more are not taken.
+  /// Largest number of shots that wait. Each tick takes one shot, and shots beyond this number are dropped.
   static constexpr std::uint64_t kMaxWaiting = 16;
 
-  /// Applies the commands given since the last call. Called in each period, also while the session is paused: what is
-  /// given then is not taken. `now_ns`: CLOCK_MONOTONIC.
+  /// Applies the commands given since the last call. Called in each period, also while the session is paused; shots that are
+  /// requested during a pause are dropped. `now_ns`: CLOCK_MONOTONIC.
   void apply(const TelemetryCommands& given, bool is_paused, std::int64_t now_ns) noexcept {
     waiting_ =
         is_paused ? 0 : std::min(waiting_ + std::min(given.xray_shots, kMaxWaiting), kMaxWaiting);
