@@ -57,7 +57,7 @@ struct LoopState {
   /// Time between the previous new pose and the pose of this tick, on the device's clock. It is 0 if the pose of this tick is not
   /// new, or is the first one. While no pose is new, the last velocity is kept, so that the next new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Time on the device's clock that has passed but was not yet passed to HandDevice::age().
+  /// Time by which the device's clock is ahead of the ticks counted so far and which HandDevice::age() does not know yet.
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;  ///< time of the last reading that was kept

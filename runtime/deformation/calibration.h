@@ -6,9 +6,9 @@
 // tool's outline and at its corners, and is nearly the same at every position: 4 to 5 % with the default grading,
 // with a spread of 0.3 % (tests/runtime/deformation/deformation_accuracy_test.cpp). The error is in the springs,
 // not in the Winkler foundation: under a tool that covers the whole sheet, the stiffness is exactly f times the
-// area. So f is taken from the exact solution. T is lowered until the mean stiffness of meshes of the same
-// grading, in an unbounded sheet, is K. T falls by 5 to 8 %, which shortens the decay length lambda by 2 to 4 %
-// (if lambda is at least 1.5 circumradii of the tool).
+// area. So f is taken from the exact solution of the continuum. T is lowered until the mean stiffness of meshes
+// of the same grading, in an unbounded sheet, equals K. T then falls by 5 to 8 %, which shortens the decay length
+// lambda by 2 to 4 % (if lambda is at least 1.5 circumradii of the tool).
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
@@ -25,9 +25,9 @@ struct Calibration {
 };
 
 /// `tool`: outline of the upright tool on the lattice, at any position. If grading.graded is false, the mesh is
-/// the slice's own and its grading is unknown, so the constants of the exact solution are returned. Errors:
+/// that of the slice, whose grading is unknown, so the constants of the exact solution are returned. Errors:
 /// (refused) a stiffness or decay length that is not positive, a decay length of more than 2^26 steps, an outline
-/// that is not a simple polygon. Takes some 30 ms: twelve regions are meshed, and each is solved seven times.
+/// that is not a simple polygon. Takes about 30 ms: twelve regions are meshed, and each is solved seven times.
 Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, const Ring& tool,
                               const Lattice& lattice, const Grading& grading = {});
 

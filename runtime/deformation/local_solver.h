@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the equilibrium of a region's network, with the tool
-// nodes held at the tool's depth and the ring nodes held at 0. Also computes proven bounds on the
-// difference from the equilibrium of the whole sheet's network.
+// Computes the equilibrium of a region's network, with the tool nodes held at the tool's depth and
+// the ring nodes (the region's border to the rest of the sheet) held at 0. Also computes proven
+// bounds on the difference from the equilibrium of the whole sheet's network.
 //
-// Let w be the equilibrium of the whole network and v that of the region (v = 0 on the ring), both
-// for depth 1. Let F_w and F_v be the forces on the tool. Let g_m be the force, positive downwards,
-// that holds ring node m at 0: g_m = sum over the free neighbours j of k_mj v_j.
+// Let w be the equilibrium of the whole network and v that of the region (v = 0 on the ring),
+// both for depth 1. Let F_w and F_v be the corresponding forces on the tool. Let g_m be the
+// force, positive downwards, that holds ring node m at 0: g_m = sum over the free neighbours
+// j of k_mj v_j.
 //
 // Laws (tests/runtime/deformation/deformation_local_test.cpp):
 //  1. F_w <= F_v, because the ring is an additional support. F_w >= F_n, where F_n is the force
-//     with the ring nodes free and everything beyond the ring left out. Both hold for springs of
-//     any sign, because leaving out whole triangles leaves out energy that is never negative.
+//     with the ring nodes free and everything beyond the ring omitted. Both hold for springs of any
+//     sign, because omitting whole triangles omits energy that is never negative.
 //  2. Let M be the maximum of w on the ring, and let v be 0 beyond the ring. If no spring is
 //     negative, then 0 <= w - v <= M everywhere (maximum principle). Let m be the ring node at
 //     which w = M. Beyond the ring w <= M. Inside the ring w <= v + M p, where p is the equilibrium

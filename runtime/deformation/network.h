@@ -6,11 +6,12 @@
 // finite elements of a membrane of tension T on a Winkler foundation of stiffness f, lumped at the nodes
 // (Pinkall and Polthier 1993 for the cotangents; MacNeal 1949 for the network).
 //
-// Laws (tests/runtime/deformation/deformation_network_test.cpp tests each):
+// Laws (each is tested in tests/runtime/deformation/deformation_network_test.cpp):
 //  1. The sum of all f_i is f times the mesh's area.
-//  2. The energy of the springs equals that of the membrane, which is 1/2 T times the integral of |grad w|^2
-//     for the function w that is linear in each triangle. So it is positive semidefinite for any angles.
-//     Together with the foundation it is positive definite, so a Cholesky factorisation always exists.
+//  2. The energy of the springs equals that of the membrane, which is 1/2 T times the integral of |grad
+//     w|^2 for the function w that is linear in each triangle. So the springs are positive semidefinite
+//     for any angles. Together with the foundation they are positive definite, so a Cholesky
+//     factorisation always exists.
 //  3. The spring of an inner edge is non-negative if and only if the edge is locally Delaunay. The spring of a
 //     boundary edge is non-negative if and only if the angle opposite to it is at most 90 degrees. Both signs
 //     are decided exactly, in integers.
@@ -51,9 +52,9 @@ struct SpringSigns {
   std::uint32_t negative() const noexcept { return negative_interior + negative_boundary; }
 };
 
-/// A spring network. Node i is vertex i of the mesh. Its springs have the indices [first[i], first[i + 1]), in
-/// the order of their neighbours. Each spring is listed at both of its nodes. bed_N_per_m[i] is the stiffness
-/// f_i of the Winkler foundation.
+/// A spring network. Node i is vertex i of the mesh. The springs of node i have the indices [first[i], first[i
+/// + 1]), in the order of its neighbours. Each spring is listed at both of its nodes. bed_N_per_m[i] is the
+/// stiffness f_i of the Winkler foundation.
 struct Network {
   std::vector<std::uint32_t> first;  ///< size() + 1 elements
   std::vector<std::uint32_t> neighbour;
@@ -67,13 +68,13 @@ struct Network {
 /// Makes the network of a mesh, which must be valid (formats/geometry/mesh_validity.h). O(n).
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane);
 
-/// Returns the number of negative springs that have a free node. Springs between held nodes do not affect an
-/// equilibrium. O(springs).
+/// Returns the number of negative springs with at least one free node. Springs between held nodes do not
+/// affect an equilibrium. O(springs).
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept;
 
-/// Returns the force along w that keeps node i in place: the sum over j of k_ij (w_i - w_j), plus f_i w_i. It
-/// is zero at a free node in equilibrium. At a held node it is the reaction.
+/// Returns the force along w that keeps node i in place: the sum over j of k_ij (w_i - w_j), plus f_i w_i. The
+/// force is zero at a free node in equilibrium. At a held node it is the reaction.
 double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept;
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of a sheet around the tool, as a separate mesh.
+// The part of a sheet around the tool, as a mesh of its own.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -37,14 +37,15 @@ struct SheetPart {
   std::vector<OuterEdge> outer;                      ///< in ascending order
 };
 
-/// Returns the triangles `seeds`, and all triangles that have a point nearer than `radius` steps to
-/// the circle's disc and are connected with the seeds through such triangles. The search is breadth
-/// first from the seeds, in their order, so the same arguments give the same part. `queue` is
-/// scratch memory. O(part log part).
+/// Returns a connected part of the sheet: the triangles `seeds`, and all triangles that have a
+/// point nearer than `radius` steps to the circle's disc and are connected with the seeds through
+/// such triangles. The search is breadth first from the seeds, in their order, so the same
+/// arguments give the same part. `queue` is working memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// Converts the part to a sheet mesh, in the same order, with spare slots. O(slots).
+/// Converts the part to a sheet mesh, with vertices and triangles in the same order, and with
+/// spare slots. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

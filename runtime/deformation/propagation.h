@@ -3,21 +3,22 @@
 // and Zou, "Deformable simulation using force propagation model with finite element optimization", Computers &
 // Graphics 28, 2004).
 //
-// The published descriptions fix the following. The object is a network of mass points and springs. A node that
-// the tool moves passes force on to its neighbours, and so on, so that nodes are activated breadth first from the
-// contact. The deformation is confined to a given depth in rings of nodes, so the cost depends on the depth and
-// not on the size of the object. The active nodes move by an explicit step with damping.
+// The published descriptions fix the following. The object is a network of mass points and springs. A node
+// that the tool moves passes force on to its neighbours, and these to theirs. So nodes are activated
+// breadth first from the contact. The deformation is confined to a given depth, counted in rings of nodes,
+// so the cost depends on this depth and not on the size of the object. The active nodes move by an explicit
+// step with damping.
 //
-// The following is chosen here. Springs and Winkler foundation are those of network.h, so the result differs from
-// the network's equilibrium only because of the limited depth and time. The tool's nodes have depth 0. Nodes
-// deeper than the given depth do not move (w = 0). The step is the semi-implicit Euler step, node by node in the
-// order of activation, and uses the new positions of nodes activated earlier. So within one sweep force travels
-// outwards through all rings. The mass of each node is scaled to its own stiffness, m_i = k_i dt^2 with
-// k_i = sum of k_ij + f_i. So every node has the same stability limit, and the transient is numerical, not
-// physical. A step is then
+// The following is chosen here. Springs and Winkler foundation are those of network.h, so the result differs
+// from the network's equilibrium only because of the limited depth and time. The tool's nodes have depth 0.
+// Nodes deeper than the given depth do not move (w = 0). The step is the semi-implicit Euler step. It treats
+// one node after the other in the order of activation, and uses the new positions of nodes activated earlier.
+// So within one sweep the force travels outwards through all rings. The mass of each node is proportional to
+// its own stiffness: m_i = k_i dt^2 with k_i = sum of k_ij + f_i. So every node has the same stability limit,
+// and the transient is numerical, not physical. A step is then
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
-// where r_i is reaction_N() of network.h. A fixed point is the depth-limited equilibrium. With damping = 1 this
-// is the Gauss-Seidel iteration.
+// where r_i is reaction_N() of network.h. A fixed point of this step is the depth-limited equilibrium. With
+// damping = 1 the step is the Gauss-Seidel iteration.
 // Tests: tests/runtime/deformation/deformation_propagation_test.cpp
 #pragma once
 

@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh on which a force is computed: the part of a sheet around
-// the tool, with the tool's outline cut out as for a puncture. (The tool is rigid, so the sheet under it
-// does not bend.) The mesh is refined towards the tool, where the sheet is steepest. A worker thread makes
-// it to compute one response (response.h: the stiffness at one tool position).
+// The mesh on which a force is computed: the part of a sheet around the tool, with the tool's outline
+// cut out as for a puncture. (The tool is rigid, so the sheet under it does not bend.) The mesh is
+// refined towards the tool, where the sheet is steepest. A worker thread makes the mesh to compute one
+// response (response.h), which is the stiffness at one tool position.
 //
 // Contract (tests/runtime/deformation/deformation_region_test.cpp and
 // tests/properties/properties_sheet_test.cpp test each point):
-//  1. With radius R, the mesh contains every point of the sheet that is nearer than R to the tool's
-//     circumscribed circle, is connected with the tool through such points, and is not under the tool.
+//  1. With radius R, the mesh contains every point of the sheet that fulfils three conditions: it is
+//     nearer than R to the tool's circumscribed circle, it is connected with the tool through such
+//     points, and it is not under the tool.
 //  2. Each boundary edge lies on the tool, on the sheet's outline, or on the ring, which separates the
 //     region from the rest of the sheet. Nodes on the tool are kTool, nodes on the ring kRing, and all
-//     other nodes kFree. Nodes of the sheet's outline nearer to the tool than 2 % of its circumradius are
-//     kTool as well, because the gap between outline and tool is a thin wedge there. No ring node is
-//     nearer than R. With infinite R there is no ring. Edges on the ring are edges of the sheet, so that
-//     the mesh conforms to the rest of the sheet.
-//  3. `under_tool` is the material under the tool. Its area is exactly the area that the cut removed.
+//     other nodes kFree. Nodes of the sheet's outline nearer to the tool than 2 % of its circumradius
+//     are kTool as well, because the gap between outline and tool is a thin wedge there. No ring node is
+//     nearer to the circle than R. With infinite R there is no ring. Edges on the ring are edges of the
+//     sheet, so that the mesh conforms to the rest of the sheet.
+//  3. `under_tool` is the material under the tool. Its area is exactly the area that cutting out
+//     the tool removed.
 //  4. The time is proportional to the size of the region, not to the size of the sheet.
-//  5. If sheet and tool are moved by lattice steps or rotated by right angles, the region is the same to
-//     the bit, moved and rotated. (Exception: the moments of part and tool determine no canonical
-//     rotation, see formats/geometry/canonical_rotation.h.)
+//  5. If sheet and tool are moved by lattice steps or rotated by right angles, the region is moved and
+//     rotated with them, and is otherwise the same to the bit. (Exception: the moments of part and tool
+//     do not determine a unique canonical rotation, see formats/geometry/canonical_rotation.h.)
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -56,8 +58,8 @@ struct RegionOptions {
   Grading grading;
 };
 
-/// The part of the sheet under the tool. Its Winkler foundation acts on the tool directly. Moments are
-/// about the region's `origin`.
+/// The part of the sheet under the tool. Its Winkler foundation acts on the tool directly. Moments refer
+/// to the region's `origin`.
 struct MaterialUnderTool {
   double area_steps2 = 0;
   Eigen::Vector2d moment_steps3 = Eigen::Vector2d::Zero();  ///< area times its centroid
@@ -70,8 +72,8 @@ struct RegionMesh {
   MaterialUnderTool under_tool;
 };
 
-/// Memory kept from one region to the next, so that only the first regions allocate much. For one thread
-/// at a time.
+/// Memory that is reused from one region to the next, so that only the first regions allocate much. Only
+/// one thread may use it at a time.
 struct RegionWorkspace {
   std::vector<std::uint32_t> queue;
   std::size_t vertex_slots = 0, triangle_slots = 0;  ///< capacity of the members below
@@ -80,17 +82,17 @@ struct RegionWorkspace {
   std::optional<LocalRefinementWorkspace> refinement;
 };
 
-/// Makes the region of a tool position. `sheet` must be valid. `seeds`: triangle slots of `sheet`; they
-/// must include every triangle that contains a point of the tool (triangle_grid.h finds them), and
-/// triangles beside the tool are ignored. `tool`: as for cut() (runtime/hole_cutting/cut.h). If no part of
-/// the tool lies over material, mesh and `under_tool` are empty. Errors: those of cut(); (refused) a tool
+/// Makes the region of a tool position. `sheet` must be valid. `seeds`: triangle slots of `sheet`. They
+/// must include every triangle that contains a point of the tool (triangle_grid.h finds them). Triangles
+/// next to the tool are ignored. `tool`: as for cut() (runtime/hole_cutting/cut.h). If no part of the
+/// tool lies over material, mesh and `under_tool` are empty. Errors: those of cut(); (refused) a tool
 /// with fewer than three corners, a radius that is not positive.
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,
                                const RegionOptions& options, RegionWorkspace& workspace);
 
-/// Returns those of `seeds` that share an area with the tool, in the same order. Repeated
-/// seeds stay repeated.
+/// Returns those of `seeds` whose intersection with the tool has an area, in the same order. A seed that
+/// occurs repeatedly is also returned repeatedly.
 std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
                                             std::span<const std::uint32_t> seeds, const Ring& tool);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the kinds of a region's nodes from its boundary edges. These lie along the tool, towards
-// the rest of the sheet (the ring), or on the sheet's outline.
+// Finds the kinds of a region's nodes from its boundary edges. Such an edge lies on the tool, on
+// the border to the rest of the sheet (the ring), or on the sheet's outline.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -29,8 +29,8 @@ BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<Outer
                                   const Ring& tool, const Circle& circle);
 
 /// Returns the kinds of the nodes, by slot, after refinement. `before`: the edges before
-/// refinement. The parts of a split edge have the kind of that edge. A node between edges of two
-/// kinds is kTool rather than kRing, and kRing rather than kFree. O(slots).
+/// refinement. The parts of a split edge have the kind of that edge. Between edges of two kinds,
+/// kTool takes precedence over kRing, and kRing over kFree. O(slots).
 std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
                                  const Ring& tool, const Circle& circle);
 

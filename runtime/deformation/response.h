@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The response of a sheet to the tool at one position: a stiffness,
-// the point where the force acts, the shape of the sheet, and bounds on the errors of stiffness and shape.
-// A worker prepares it. The problem is linear in the depth, so a haptic tick needs only the product
+// The response of a sheet to the tool at one position: a stiffness, the point where the force
+// acts, the shape of the sheet, and bounds on the errors of stiffness and shape. A worker computes
+// it in advance. The problem is linear in the depth, so a haptic tick needs only the product
 // stiffness * depth.
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
@@ -16,8 +16,8 @@
 namespace trocar::runtime {
 
 struct ResponseOptions {
-  /// If positive, the radius is chosen so that both bounds (force, displacement) are at most this value,
-  /// and region.radius_m is ignored. If 0, the radius is region.radius_m, whatever the bounds are.
+  /// If positive, the radius is chosen so that both bounds (force, displacement) are at most this
+  /// value, and region.radius_m is ignored. If 0, region.radius_m is used, whatever the bounds are.
   double error_bound = 0.01;
   RegionOptions region;
 };
@@ -41,8 +41,8 @@ struct Region {
   RegionResponse response;
 };
 
-/// Computes the response. Arguments: as for make_region(). Allocates; takes about 300 us for 200 free
-/// nodes. Errors: those of make_region().
+/// Computes the response. The arguments are those of make_region(). Allocates; takes about 300 us for
+/// 200 free nodes. Errors: those of make_region().
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The factorisation L D L^T of the matrix of a network's free nodes.
-// It is an up-looking factorisation along the elimination tree (Davis, "Algorithm 849", 2005), in Eigen's
-// order of approximate minimum degree.
+// The factorisation L D L^T of the matrix of a network's free nodes. The method is an up-looking
+// factorisation along the elimination tree (Davis, "Algorithm 849", 2005), in the approximate
+// minimum degree order that Eigen computes.
 //
-// Eigen's SimplicialLDLT takes 1.1 to 1.2 times as long to factor 100 to 10,000 nodes, the same time
-// for 40,000 nodes, and 1.2 to 1.4 times as long to solve. With it a response at a new position
-// would take 1.03 times as long, and a calibration 1.02 times (medians of one run of
-// deformation_bench --benchmark_filter=none). These times would not justify a separate
+// The alternative is Eigen's SimplicialLDLT. It takes 1.1 to 1.2 times as long to factor 100 to
+// 10,000 nodes, the same time for 40,000 nodes, and 1.2 to 1.4 times as long to solve. With it a
+// response at a new position would take 1.03 times as long, and a calibration 1.02 times (medians of
+// one run of deformation_bench --benchmark_filter=none). These times alone would not justify an own
 // factorisation. It is kept because Eigen's results differ in the last bits. Recordings with the
 // force law `network` contain these results, and a recording in virtual time must have the same
 // bytes in every version.
@@ -28,10 +28,10 @@ class SparseFactor {
  public:
   SparseFactor() = default;
 
-  /// Factors the matrix of `network` between the free nodes of `kind` (network.size() elements). The
-  /// matrix is positive definite for springs of any sign (network.h, law 2). If rounding or a foundation
-  /// of stiffness 0 leads to a pivot that is not positive, returns false and leaves the factor empty.
-  /// Allocates. O(fill), about n^1.5 for a planar mesh.
+  /// Factors the matrix of `network` between the free nodes of `kind`, which has network.size()
+  /// elements. The matrix is positive definite for springs of any sign (network.h, law 2). If
+  /// rounding or a foundation of stiffness 0 leads to a pivot that is not positive, returns false
+  /// and leaves the factor empty. Allocates. O(fill), about n^1.5 for a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }
@@ -42,8 +42,8 @@ class SparseFactor {
   /// The node of each unknown.
   std::span<const std::uint32_t> nodes() const noexcept { return node_; }
 
-  /// On entry `x` has the forces on the unknowns in N; on return, their displacements in m. `x` has
-  /// size() elements. No allocation. O(entries()).
+  /// Solves the equations. On entry `x` contains the forces on the unknowns in N, and on return
+  /// their displacements in m. `x` has size() elements. No allocation. O(entries()).
   void solve(std::span<double> x) const noexcept;
 
  private:

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stiffness of an unbounded sheet under a rigid tool with any
-// outline, computed by boundary elements. From it follow T and f, for which an undamaged sheet far from
-// any edge has the stiffness K. It is also a reference solution for the network that depends on no mesh.
+// The stiffness of an unbounded sheet under a rigid tool with any outline, computed by boundary
+// elements. From this stiffness follow the T and f with which an undamaged sheet far from any
+// edge has the stiffness K. It also serves as a reference solution for the network that does not
+// depend on a mesh.
 //
 // Let w = 1 on the outline, let n be the normal pointing into the sheet, q = -dw/dn the slope at the
 // outline, and G(r) = K0(r / lambda) / (2 pi). Green's third identity gives
 //   integral of G q ds = c(x) - integral of dG/dn_y ds
-// for x on the outline, with c = 1/2 except at corners. It is solved by collocation with constant q on
-// panels that are graded towards the corners, where q is singular as r^(pi/omega - 1); omega is the
-// angle outside the tool.
+// for x on the outline, with c = 1/2 except at corners. The equation is solved by collocation with
+// constant q on panels. The panels are graded towards the corners, where q is singular as r^(pi/omega -
+// 1), with the angle omega outside the tool.
 // Tests: tests/runtime/deformation/deformation_exact_test.cpp
 #pragma once
 
@@ -24,16 +25,16 @@ struct UnboundedOptions {
   int panels_per_side = 16;  ///< error of a hexagon's stiffness: below 3e-5
 };
 
-/// Returns F / (w f) in m^2, the stiffness under a rigid tool for a foundation of 1 N/m^3. `outline_m`:
-/// a simple counter-clockwise polygon of positive area. decay_length_m must be positive. Errors:
-/// (refused) anything else, or a system that cannot be solved. O((edges * panels)^3); some milliseconds
-/// for a hexagon.
+/// Returns F / (w f) in m^2, which is the stiffness under a rigid tool for a foundation of 1 N/m^3.
+/// `outline_m`: a simple counter-clockwise polygon of positive area. decay_length_m must be positive.
+/// Errors: (refused) arguments for which this does not hold, or a system that cannot be solved.
+/// O((edges * panels)^3); takes some milliseconds for a hexagon.
 Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Eigen::Vector2d> outline_m,
                                                      double decay_length_m,
                                                      const UnboundedOptions& options = {});
 
-/// Returns the membrane with this decay length that has this stiffness under the tool, far
-/// from any edge.
+/// Returns the membrane with this decay length whose stiffness under the tool, far from any
+/// edge, is `stiffness_N_per_m`.
 Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double decay_length_m,
                                    std::span<const Eigen::Vector2d> outline_m,
                                    const UnboundedOptions& options = {});

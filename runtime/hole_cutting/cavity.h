@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // First stage of a cut (paper, II.C: "search all meshes that are across the hexagon by intersection
-// test and all vertices inside the hexagon"). It finds the cavity, that is the triangles that the
-// tool overlaps or touches, and the cavity's rim, that is its boundary. All decisions are exact in
-// 64- and 128-bit integers.
+// test and all vertices inside the hexagon"). It finds the cavity, which consists of the triangles
+// that the tool overlaps or touches, and the cavity's rim, which is its boundary. Triangles outside
+// the cavity are kept. All decisions are exact in 64- and 128-bit integers.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -23,7 +23,7 @@ inline constexpr std::size_t kMaxToolCorners = 32;
 /// A simple polygon, counter-clockwise.
 using Outline = std::span<const LatticePoint>;
 
-/// An edge of an outline, with the box around it.
+/// An edge of an outline, with its bounding box.
 struct OutlineEdge {
   LatticePoint a, b;
   LatticeBox box;
@@ -76,8 +76,8 @@ struct Cavity {
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
 };
 
-/// Finds the triangles that the tool overlaps or touches, so that no tool edge ends or lies on the
-/// edge of a kept triangle. If the tool overlaps no triangle, the cavity is empty. Time is
+/// Finds the triangles that the tool overlaps or touches. No tool edge then ends or lies on the
+/// edge of a kept triangle. If the tool overlaps no triangle, the cavity is empty. The time is
 /// proportional to the number of triangles near the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;

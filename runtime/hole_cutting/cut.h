@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cuts the hole of a puncture: computes a mesh of exactly the
-// sheet minus the tool's polygon, by local re-triangulation (paper, Fig. 13).
+// Cuts the hole of a puncture: replaces triangles near the tool so that the mesh covers exactly the
+// sheet minus the tool's polygon (paper, Fig. 13).
 #pragma once
 
 #include <cstdint>
@@ -42,23 +42,24 @@ struct CutReport {
 };
 
 /// Cuts the polygon `tool` out of `mesh`, in place. `mesh` must be valid (check_sheet_mesh), `grid`
-/// must index it, and `work` and `edit` must have been made for a sheet with at least as many slots
-/// for vertices and triangles (sheet_mesh.h). Contract:
+/// must index its triangles, and `work` and `edit` must have been made for a sheet with at least as
+/// many slots for vertices and triangles (sheet_mesh.h). Contract:
 ///  1. A triangle is replaced only if the tool overlaps or touches it, or if it is a neighbour of
-///     such triangles and rounding requires it. Outside of these triangles, the cut only flips
-///     edges that are no longer Delaunay (item 2). All other slots stay as they are, except that a
-///     vertex at which the cut leaves several fans of triangles becomes one vertex for each fan.
+///     such triangles and rounding requires its replacement. Outside of these triangles, the cut
+///     only flips edges that are no longer Delaunay (item 2). All other slots stay as they are,
+///     with one exception: a vertex at which the cut leaves several fans of triangles becomes one
+///     vertex for each fan.
 ///  2. If all inner edges were locally Delaunay before, all are afterwards. Vertices under the tool
 ///     are removed. Other vertices within the cavity stay.
-///  3. Where a tool edge crosses the sheet's boundary, both are bent through a lattice point less
-///     than sqrt(2) steps away. The point lies on the material's side, so bends do not extend the
-///     material. Exception: if the remaining material is thinner than the lattice, a bend may go
-///     outwards by the same small distance, and the rings of the hole can cross themselves there.
-///     Areas are exact in any case.
+///  3. Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point
+///     less than sqrt(2) steps away. The point lies on the material's side, so bends do not extend
+///     the material. Exception: if the remaining material is thinner than the lattice, a bend may
+///     go outwards by the same small distance, and the rings of the hole can cross themselves
+///     there. Areas are exact in any case.
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet has been
 ///     proved valid (patch_proof.h) before the first slot was written.
-///  6. The function does not allocate. Time depends on the mesh near the tool, not on the size
+///  6. The function does not allocate. The time depends on the mesh near the tool, not on the size
 ///     of the sheet.
 /// Afterwards `edit` lists the slots written, work.stitch.created lists the patch's triangles, and
 /// work.hole contains the rings around the removed material. If the tool lies completely over
@@ -72,18 +73,18 @@ std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit
 
 struct CutResult : CutReport {
   SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
-  /// Rings with the removed material on their left. So a ring around a void or around
-  /// remaining material that is enclosed by removed material is clockwise. Each ring starts
-  /// at its smallest vertex, and the rings are in ascending order. Their doubled areas add up
-  /// to exactly doubled_area_removed.
+  /// Rings with the removed material on their left. A ring around a void, or around remaining
+  /// material that is enclosed by removed material, is therefore clockwise. Each ring starts at
+  /// its smallest vertex, and the rings are in ascending order. The sum of their doubled areas
+  /// is exactly doubled_area_removed.
   std::vector<Ring> hole;
 };
 
 std::vector<Ring> to_rings(const HoleOutline& hole);
 
-/// Cuts a copy of the sheet, for use where neither time nor memory matters. Errors: (refused)
-/// `tool` is not as described, or `sheet` is not a mesh; (internal error) the result cannot
-/// be proved valid.
+/// Cuts a copy of the sheet, for use where neither time nor memory matters. Errors:
+/// (refused) `tool` is not as described, or `sheet` is not a valid mesh; (bug) the result
+/// cannot be proved valid.
 Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

@@ -29,8 +29,8 @@ inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
   return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
-/// The workspace of one thread, for sheets of any size within its capacities. The headers of the
-/// stages describe its content after a cut.
+/// The working memory of one thread, for sheets of any size within its capacities. The headers of
+/// the stages describe its content after a cut.
 struct CutWorkspace {
   Cavity cavity;
   Overlay overlay;

@@ -22,10 +22,11 @@ struct FlipSpace {
 
 /// Flips edges until all of `edges`, and all edges of triangles that the flips change, are locally
 /// Delaunay (an exact test). If all other inner edges of a valid sheet were locally Delaunay
-/// before, all inner edges are afterwards. Each flip exchanges the diagonals of a strictly convex
-/// quadrangle, so the sheet stays valid. The loop terminates because every flip lowers the surface
-/// lifted to the paraboloid. `flips` receives the number of flips. If there are more triangles than
-/// `space` can hold, returns kCapacity; `edit` can then undo the changes.
+/// before, all inner edges are so afterwards. Each flip exchanges the diagonals of a strictly
+/// convex quadrangle, so the sheet stays valid. The loop terminates because every flip lowers the
+/// surface that results from lifting the vertices to a paraboloid. `flips` receives the number of
+/// flips. If there are more triangles than `space` can hold, returns kCapacity. The caller can then
+/// undo the changes with `edit`.
 StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges,
                               FlipSpace& space, SheetEdit& edit, std::uint32_t& flips) noexcept;
 

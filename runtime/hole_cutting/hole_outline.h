@@ -12,8 +12,8 @@
 
 namespace trocar::runtime {
 
-/// Rings with exactly the removed material (the cavity minus the patch) on their left. The
-/// rings are simple and may touch in vertices. Each starts at its smallest vertex, and they are
+/// Rings with exactly the removed material (the cavity minus the patch) on their left. The rings
+/// are simple and may touch at vertices. Each ring starts at its smallest vertex, and the rings are
 /// in ascending order.
 struct HoleOutline {
   std::vector<LatticePoint> points;     ///< the points of all rings, ring by ring
@@ -25,8 +25,8 @@ struct HoleOutline {
     return std::span(points).subspan(start, ring_end[r] - start);
   }
 
-  // The rest is scratch memory.
-  /// A set of equal edges. Opposite ones cancel.
+  // The remaining members are working memory.
+  /// A set of equal edges. Edges in opposite directions cancel.
   struct CountedEdge {
     std::uint32_t a, b;  ///< points of the overlay, a < b
     std::int32_t count;  ///< number of edges from a to b minus the number from b to a

@@ -34,19 +34,19 @@ class LocalTriangulation {
 
   /// Makes the Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate.
   /// Returns kNotPlanar if two points are equal. Typically O(n^1.5), and less if consecutive points
-  /// are neighbours. `first_corner` is the corner of the box, 0..3 counter-clockwise from the lower
-  /// left, that is listed first. If points and first corner are rotated together by right angles,
-  /// the cells are the same.
+  /// are near each other. `first_corner` is the corner of the box that is listed first. Its values
+  /// 0..3 mean the corners counter-clockwise from the lower left. If points and first corner are
+  /// rotated together by right angles, the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
   /// Makes the segment between two different points an edge. Afterwards some cells may not be
   /// Delaunay; see restore_delaunay(). If another constraint or a point blocks the segment, returns
-  /// kNotPlanar; the triangulation must then not be used any further.
+  /// kNotPlanar. The triangulation must not be used after that.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
-  /// Flips edges until every edge whose two cells are in the same region is locally Delaunay; edges
-  /// inside region 0 are left alone. `region` has one entry per cell. Constraints within a region
-  /// may be flipped, too: only the boundaries between regions are preserved.
+  /// Flips edges until every edge whose two cells are in the same region is locally Delaunay. Edges
+  /// inside region 0 are not flipped. `region` has one entry per cell. Constraints within a region
+  /// may be flipped, too, because only the boundaries between regions are preserved.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }

@@ -1,25 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Second stage of a cut: the local PSLG of the cavity's rim and the tool's outline, on the lattice
-// and without crossings.
+// Second stage of a cut: the local PSLG (planar straight-line graph) of the cavity's rim and the
+// tool's outline, on the lattice and without crossings.
 //
-// Where a tool edge crosses the sheet's boundary, both are bent through a lattice point next to the
-// crossing (iterated snap rounding after Hobby 1999 and Halperin and Packer 2002; only edges that
-// cross are bent). Contract:
+// Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point next
+// to the crossing (iterated snap rounding after Hobby 1999 and Halperin and Packer 2002, but only
+// edges that cross are bent). Contract:
 //  1. A bend goes to the nearest corner of the crossing's lattice cell that lies on the material's
 //     side of the sheet's boundary, so that the boundary only recedes. If two bent boundary edges
 //     cross each other, there may be no such corner, because the material is thinner than the
 //     lattice there. Then the nearest corner is used.
-//  2. The algorithm terminates: a bend replaces an edge by two edges in its bounding box. Their
-//     Manhattan lengths are positive and add up to the edge's, so the sum of the squared lengths,
-//     an integer, decreases with every bend.
+//  2. The algorithm terminates. A bend replaces an edge by two edges in its bounding box. Their
+//     Manhattan lengths are positive and add up to that of the edge, so the sum of the squared
+//     lengths, an integer, decreases with every bend.
 //  3. Edges shared with triangles outside the cavity are never bent. If a bend would affect such a
-//     triangle, it is listed in `absorb`, and the caller adds it to the cavity and starts again.
-//  4. Without a crossing no point moves.
-//  5. If sheet and tool are moved by lattice steps, rotated by right angles or listed in another
-//     order, the overlay is the same, moved and rotated. The reason is that the order of strands
-//     and ties between corners are decided in the canonical rotation of rim and tool
-//     (rotation_by_moments). This does not hold if that rotation is ambiguous, for example because
-//     a rotation maps rim and tool onto themselves.
+//     triangle, `absorb` lists the triangle, and the caller adds it to the cavity and starts again.
+//  4. If nothing crosses, no point moves.
+//  5. If sheet and tool are moved by lattice steps or rotated by right angles, the overlay moves
+//     and rotates with them and is otherwise the same. It is also the same if they are listed in
+//     another order. The reason is that the order of strands and ties between corners are decided
+//     in the canonical rotation of rim and tool (rotation_by_moments). This does not hold if that
+//     rotation is ambiguous, for example because a rotation maps rim and tool onto themselves.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Third stage of a cut: the new triangles of the cavity.
+// Third stage of a cut: the patch, which consists of the new triangles in the cavity.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 

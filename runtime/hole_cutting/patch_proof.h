@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fifth stage of a cut: proves that a valid sheet stays valid
-// with the patch in place of the cavity. The proof uses only the cavity and its neighbourhood.
+// Fifth stage of a cut: proves that a valid sheet stays valid when the patch replaces the cavity.
+// The proof uses only the cavity and its neighbourhood.
 //
-// The following statements are proved exactly. They imply the validity of
-// formats/geometry/mesh_validity.h:
+// The following statements are proved exactly. Together they imply that the mesh is
+// valid (formats/geometry/mesh_validity.h):
 //  1. Every new triangle is strictly counter-clockwise.
 //  2. Beyond every inner edge of a new triangle lies exactly one triangle: a new one with the same
 //     edge, or a kept one beyond a rim edge. Each rim edge is used at most once. So no directed
-//     edge occurs twice. (There is one fan at each vertex because of the way in which stitch()
-//     numbers the vertices.)
+//     edge occurs twice. (That each vertex has only one fan of triangles follows from the way in
+//     which stitch() numbers the vertices.)
 //  3. Edges between two new triangles are locally Delaunay.
-//  4. New boundary edges of the sheet cross neither each other nor a boundary edge near them. Old
-//     boundary edges, and inner edges that become boundary edges, do not cross in a valid sheet.
+//  4. New boundary edges of the sheet cross neither each other nor a boundary edge near them.
+//     Old boundary edges, and inner edges that become boundary edges, do not cross each other in
+//     a valid sheet.
 //  5. The cavity's area minus the patch's area equals the area of the hole's rings.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once

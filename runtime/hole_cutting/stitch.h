@@ -16,7 +16,7 @@ struct StitchSpace {
   struct Corner {
     std::uint32_t triangle, corner;
   };
-  /// Kept triangles that follow each other around a vertex of the cavity's rim.
+  /// Kept triangles that follow one after the other around a vertex of the cavity's rim.
   struct Run {
     std::uint32_t vertex;
     std::uint32_t first, end;  ///< range of its corners in `corners`
@@ -40,7 +40,7 @@ struct StitchSpace {
 };
 
 /// Replaces the cavity's triangles by the patch. The vertices of kept triangles keep their
-/// slots, with one exception: if the cut leaves several fans of triangles at a vertex, each fan
+/// slots, with one exception. If the cut leaves several fans of triangles at a vertex, each fan
 /// but the first gets a new vertex, so that the mesh stays manifold. Vertices without a triangle
 /// are released. If the workspace or the sheet's free slots do not suffice, returns kCapacity
 /// and changes nothing.

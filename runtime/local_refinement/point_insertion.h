@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh that is constrained
-// Delaunay, and keeps the mesh constrained Delaunay: triangles that join the point to the rim (the
-// star of the point) replace the triangles whose circumcircles contain it (Bowyer; Watson, 1981).
-// All decisions are exact.
+// Inserts a point into a SheetMesh that is constrained Delaunay, and keeps the mesh so. The
+// triangles whose circumcircles contain the point form the cavity. They are replaced by the star of
+// the point: the triangles that join the point to the cavity's rim (Bowyer; Watson, 1981). All
+// decisions are exact.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,7 @@
 
 namespace trocar::runtime {
 
-/// An edge of the rim, that is the cavity's boundary, with the cavity on its left.
+/// An edge of the rim, which is the cavity's boundary, with the cavity on its left.
 struct CavityEdge {
   std::uint32_t from, to;  ///< vertex slots
   std::uint32_t beyond;    ///< the triangle outside the cavity; kNone on the sheet's boundary
@@ -44,9 +44,9 @@ class PointInsertion {
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
   /// Replaces the cavity by the star of p. `split` is kNone, or the number in rim() of a boundary
-  /// edge that p splits. In that case p must lie on the edge or on its inner side. Two edges to p
-  /// replace the edge, and the area between the three edges is no longer part of the sheet. If the
-  /// result is not kDone, nothing is changed.
+  /// edge that p splits. In the second case p must lie on the edge or on its inner side. Two edges
+  /// to p replace the edge, and the area between the three edges is no longer part of the sheet. If
+  /// the result is not kDone, nothing is changed.
   InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                           std::uint32_t split) noexcept;
   /// The star's triangles after insert(), each with p as its last corner.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses the position at which to split a boundary edge of a
-// sheet, such that refinement terminates even at acute corners.
+// Chooses the position at which a boundary edge of a sheet is split, such that refinement
+// terminates even at acute corners.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -11,8 +11,9 @@ namespace trocar::runtime {
 
 /// Returns the aim of the next split of a boundary edge that is to be split into about `parts` (>=
 /// 2) equal parts, one split at a time. If exactly one of its ends is an acute corner
-/// (kAcuteCorner_deg), the aim lies on one of the concentric shells around that corner: its
-/// distance from the corner, in steps, is a power of two. O(triangles at the edge's ends).
+/// (kAcuteCorner_deg), the aim lies on a circle around that corner whose radius, in steps, is a
+/// power of two. (All splits near the corner then lie on the same concentric circles.) O(triangles
+/// at the edge's ends).
 SplitAim aim_split(const SheetMesh& mesh, TriangleEdge e, int parts) noexcept;
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Removes an inner vertex from a SheetMesh that is constrained Delaunay, and keeps the mesh
-// constrained Delaunay: the polygon around the vertex is filled by ears (triangles of three
+// constrained Delaunay. The polygon around the vertex is filled by ears (triangles of three
 // successive corners) whose circumcircles are empty (the simple form of Devillers, 1999). All
 // decisions are exact.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
@@ -24,8 +24,8 @@ class VertexRemoval {
   static constexpr std::size_t kMaxDegree = 24;
 
   /// Plans the removal of the vertex at corner `corner` of triangle t. Returns false if the vertex
-  /// cannot be removed: it lies on the sheet's boundary, it has too many triangles, or there are no
-  /// such ears (boundary edges can prevent them).
+  /// cannot be removed: it lies on the sheet's boundary, it has too many triangles, or ears with
+  /// empty circumcircles do not exist (boundary edges can prevent them).
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
   /// The triangles around the vertex, and those that would replace them; valid after plan().
   std::span<const std::uint32_t> star() const noexcept { return {star_.data(), degree_}; }

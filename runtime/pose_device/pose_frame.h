@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the frame of a pose device lies in the scene's frame {B}: the middle of its workspace is the middle of the path of the
-// scene's hand, and the handle in its upright orientation holds the tool as the hand does when the scene begins.
+// Where the frame of a pose device lies in the scene's frame {B}. The middle of the device's workspace is placed
+// at the middle of the path of the scene's hand. The upright handle holds the tool in the orientation that the
+// scene's hand begins with.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -15,11 +16,11 @@ class PoseFrame {
   /// `T_device_plate_middle`: the plate's pose with the handle upright in the middle of its workspace.
   PoseFrame(const PoseDeviceDescription& description, const Pose& T_device_plate_middle);
 
-  /// Returns the plate's pose of a reading. Its quaternion must not be zero.
+  /// Returns the plate's pose for a reading, whose quaternion must not be zero.
   Pose plate(const PoseReading& reading) const noexcept;
-  /// Returns position and orientation of the handle at a plate's pose; the inverse of plate().
+  /// Returns the position and orientation of the handle at a pose of the plate. This is the inverse of plate().
   PoseReading reading(const Pose& T_device_plate) const noexcept;
-  /// Turns a wrench on the plate about its origin from {B} into the device's frame, and back.
+  /// Convert a wrench on the plate about its origin from {B} to the device's frame, and back.
   HandleWrench to_device(const Wrench& wrench) const noexcept;
   Wrench from_device(const HandleWrench& wrench) const noexcept;
   /// The smallest box in {B} that contains the device's workspace.

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device that measures its own pose (PoseDevice) as a HandDevice: checks what it states, and limits what it is commanded.
+// Makes a HandDevice of a device that measures its own pose (PoseDevice): checks the readings, and limits the commands.
 //
 // Contract, in addition to that of hand_device.h:
-//  1. A reading with a number that is not finite, a quaternion whose length is not 1, or a step that no hand can make is a
-//     fault, and its pose is not used.
-//  2. Every command is finite; its force and moment are at most those of the description, in the direction that was
-//     wanted. A device that renders no moment is commanded none, and delivered() has none.
+//  1. A reading is a fault if it contains a number that is not finite, a quaternion whose length is not 1, or a step that
+//     no hand can make. Its pose is then not used.
+//  2. Every command is finite. Its force and moment are at most those of the description, and have the wanted direction. A
+//     device that renders no moment is never commanded one, and delivered() then contains none.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -16,7 +16,7 @@
 
 namespace trocar::runtime {
 
-/// A faster motion between two readings is an error of the device, since no hand moves like that.
+/// A faster motion between two readings is an error of the device, because no hand moves that fast.
 inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
 
 class PoseHand final : public HandDevice {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The description of a pose device as the facts that force laws and checks use.
+// The facts about a pose device that force laws and checks use, taken from its description.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -11,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// The largest factor, at most 1, with which a device of this description can render a wrench. A moment counts only
-/// if the device renders moments.
+/// The largest factor, at most 1, with which a device of this description can render a wrench. A
+/// moment is taken into account only if the device renders moments.
 double renderable_share(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
 class PoseSpecification final : public DeviceSpecification {
@@ -33,7 +33,7 @@ class PoseSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.stiffness_max_N_per_m;
   }
-  /// Readings are measured in counts of their resolution (PoseHand).
+  /// The resolution is 1, because PoseHand states readings in counts of the device's resolution; 0: readings are exact.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_share(const Pose& T_device_plate, const Wrench& wrench_device) const override;

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drive's side of the device link. It adds session, watchdog and supervision to the simulated
-// device, and can inject faults. It uses no socket: datagrams are received and returned as bytes.
+// The drive's side of the device link: the simulated device, together with session, watchdog
+// and supervision. It can inject faults. It uses no socket: datagrams are received and
+// returned as bytes.
 //
 // Contract (tests/runtime/simulation/drive_test.cpp):
-//  1. Torques are nonzero only while the newest accepted command has mode torque, it is not older
-//     than the watchdog's time (real clock), and no emergency stop is pressed. After the watchdog
-//     or the stop has set the torques to zero, they stay zero until the host acknowledges this. The
-//     host acknowledges by sending a command of zero torques after it has received a state that
-//     reports the zeroing. Commands sent earlier, and nonzero torques of a host that ramps down,
-//     have no effect.
-//  2. A refused datagram only changes a count. If a hello is refused because of its key, because it
-//     is for drives that state poses, or because a session is alive, it is answered with a denial,
-//     at most once in kDenialPeriod_s, and once in kRepeatedDenial_s for the same nonce.
+//  1. Torques are nonzero only while three conditions hold: the newest accepted command has the
+//     mode torque, it is not older than the watchdog's time (real clock), and no emergency stop is
+//     pressed. After the watchdog or the stop has set the torques to zero, they stay zero until the
+//     host acknowledges this. The host acknowledges by sending a command of zero torques after it
+//     has received a state that reports the zeroing. Commands sent earlier have no effect, and
+//     neither have nonzero torques of a host that ramps down.
+//  2. A refused datagram only changes a count. There is one exception: a hello is answered with a
+//     denial if it is refused because of its key, because it is for drives that state poses, or
+//     because a session is alive. Denials are sent at most once in kDenialPeriod_s, and for the
+//     same nonce once in kRepeatedDenial_s.
 //  3. While a session is alive, no other session begins.
 //  4. In lock-step each torque command advances time by one period of the host. Nothing
 //     else advances time.
@@ -34,10 +36,10 @@ struct DriveOptions {
   LinkClock clock = LinkClock::kReal;
   double period_s = 2.5e-4;  ///< period of the drive's own clock
   /// Time without a command after which torques are set to zero. If 2.5 periods of the host are
-  /// longer, they are used.
+  /// longer, that time is used instead.
   double watchdog_s = 0.01;
   /// Time without a command after which a session is over, and its host receives no more states. In
-  /// lock-step, the time after which another host may begin a session.
+  /// lock-step, this is the time after which another host may begin a session.
   double session_s = 1;
   FaultPlan faults;
   std::size_t record_steps = 0;  ///< capacity of DriveReport::steps
@@ -57,7 +59,7 @@ struct DriveStep {
   TrueTip tip;                        ///< tip at the end of the step
 };
 
-/// A peak of the force on the hand, after which the force fell to less than half of it.
+/// A peak of the force on the hand: the force afterwards fell to less than half of it.
 struct ForcePeak {
   double t_s = 0;
   double force_N = 0;
@@ -89,17 +91,17 @@ class Drive {
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
 
-  /// Processes one datagram. `answer` is for its sender. Returns kNone if the datagram was
-  /// accepted. `from_host` is set if the datagram was a command of the session; states are then
-  /// sent to its sender.
+  /// Processes one datagram. `answer` is to be sent to its sender. Returns kNone if the datagram
+  /// was accepted. Sets `from_host` if the datagram was a command of the session. States are then
+  /// sent to the sender of that command.
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
-  /// Real clock: if the process was delayed, simulates the missed `periods` up to `until_ns`, with
-  /// the present command. Call this before receiving the commands that have arrived meanwhile, so
-  /// that a fault of the link or the watchdog acts at the right time.
+  /// Real clock only: if the process was delayed, simulates the missed `periods` up to `until_ns`,
+  /// with the present command. Call this before receiving the commands that have arrived during the
+  /// delay, so that a fault of the link or the watchdog acts at the right time.
   void catch_up(std::int64_t until_ns, int periods) noexcept;
-  /// Real clock: advances time by `periods` periods of the drive, the last of which ends now.
+  /// Real clock only: advances time by `periods` periods of the drive, the last of which ends now.
   /// `answer` is the state for the host, if there is a session.
   void tick(std::int64_t now_ns, int periods, Answer& answer) noexcept;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a drive's steps as CSV. The header names every column with its unit. Numbers are in
-// shortest round-trip form.
+// Writes a drive's steps as CSV. The header names every column with its unit. Each number has the
+// fewest digits that give the same value when read again.
 // Tests: tests/runtime/simulation/drive_test.cpp
 #pragma once
 

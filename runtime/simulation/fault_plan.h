@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Faults to inject into a simulated drive and its link: kind, time and probability. Random choices
-// are seeded, so the same plan, seed and packets give the same faults.
+// Faults to inject into a simulated drive and its link, each with kind, time and probability.
+// Random choices are seeded, so the same plan, seed and packets give the same faults.
 // Tests: tests/runtime/simulation/drive_test.cpp
 //
 // A plan is a text of items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]]. Times are
@@ -57,8 +57,8 @@ using FaultPlan = std::vector<PlannedFault>;
 /// Parses a plan. Usage errors quote the item. If the text is empty, the plan is empty.
 Result<FaultPlan> parse_fault_plan(std::string_view text);
 
-/// One direction of a link with faults. It holds back at most kHeld packets; further packets that
-/// should wait are lost.
+/// One direction of a link with faults. The link holds back at most kHeld packets. Further packets
+/// that should wait are lost.
 class FaultyLink {
  public:
   static constexpr std::size_t kHeld = 64;
@@ -71,8 +71,9 @@ class FaultyLink {
 
   FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
-  /// Passes `datagram` to `deliver`, which is called with a Datagram: once, twice, changed, later
-  /// or never. `t_s` is the session's time, and `now_ns` the time of a monotonic clock.
+  /// Passes `datagram` to the callback `deliver`, which takes a Datagram. Depending on the faults
+  /// it is called once, twice, with changed bytes, later or never. `t_s` is the session's time, and
+  /// `now_ns` the time of a monotonic clock.
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated hand. It holds the tool's tip through springs and dampers, in translation and
-// rotation. The other end of the springs, the target, moves along a trajectory, or as a person decides
-// while the session runs. The haptic thread evaluates it.
+// A simulated hand. It holds the tool's tip by springs and dampers, in translation and rotation.
+// The other end of the springs, the target, moves along a trajectory or, for a live hand, as a
+// person decides while the session runs. The haptic thread evaluates the hand.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
@@ -26,16 +26,16 @@ struct HandKeyframe {
   Pose T_device_tool;  ///< target pose of the tool's tip
 };
 
-/// Before the time of the first keyframe the hand rests at the first keyframe; after the time of
-/// the last one it rests at the last. If there are no keyframes, there is no hand and no force.
+/// Before the time of the first keyframe, the target rests at the first keyframe. After the time of
+/// the last one it rests there. If there are no keyframes, there is no hand and no force.
 struct HandTrajectory {
   std::vector<HandKeyframe> keyframes;  ///< t_s must increase strictly
   HandInterpolation interpolation = HandInterpolation::kLinear;
 };
 
-/// The impedance of a hand. The defaults are a firm grip. In contact with a wall of stiffness K
-/// that is rendered with the period T, the hand does not chatter if the damping exceeds K T / 2;
-/// for 5 kN/m at 500 Hz this is 5 N s/m.
+/// The impedance of a hand. The defaults are a firm grip. Consider contact with a wall of stiffness
+/// K that is rendered with the period T. The hand does not chatter if its damping exceeds K T / 2,
+/// which is 5 N s/m for 5 kN/m at 500 Hz.
 struct HandImpedance {
   double stiffness_N_per_m = 4000;
   double damping_Ns_per_m = 100;
@@ -47,8 +47,8 @@ struct HandImpedance {
   double let_go_t_s = std::numeric_limits<double>::infinity();
 };
 
-/// Two further grips. Their values are assumed; they are within the ranges that the literature
-/// gives for fingers and for a tensed arm.
+/// Two further grips. Their values are assumptions within the ranges that the literature gives for
+/// fingers and for a tensed arm.
 constexpr HandImpedance light_grip() noexcept {
   return {300, 3, 2, 0.02, 0.05};
 }
@@ -67,18 +67,18 @@ class UnscriptedHand {
   virtual ~UnscriptedHand() = default;
   /// Returns the target before the first step.
   virtual Pose start() const noexcept = 0;
-  /// Decides the targets of the device's next step, from `t_s` on for dt_s. At its beginning the tool's
-  /// tip is at `T_device_tool`.
+  /// Decides the targets of the device's next step, which lasts from `t_s` to t_s + dt_s. At its
+  /// beginning the tool's tip is at `T_device_tool`.
   virtual void begin_step(double t_s, double dt_s, const Pose& T_device_tool) noexcept = 0;
   /// Returns the target at a time of this step.
   virtual HandTarget target(double t_s) const noexcept = 0;
 };
 
-/// The target's motion: a trajectory, or a hand that must outlive its user. There is never both.
+/// The target's motion: either a trajectory, or a hand that must outlive the user of this variant.
 using HandMotion = std::variant<HandTrajectory, std::reference_wrapper<UnscriptedHand>>;
 
-/// Returns the target at a time. If there is no keyframe, it is the identity, at rest. O(log
-/// keyframes), no allocation.
+/// Returns the target at a time. If there is no keyframe, the target is the identity, at rest.
+/// O(log keyframes), no allocation.
 HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept;
 
 /// Returns the hand's wrench [f; n] on the tool about the tip, in {B}.

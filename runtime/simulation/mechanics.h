@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The device's equation of motion for the twist V = [v; omega] of the plate's origin, in {B}:
 //   M(pose) V' + h(pose, V) = sum of the wrenches on the plate about its origin.
-// V' is the time derivative of V. The plate is a rigid body. Each link is two point masses, half of
-// its mass at each end (a mass on a motor's axis does not move). Each motor is a rotor inertia at
-// its joint. The hand's mass moves with the tool's tip. Let G be the motors' Jacobian, J_i the
-// Jacobian of point i and m_i its mass. Then
+// V' is the time derivative of V. The plate is a rigid body. Each link is modelled by two point
+// masses, half of its mass at each end (a mass on a motor's axis does not move). Each motor is a
+// rotor inertia at its joint. The hand's mass moves with the tool's tip. Let G be the motors'
+// Jacobian, J_i the Jacobian of point mass i and m_i its mass. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i,
-// where the accelerations a are those at V' = 0, in closed form. No allocation, no exception.
+// where the accelerations a_motors and a_i are those at V' = 0, in closed form. No
+// allocation, no exception.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,8 +22,9 @@
 
 namespace trocar::runtime {
 
-/// Properties that the paper does not give. Every default is assumed: aluminium links of about 10
-/// mm diameter, direct-drive motors with a bevel pair, and drives with a current loop of 500 Hz.
+/// Properties that the paper does not give. Every default is an assumption: aluminium links
+/// of about 10 mm diameter, direct-drive motors with a bevel pair, and drives with a current
+/// loop of 500 Hz.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
   double rotor_inertia_kg_m2 = 1.5e-4;  ///< inertia of each rotor at its joint, with gear squared
@@ -48,9 +50,9 @@ struct Mechanics {
   Wrench weight = Wrench::Zero();  ///< weight of plate and links under the description's gravity
 };
 
-/// Evaluates the equation of motion. `joints` must be the joint angles of the pose. `tip_mass_kg`
-/// moves with the tip, at `lever_m` from the plate's origin, in {B}. It has no weight, because it
-/// belongs to the hand.
+/// Evaluates the equation of motion. `joints` must be the joint angles of the pose. The mass
+/// `tip_mass_kg` moves with the tip, at `lever_m` from the plate's origin, in {B}. Its weight is
+/// not counted, because it belongs to the hand.
 Mechanics mechanics(const DeviceDescription& device, const MechanicsOptions& options,
                     const Pose& T_device_plate, const JointAngles& joints,
                     const Twist& twist_device, double tip_mass_kg,

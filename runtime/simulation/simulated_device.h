@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of the haptic device in the process. It is moved by the motors' wrench G^T tau at its
-// true pose, by the joints' friction, and by a simulated hand. There are two models. In the light
-// model only the plate has mass, and friction is viscous. The full model of mechanics.h
+// A model of the haptic device in the process. Three things move the model: the motors' wrench G^T
+// tau at its true pose, the joints' friction, and a simulated hand. There are two variants. In the
+// light model only the plate has mass, and friction is viscous. The full model of mechanics.h
 // (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
 // noise. The mechanism is assumed to be balanced (gravity 0) unless the description says otherwise.
 // The model is deterministic: the same calls give the same bits.
@@ -30,13 +30,13 @@ struct SimulatedDeviceOptions {
 /// If there is no hand, the plate starts upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, computed with midpoint velocities. In the light model the energy balance
-/// has an error of rounding only for translation, and of first order in the substep for rotation.
+/// Work since the start, computed with midpoint velocities. In the light model the error of the
+/// energy balance is only rounding for translation, and of first order in the substep for rotation.
 struct EnergyBalance {
   double hand_J = 0;    ///< work of the hand on the plate
   double motors_J = 0;  ///< work of the motors on the plate
-  /// Work of joint friction on the plate. It is not positive, except for energy that the springs of
-  /// dry friction return.
+  /// Work of joint friction on the plate. The work is never positive, except for energy that the
+  /// springs of dry friction return.
   double friction_J = 0;
   double gravity_J = 0;  ///< work of gravity
   double stop_J = 0;     ///< energy lost at the limit of the workspace; not positive
@@ -73,8 +73,8 @@ class SimulatedDevice final : public Device {
                                       const SimulatedDeviceOptions& options = {});
 
   /// Reads the time (in whole nanoseconds, as over the link) and the encoder angles of the true
-  /// pose. They have the noise of the mechanics, which is new in each call, and are quantised as
-  /// the description says.
+  /// pose. The angles have the noise of the mechanics, which is new in each call, and are quantised
+  /// as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
   /// Sets the torques that are held (zero-order hold) in the following steps.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
@@ -83,7 +83,7 @@ class SimulatedDevice final : public Device {
   void advance(double dt_s) noexcept override { step(dt_s); }
   bool is_paced_by_loop() const noexcept override { return true; }
 
-  /// Advances time by dt_s, which must be in (0, kMaxStep_s]; for any other dt_s returns false and
+  /// Advances time by dt_s, which must be in (0, kMaxStep_s]. For any other dt_s returns false and
   /// changes nothing. The step is divided into at least minimum_substeps substeps, none longer than
   /// maximum_substep_s (both in the description). The integrator is semi-implicit Euler for the
   /// light model, and the midpoint rule for the full model and for a hand with mass. At the limit

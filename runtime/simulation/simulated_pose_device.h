@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pose device in the process: a rigid handle with the description's mass and damping, moved by the commanded wrench and by a
-// simulated hand. Without a sense of rotation the handle keeps its orientation. It is deterministic: the same calls give
-// the same bits.
+// A pose device in the process: a rigid handle with the mass and damping of the description. The commanded wrench and a
+// simulated hand move it. If the device does not sense rotation, the handle keeps its orientation. The device is
+// deterministic: the same calls give the same bits.
 // Tests: tests/runtime/simulation/simulated_pose_device_test.cpp
 #pragma once
 
@@ -19,7 +19,7 @@ class SimulatedPoseDevice final : public PoseDevice {
                                           const PoseFrame& frame, const HandMotion& motion,
                                           const HandImpedance& impedance, const Pose& T_plate_tool);
 
-  /// States the pose, rounded to the description's resolution, at a time in whole nanoseconds.
+  /// Returns the pose, rounded to the description's resolution, at a time in whole nanoseconds.
   DeviceStatus read(PoseReading& reading) noexcept override;
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
   /// Advances time by dt_s, by semi-implicit Euler in substeps of at most 0.1 ms. No allocation.
