@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// An AABB tree over edges: the edge nearest to a point. Each box encloses consecutive edges.
+// A tree of axis-aligned bounding boxes over edges. It finds the edge nearest to a point. Each box
+// encloses consecutive edges.
 // Tests: tests/pipeline/contour/outline_distance_test.cpp
 #pragma once
 
@@ -30,8 +31,8 @@ class AabbTree {
     double d2 = 0;  ///< squared distance
     std::size_t edge = 0;
   };
-  /// The edge nearest to p. The search starts at edge `guess`: if that is near the nearest edge,
-  /// few other boxes are inspected. O(log n) typically.
+  /// The edge nearest to p. The search starts at edge `guess`. If this edge is near the nearest
+  /// edge, few other boxes are inspected. O(log n) typically.
   Nearest nearest(Point p, std::size_t guess) const;
 
  private:

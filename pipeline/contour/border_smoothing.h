@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Smooth borders between labels, given by the crossings of a border with the grid lines between
-// pixels. Tested through label_borders().
+// Smooths the borders between labels. A border is given by its crossings with the grid lines
+// between pixels. Tested through label_borders().
 // Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace trocar::pipeline {
 
-/// Least distance between a crossing and a pixel's centre, in pixels.
+/// Smallest distance between a crossing and a pixel's centre, in pixels.
 inline constexpr double kMinPixelDistance = 0.02;
 
 /// The two ends of an open border, in pixels.
@@ -20,13 +20,13 @@ struct BorderEnds {
   Point from, to;
 };
 
-/// Moves the crossings of a border, which are half way between two pixels, along their grid lines
-/// onto a smooth curve. The curve is the border convolved, with the index of the crossing as the
-/// arc length, with the kernel 2 G(s) - G(sqrt(2) s), which keeps curvature; s is a fourteenth of
+/// Moves the crossings of a border, which are half-way between two pixels, along their grid lines
+/// onto a smooth curve. The curve is the border convolved with the kernel 2 G(s) - G(sqrt(2) s),
+/// which keeps curvature. The index of the crossing serves as the arc length. s is a fourteenth of
 /// the border's length but at most 3 crossings. Each crossing stays on its grid line between its
-/// pixels, so that nothing can cross. The areas on both sides stay the same if that is possible
-/// between the pixels. `fixed` crossings do not move and divide the border. A closed border may
-/// start at another crossing afterwards. O(n).
+/// two pixels, so nothing can cross. The areas on both sides stay the same if that is possible with
+/// crossings between the pixels. `fixed` crossings do not move, and they divide the border. A
+/// closed border may start at another crossing afterwards. O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 
 }  // namespace trocar::pipeline

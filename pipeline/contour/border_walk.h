@@ -11,7 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// Number 2 c is chain c followed from its start, number 2 c + 1 is chain c followed from its end.
+/// The number 2 c stands for chain c followed from its start, and 2 c + 1 for chain c followed
+/// from its end.
 using DirectedChain = std::uint32_t;
 
 /// The chains along one closed boundary of a material, which is on their left.
@@ -19,9 +20,9 @@ struct ChainLoop {
   MaterialNumber material = kNoMaterial;
   std::vector<DirectedChain> chains;
 
-  /// The loop as a ring of points. The chains are looked up in `borders`, which is the one walked
-  /// or another one with the same chains. The ring passes a node twice where the material touches
-  /// itself.
+  /// Returns the loop as a ring of points. `borders` contains the chains: either the borders
+  /// that were walked, or others with the same chains. The ring passes a node twice where the
+  /// material touches itself.
   Ring ring(const LabelBorders& borders) const {
     Ring out;
     for (const DirectedChain d : chains) {
@@ -50,8 +51,9 @@ class BorderWalk {
     }
   }
 
-  /// Calls visit(loop) for each loop around a material m for which is_wanted(m) holds. A chain
-  /// between materials for which is_same(left, right) holds is skipped: the two count as one.
+  /// Calls visit(loop) for each loop around a material m for which is_wanted(m) holds. If
+  /// is_same(left, right) holds for the two materials of a chain, they are treated as one material,
+  /// and the chain is skipped.
   template <typename Wanted, typename Same, typename Visit>
   void for_loops(const Wanted& is_wanted, const Same& is_same, const Visit& visit) const {
     std::vector<char> is_done(heads_.size(), 0);
@@ -81,8 +83,8 @@ class BorderWalk {
   MaterialNumber left(DirectedChain d) const { return d % 2 == 0 ? chain(d).left : chain(d).right; }
   MaterialNumber right(DirectedChain d) const { return left(d ^ 1U); }
 
-  // The next chain clockwise around the node that has the material on its left but not on its
-  // right.
+  // Goes clockwise around the node to the next chain that has the material on its left but not
+  // on its right.
   template <typename Same>
   DirectedChain next(DirectedChain d, const Same& is_same) const {
     if (chain(d).is_closed) return d;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The geometry of one step of segment collapse: the point that replaces a path of the outline so
-// that the area stays, its rounding to the lattice, and its position on the contour.
+// The geometry of one step of segment collapse: the point that replaces a path of the outline and
+// keeps the area, the rounding of this point to the lattice, and its position on the contour.
 // Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
@@ -34,8 +34,8 @@ struct Span {
   std::int64_t doubled() const { return abc + acd; }
 };
 
-// A point that keeps the area if it replaces an edge, and the area that then changes sides; kNever
-// if there is no such point.
+// A point that keeps the area if it replaces an edge, and the area that then changes from one side
+// of the outline to the other. The area is kNever if there is no such point.
 struct Ideal {
   Point at;
   double displacement = kNever;
@@ -81,10 +81,10 @@ struct Path {
   LatticePoint e() const { return points[size]; }
 };
 
-// The point that replaces the inner nodes of a longer path: on the normal of the line a-d through
-// the vertex farthest from that line, at the distance that keeps the area and makes up for
-// `area_error`, but for at most a lattice step's height of it. `base2` is the squared length of
-// a-d.
+// The point that replaces the inner nodes of a longer path. It lies on the normal of the line a-d
+// through the vertex farthest from that line. Its distance from the line keeps the area, and also
+// corrects `area_error`, but by at most the area of a strip of one lattice step along a-d. `base2`
+// is the squared length of a-d.
 struct RunIdeal {
   Point at;
   double area;           // twice the area between the path with this point and the line
@@ -121,16 +121,17 @@ inline int winding(const Path& path, LatticePoint p) {
   return out;
 }
 
-// The same as segments_cross(), but quick if cd lies to one side of ab, as it nearly always does.
+// The same result as segments_cross(), but quick if cd lies to one side of ab, which is nearly
+// always the case.
 inline bool crosses(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   const std::int64_t to_c = orient2d(a, b, c), to_d = orient2d(a, b, d);
   if ((to_c > 0 && to_d > 0) || (to_c < 0 && to_d < 0)) return false;
   return segments_cross(a, b, c, d);
 }
 
-// Does the edge pq of the outline, which is not one of the path's edges, cross the two new edges,
-// or does p lie in the area that they sweep? `box` is around the path and e. If `is_end`, q is p:
-// the end of an open contour.
+// Returns true if the edge pq of the outline, which is not one of the path's edges, crosses the two
+// new edges, or if p lies in the area that they sweep. `box` encloses the path and e. If `is_end`,
+// p is the end of an open contour, and q equals p.
 inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, LatticePoint q,
                   bool is_end) {
   const LatticePoint a = path.a(), d = path.d(), e = path.e();
@@ -146,7 +147,7 @@ inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, Latti
   return crosses(a, e, p, q) || crosses(e, d, p, q);
 }
 
-// The lattice point nearest to p; nothing if p is far beyond the lattice.
+// The lattice point nearest to p; none if p is far outside the lattice.
 inline std::optional<LatticePoint> nearest(Point p) {
   constexpr double kFar = 1 << 30;
   if (!(std::abs(p.x) < kFar && std::abs(p.y) < kFar)) return std::nullopt;
@@ -154,8 +155,8 @@ inline std::optional<LatticePoint> nearest(Point p) {
                       static_cast<std::int32_t>(std::lrint(p.y))};
 }
 
-// The lattice point next to `near` that keeps the area best; of equal ones, the nearest to
-// `ideal`.
+// Returns `near` or the lattice point next to it that keeps the area best. If several keep it equally
+// well, the one nearest to `ideal`.
 inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
                                            Point ideal, double area) {
   const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
@@ -187,7 +188,7 @@ struct Node {
   LatticePoint p;
   std::uint32_t previous, next;
 };
-// The rest of a node, apart from Node because it is needed less often.
+// The other data of a node. They are separate from Node because they are needed less often.
 struct NodeState {
   std::uint32_t ring, k;  // k, t: position on the contour, within the tolerance of p
   double t = 0;
@@ -197,24 +198,24 @@ struct NodeState {
   void put(ContourPosition position) { k = position.k, t = position.t; }
 };
 
-// The part of a closed contour from one position on to another. `contour` has n vertices and, after
-// them, a copy of the first one.
+// The part of a closed contour from one position to another. `contour` has n vertices, followed by
+// a copy of the first one.
 struct ContourPart {
   const LatticePoint* contour;
   std::uint32_t n;
   ContourPosition from, to;
 };
 
-// The number of edges of a closed contour with n vertices from vertex `from` on to vertex k.
+// The number of edges of a closed contour with n vertices from vertex `from` to vertex k.
 inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n) {
   return k >= from ? k - from : k + n - from;
 }
 
-// Returns the position nearest to e on the part of a contour that a, e, d is to replace, if the
-// edge a-e and the contour up to that position are within the tolerance of each other, and likewise
-// e-d and the rest of the contour. It suffices that e is near its position and the contour's
-// vertices are near the edge: then the contour's nearest points run along the whole edge, except
-// for its ends, which are near their own positions.
+// Returns the position nearest to e on the part of a contour that the path a, e, d is to replace.
+// Returns none unless the edge a-e and the contour up to that position are within the tolerance of
+// each other, and likewise e-d and the rest of the contour. It suffices to check that e is near its
+// position and that the contour's vertices are near the edge. Then the contour's nearest points run
+// along the whole edge, except for its ends, which are near their own positions.
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {

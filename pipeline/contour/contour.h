@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The outline of the material as rings on the lattice, holes and nesting included.
+// The outline of the material as rings on the lattice, including holes and nested rings.
 #pragma once
 
 #include "formats/geometry/slice_mesh.h"
@@ -8,7 +8,7 @@
 namespace trocar::pipeline {
 
 enum class ContourKind {
-  kSubpixel,  ///< iso-contour by marching squares, its crossings by contour_crossing.h
+  kSubpixel,  ///< iso-contour by marching squares, with the crossings of contour_crossing.h
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 
@@ -23,14 +23,14 @@ struct PixelGrid {
 inline constexpr int kMinStepsPerPixel = 8;
 
 /// Traces the outline with material on the left. Borders of Field::changed are smooth curves
-/// (border_smoothing.h) between the crossings that the values give. Outer rings are counter-clockwise in (u, v), holes
-/// clockwise. Rings are simple, touch at most in vertices and never cross (contour.cpp gives the
-/// reasons). Everything beyond the image's border counts as outside. O(pixels + vertices log
-/// vertices).
+/// (border_smoothing.h) between the crossings that the values give. Outer rings are
+/// counter-clockwise in (u, v), holes clockwise. Rings are simple, touch only at vertices and never
+/// cross (contour.cpp gives the reasons). Everything outside the image is treated as outside the
+/// material. O(pixels + vertices log vertices).
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
-/// Drops rings with an area below `min_area_mm2`: small islands vanish and small holes are filled.
-/// (Rings inside a dropped ring are smaller still, so they are dropped too.)
+/// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are
+/// filled. (Rings inside a removed ring are smaller still, so they are removed too.)
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

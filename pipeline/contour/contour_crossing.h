@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds the crossing of an iso-contour with the grid line between two pixels, more accurately than
-// linear interpolation does, and moves crossings so that their chords enclose the curve's area.
+// Finds the crossing of an iso-contour with the grid line between two pixels, more
+// accurately than linear interpolation. Also moves crossings so that the chords between them
+// enclose the curve's area.
 #pragma once
 
 #include <array>
@@ -9,19 +10,20 @@
 namespace trocar::pipeline {
 
 /// Samples along a grid line minus the iso-value. The contour passes between [3] and [4], exactly
-/// one of which is >= 0. Only the samples first .. last lie in the image, with 0 <= first <= 3 and
-/// 4 <= last <= 7.
+/// one of which is >= 0. Only the samples with the indices `first` to `last` lie in the image, with
+/// 0 <= first <= 3 and 4 <= last <= 7.
 struct GridLine {
   std::array<double, 8> value{};
   int first = 0, last = 7;
 };
 
-/// The crossing as a fraction in [0, 1] of the way from [3] to [4]:
-///  - If the samples go monotonically from one constant value to another and the iso-value is about
-///    half way between these, it is the position of a jump that gives the same sum of samples. As
-///    pixels are averages over their area, this is exact for every sharp straight edge.
+/// The crossing as a fraction in [0, 1] of the way from [3] to [4]. There are two cases:
+///  - If the samples go monotonically from one constant value to another, and the iso-value
+///    is about half-way between these, the crossing is the position of a jump that gives the
+///    same sum of samples. As pixels are averages over their area, this is exact for every
+///    sharp straight edge.
 ///  - Otherwise it is the only crossing of the monotone cubic interpolant (Steffen, Astronomy and
-///    Astrophysics 239, 1990), which does not overshoot and is linear if the samples are.
+///    Astrophysics 239, 1990), which does not overshoot and is linear if the samples are linear.
 double crossing(const GridLine& line);
 
 /// A crossing in units of pixels: at the fraction t of the grid line from pixel (x, y) to the next
@@ -34,8 +36,8 @@ struct Crossing {
 };
 
 /// Moves the crossings of a closed ring (material on the left) along their grid lines, so that the
-/// polygon has the area of the curve on which they lay. A chord of length c cuts an area of
-/// k c^3 / 12 off a curve of curvature k. Crossings therefore move outwards where the curve is
+/// polygon has the area of the curve on which the crossings lay. A chord of length c cuts an area
+/// of k c^3 / 12 off a curve of curvature k. Crossings therefore move outwards where the curve is
 /// convex, by some hundredths of a pixel and at most a sixteenth. O(n).
 void restore_chord_areas(std::span<Crossing> ring);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A grid that finds the contour edges that may be near a point. Each cell lists the edges whose
-// bounding boxes meet it; the grid is built once.
+// bounding boxes intersect the cell. The grid is built once.
 // Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
@@ -40,7 +40,7 @@ class ContourGrid {
     });
   }
 
-  /// Is there a run in the cells around the box for which is_wanted(run) holds?
+  /// Returns true if is_wanted(run) holds for a run in the cells around the box.
   template <typename Wanted>
   bool any_near(const LatticeBox& box, const Wanted& is_wanted) {
     return any_cell(box, [&](std::uint32_t head) {
@@ -53,8 +53,8 @@ class ContourGrid {
  private:
   static constexpr std::uint32_t kNone = 0xffffffff;
 
-  // Calls visit(head) for the cells that meet the box until it returns true. Points beyond the grid
-  // belong to its outermost cells.
+  // Calls visit(head) for the cells that intersect the box until visit() returns true. Points
+  // outside the grid belong to its outermost cells.
   template <typename Visit>
   bool any_cell(const LatticeBox& box, const Visit& visit) {
     const auto cell = [this](std::int32_t at, std::int32_t low, std::int32_t count) {

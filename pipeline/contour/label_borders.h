@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The borders between the materials of a label map, as chains and nodes: materials that touch share
+// The borders between the materials of a label map, as chains and nodes. Materials that touch share
 // the border between them, point by point, so that there is no gap and no overlap.
 #pragma once
 
@@ -14,8 +14,8 @@
 
 namespace trocar::pipeline {
 
-/// A border between two materials. It is closed, or runs from a node to a node, which are its first
-/// and last point.
+/// A border between two materials. It is closed, or it runs from one node to another. The nodes are
+/// then its first and last point.
 struct BorderChain {
   std::vector<LatticePoint> points;
   MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< never equal; kNoMaterial is outside
@@ -45,10 +45,10 @@ struct LabelBorders {
 ///    between their centres. Outside the image every pixel counts as empty; the crossings at the
 ///    image's border are fixed at the pixels' edges.
 ///  - In a cell of four pixels with two crossings, a segment joins these. With three or four
-///    crossings, a node in the cell's middle is joined to all of them, unless a diagonal is
-///    connected (connected_diagonal()): then two segments cut off the other two corners. Within a
-///    cell nothing crosses, and cells meet only in crossings.
-/// Every material therefore has the pixels' topology, and no ring passes a point twice.
+///    crossings, a node in the cell's middle is joined to all of them. The exception is a connected
+///    diagonal (connected_diagonal()), where two segments cut off the other two corners instead.
+///    Within a cell nothing crosses, and cells meet only in crossings.
+/// Every material therefore has the topology of its pixels, and no ring passes a point twice.
 /// O(pixels + crossings).
 LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid);
 
@@ -61,16 +61,15 @@ Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNu
 std::vector<Pslg> material_outlines(const LabelBorders& borders);
 
 /// Proves that no point of the plane is in two materials, and that every point within the outline
-/// of their union is in one: each outline and that of the union pass check_pslg(), and the areas of
-/// the materials add up to the area of the union. (Chains between two materials cancel in the sum
-/// of winding numbers, so that the sum is the winding number of the union's outline, which is 0 or
-/// 1.) Errors: an internal error that names the condition that does not hold.
+/// of their union is in one. Each outline and that of the union must pass check_pslg(), and the
+/// areas of the materials must add up to the area of the union. (Chains between two materials
+/// cancel in the sum of winding numbers. So the sum is the winding number of the union's outline,
+/// which is 0 or 1.) Errors: an internal error that names the condition that does not hold.
 Result<void> check_label_borders(const LabelBorders& borders);
 
-/// Simplifies chain by chain; nodes do not move. Every chain stays within the two-sided tolerance,
-/// and the topology of the borders does not change. SimplificationMethod::kArea also keeps the area
-/// on both sides of each chain, and with it the area of each ring. See simplify() of
-/// simplification.h.
+/// Simplifies each chain; nodes do not move. Every chain stays within the two-sided tolerance, and
+/// the topology of the borders does not change. SimplificationMethod::kArea also keeps the area on
+/// both sides of each chain, and with it the area of each ring. See simplify() of simplification.h.
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options);
 

@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Clears a simplified outline of features at the scale of the lattice: edges of a few steps, and
-// parts of the outline that come within a few steps of each other. Simplification leaves or makes
-// them although the scan holds nothing of that size, and at that scale rounding to the lattice
-// decides the angles of triangles.
+// Removes features at the scale of the lattice from a simplified outline: edges of a few steps, and
+// parts of the outline that come within a few steps of each other. Simplification leaves or creates
+// such features, although the scan contains nothing of that size. At that scale the angles of
+// triangles depend on rounding to the lattice.
 //
 // Definitions, with the clearance c = clearance_steps(tolerance), at most 12 steps:
 //  - A tight spot is an edge shorter than c, or two edges without a common end whose distance is
 //    less than c (tight_spots.h).
-//  - The scan forces a tight spot if no step of clear_outline() removes it: each one would leave
-//    the tolerance or change the topology, or would make another tight spot. It also forces sharp
-//    corners: two neighbouring edges may meet at any angle. An outline with many more tight spots
-//    than vertices is a figure at the scale of the lattice, and stays as it is.
-//  - A free angle is an angle of a triangle that lies at no input angle below 60 degrees (see
-//    MeshQuality in triangulation/mesh_quality.h). An outline without tight spots has, but for rare
-//    exceptions, no free angle below 30 degrees: refinement makes no edge much shorter than the
-//    clearance, and the points that it rounds to the lattice move by one step or two. The test
-//    bounds how often an exception occurs. simplify() does not clear the result of Douglas-Peucker
-//    for an outline that a rotation maps to itself, which so keeps its free angles.
+//  - The scan forces a tight spot if no step of clear_outline() removes it, because each step would
+//    leave the tolerance, change the topology or create another tight spot. The scan also forces
+//    sharp corners: two neighbouring edges may meet at any angle. An outline with many more tight
+//    spots than vertices is a figure at the scale of the lattice, and is not changed.
+//  - A free angle is an angle of a triangle that is not at an input angle below 60 degrees (see
+//    MeshQuality in triangulation/mesh_quality.h). With rare exceptions, the mesh of an outline
+//    without tight spots has no free angle below 30 degrees. The reason is that refinement makes no
+//    edge much shorter than the clearance, and that the points which it rounds to the lattice move
+//    by only one step or two. The test bounds how often an exception occurs. There is one
+//    systematic exception: simplify() does not clear an outline that a rotation maps to itself if
+//    the method is Douglas-Peucker, so that this outline keeps its free angles.
 #pragma once
 
 #include <cstdint>
@@ -29,29 +30,32 @@ namespace trocar::pipeline {
 
 inline constexpr double kClearance_steps = 12;
 
-/// A simplified outline with what later steps need to stay within the tolerance and keep the areas.
+/// A simplified outline, with the data that later steps need to stay within the tolerance and
+/// keep the areas.
 struct SimplifiedOutline {
   Pslg outline;
-  /// Each vertex, by ring, has a position on the contour of the same index, within the tolerance of
-  /// the vertex. Positions follow each other along the contour.
+  /// Each vertex, by ring, has a position on the contour of the same index. The vertex is within
+  /// the tolerance of this position. The positions of successive vertices follow each other
+  /// along the contour.
   std::vector<std::vector<collapse::ContourPosition>> positions;
   /// Twice the area that each ring lacks, or 0 if areas are not kept.
   std::vector<std::int64_t> area_errors;
 };
 
-/// The clearance for a tolerance in lattice steps: kClearance_steps, but no more than half of the
+/// The clearance for a tolerance in lattice steps: kClearance_steps, but at most half of the
 /// tolerance, because larger features may be wanted.
 double clearance_steps(double tolerance);
 
 /// Removes the tight spots that the scan does not force, by merging two vertices into one or by
-/// moving a vertex, each by a few steps. A step is made only if the new edges cross nothing, no
-/// vertex lies in the area that they sweep, they and the part of the contour that they replace are
-/// within `tolerance` (lattice steps) of each other, and fewer tight spots remain; so rings, their
-/// nesting and shared ends stay. Then vertices move by up to two steps at a time to restore the area
-/// of each ring, also if the outline has no tight spot but lacks more than 0.02 % of its area.
-/// Contours for which `is_open` holds, if it is given, are lines whose ends stay. The result
-/// does not depend on the order of rings and moves and rotates with the outline. O(n log n)
-/// typically; without tight spots it takes a fraction of the time of simplification.
+/// moving a vertex, each by a few steps. A step is made only if the following holds: the new edges
+/// cross nothing, no vertex lies in the area that they sweep, they and the part of the contour
+/// that they replace are within `tolerance` (lattice steps) of each other, and fewer tight spots
+/// remain. So rings, their nesting and shared ends stay. Then vertices move by up to two steps at
+/// a time to restore the area of each ring. This is also done if the outline has no tight spot but
+/// a ring lacks more than 0.02 % of its area. If `is_open` is given, contours for which it is true
+/// are lines whose ends stay. The result does not depend on the order of rings, and moves and
+/// rotates with the outline. O(n log n) typically; without tight spots it takes a fraction of the
+/// time of simplification.
 void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,
                    SimplifiedOutline& simplified);
 

@@ -13,9 +13,9 @@ namespace trocar::pipeline {
 /// A closed polygon in mm with at least one point. The first point is not repeated at the end.
 using OutlineRing = std::vector<Point>;
 
-/// The two-sided Hausdorff distance between the rings' edges, in mm. The result is at most
-/// `accuracy_mm`, which must be positive, below the exact distance. It is 0 if neither outline has
-/// a ring and infinite if only one of them has none.
+/// The two-sided Hausdorff distance between the rings' edges, in mm. The result is below the exact
+/// distance by at most `accuracy_mm`, which must be positive. It is 0 if neither outline has a
+/// ring, and infinite if only one of them has none.
 double outline_distance_mm(std::span<const OutlineRing> a, std::span<const OutlineRing> b,
                            double accuracy_mm = 1e-3);
 

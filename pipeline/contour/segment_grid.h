@@ -29,7 +29,7 @@ class SegmentGrid {
   /// cell.
   SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance);
 
-  /// Calls visit(i, j), i > j, once for each common cell of each pair of segments.
+  /// Calls visit(i, j), with i > j, once for each cell that a pair of segments has in common.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
     for (const std::uint32_t newest : newest_) {
@@ -40,7 +40,8 @@ class SegmentGrid {
     }
   }
 
-  /// Calls visit(j) for each segment j in each cell of this one, which is in the grid, too.
+  /// Calls visit(j) for each segment j in each cell of `segment`, including `segment` itself, which
+  /// must be in the grid.
   template <typename Visit>
   void for_each_near(const LatticeSegment& segment, const Visit& visit) const {
     for_each_cell(segment, [&](std::size_t cell) {
@@ -49,8 +50,8 @@ class SegmentGrid {
     });
   }
 
-  /// Calls visit(j), perhaps repeatedly, at least for the segments j within `max_distance` of the
-  /// box along each axis.
+  /// Calls visit(j) at least for the segments j within `max_distance` of the box along each axis.
+  /// May call it repeatedly for the same segment.
   template <typename Visit>
   void for_each_near(const LatticeBox& box, const Visit& visit) const {
     if (newest_.empty()) return;

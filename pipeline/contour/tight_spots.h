@@ -28,8 +28,8 @@ inline bool is_short(const LatticeSegment& s, double clearance) {
   return static_cast<double>(distance2(s.a, s.b)) < clearance * clearance;
 }
 
-/// Are the edges, which do not cross, nearer to each other than the clearance, without a common
-/// end?
+/// Returns true if the edges have no common end and are nearer to each other than the clearance.
+/// They must not cross.
 inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double clearance) {
   if (s.a == t.a || s.a == t.b || s.b == t.a || s.b == t.b ||
       apart(widened(box_around(s.a, s.b), margin_of(clearance)), box_around(t.a, t.b)))
@@ -39,12 +39,12 @@ inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double cl
                    segment_distance2(c, d, a), segment_distance2(c, d, b)}) < clearance * clearance;
 }
 
-/// The edges of an outline, ring by ring. The end of a line (`is_open`, if given), which has no
-/// edge, counts as an edge of no length.
+/// The edges of an outline, ring by ring. The last vertex of a line (`is_open`, if given) has no
+/// edge to a next vertex, so an edge of length 0 is listed for it.
 std::vector<LatticeSegment> edges_of(const Pslg& outline, const std::vector<bool>& is_open);
 
-/// Calls visit(i, j) for each tight spot: for pairs of edges, perhaps repeatedly, and with i = j
-/// for short edges. The grid is that of the edges, made with margin_of(clearance).
+/// Calls visit(i, j) for each tight spot. For a pair of edges it may be called repeatedly, and for
+/// a short edge i = j. `grid` is that of the edges, made with margin_of(clearance).
 template <typename Visit>
 void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid& grid,
                      double clearance, const Visit& visit) {

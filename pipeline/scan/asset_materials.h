@@ -18,8 +18,8 @@ namespace trocar::pipeline {
 /// Asset::materials.
 using MaterialIndices = std::map<int, int>;
 
-/// The name of the label. For a material of several joined labels, it consists of their names, as
-/// far as these fit into kMaxNameBytes.
+/// The name of the label. For a material of several joined labels, the name consists of as many of
+/// their names as fit into kMaxNameBytes.
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label);
 
 /// Asset::materials, in the order of `indices`.
@@ -30,7 +30,7 @@ std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels
 std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
                                                  const MaterialIndices& indices);
 
-/// Those of `labels` whose material is not in the asset.
+/// Returns those of `labels` whose material is not in the asset.
 std::set<int> labels_without_material(const std::set<int>& labels, const Labels& wanted,
                                       const MaterialIndices& indices);
 

@@ -11,9 +11,10 @@ namespace trocar::pipeline {
 
 /// The bound at a position is the area of an equilateral triangle. Its edge length is such that HU
 /// change by at most `hu_per_edge` along an edge, according to the gradient of the image (Sobel's,
-/// which averages noise over nine pixels). The bound is never below kMinArea_px2. With the distance
-/// from a position with a shorter edge, the edge length grows by at most half of this distance. So
-/// every triangle that is large enough to contain such a position is refined.
+/// which averages noise over nine pixels). The bound is never below kMinArea_px2. A short edge
+/// length at one position also limits the edge lengths around it: with the distance from that
+/// position they grow by at most half of this distance. So every triangle that is large enough to
+/// contain such a position is refined.
 class GradedArea {
  public:
   static constexpr double kMinArea_px2 = 1;

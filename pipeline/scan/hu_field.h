@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The HU of a slice's material as a field over its mesh, with one value for each vertex and linear
-// in between.
+// interpolation in between.
 //
 // Values sampled at the vertices would be far too low, because most vertices lie on the outline,
 // where HU equal the threshold. The field h is therefore the least-squares fit to the material's
-// pixels: with p for a pixel in the mesh and ab for an edge of it, h is the minimum of
+// pixels. Let p be a pixel in the mesh and ab an edge of it. Then h is the minimum of
 //   sum_p (HU(p) - h(p))^2 + smoothing * sum_ab (h(a) - h(b))^2,
-// in which a boundary edge counts by half.
-// The second sum determines vertices with few pixels around them, and makes the field cheaper to
-// store. It is zero for constants on each connected component of the mesh, so the mean of the field
-// over a component equals the mean of the pixels.
+// where a boundary edge has half the weight. The second sum determines vertices with few pixels
+// around them, and makes the field cheaper to store. The second sum is zero for constants on
+// each connected component of the mesh, so the mean of the field over a component equals the
+// mean of the pixels.
 #pragma once
 
 #include <cstdint>
@@ -41,17 +41,17 @@ struct PixelRow {
   int y = 0, first_x = 0, end_x = 0;
 };
 
-/// Every pixel whose centre, rounded to the lattice, lies in the mesh, once, ordered by triangle,
-/// then y. A centre on an edge belongs to the triangle towards larger x, on a horizontal edge
-/// towards larger y; on the outline there may be none. Exact. `mesh` must be valid. O(rows of
-/// pixels).
+/// Lists every pixel whose centre, rounded to the lattice, lies in the mesh. Each is listed once,
+/// ordered by triangle and then y. A centre on an edge belongs to the triangle on the side of
+/// larger x or, on a horizontal edge, of larger y. On the outline there may be no such triangle.
+/// The result is exact. `mesh` must be valid. O(rows of pixels).
 std::vector<PixelRow> pixel_rows(const SliceMesh& mesh, const PixelGrid& grid, int width,
                                  int height);
 
-/// The field of a valid mesh over an image of HU. A connected component of the mesh without any
-/// pixel's centre takes the values of the pixels nearest to its vertices. Rounding keeps the
-/// slice's bias far below a step. The sparse Cholesky factors of a component of n vertices take
-/// O(n^1.5). The same input gives the same bits.
+/// The field of a valid mesh over an image of HU. If a connected component of the mesh contains no
+/// pixel's centre, its vertices take the values of the nearest pixels. Rounding keeps the slice's
+/// bias far below a step. The sparse Cholesky factors of a component of n vertices take O(n^1.5).
+/// The same input gives the same bits.
 HuField fit_hu_field(const SliceMesh& mesh, const Image& hu, const PixelGrid& grid,
                      const HuFieldOptions& options = {});
 

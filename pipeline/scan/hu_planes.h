@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The HU of slices for the asset (formats/asset/hu_volume.h): on the scan's own pixels where these are about 1 mm or
-// coarser, else on every second, third, ... pixel.
+// The HU of slices for the asset (formats/asset/hu_volume.h). If the scan's pixels are about 1 mm or coarser, every
+// pixel is used, and otherwise every second, third, ... pixel.
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
@@ -13,21 +13,21 @@
 
 namespace trocar::pipeline {
 
-/// The places of samples in an image: sample (i, j) at pixel (i * columns_each, j * rows_each). The last column and
-/// row may lie beyond the image.
+/// The positions of samples in an image: sample (i, j) is at pixel (i * columns_each, j * rows_each). The last
+/// column and row may lie outside the image.
 struct HuSampling {
   HuGrid grid;
   int columns_each = 1, rows_each = 1;
 };
 
-/// The sampling of the (cropped) slices of a stack. The pitch is between 0.57 and 1.15 mm if pixels are finer than that,
-/// the margin 1.5 mm, for means over a needle's cross-section at the border of bone, or a pitch if that
-/// is larger. The step is 72 HU at a pitch of 1 mm and inversely proportional to it, from 8 to 96 HU, so that the
-/// rounding errors of a mean over 3 mm are 2 to 5 HU whatever the pitch.
+/// The sampling of the (cropped) slices of a stack. If pixels are finer than 0.57 mm, the pitch is between 0.57 and
+/// 1.15 mm. The margin allows means over a needle's cross-section at the border of bone. It is 1.5 mm, or one pitch
+/// if that is larger. The step is 72 HU at a pitch of 1 mm and inversely proportional to it, from 8 to 96 HU, so
+/// that the rounding errors of a mean over 3 mm are 2 to 5 HU whatever the pitch.
 HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options);
 
-/// The samples of an image of HU inside the box, row by row. Between samples HU are bilinear; on a coarser grid
-/// than the pixels' this is the least-squares fit to the pixels in and around the box.
+/// The samples of an image of HU inside the box, row by row. Between samples HU are bilinear. If the grid is
+/// coarser than the pixels, the samples are the least-squares fit to the pixels in and around the box.
 std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box);
 
 /// The plane of a slice; no bytes if it is empty. Errors: (refused) those of hu_mask().

@@ -27,14 +27,14 @@ class LabelNames {
   static bool is_table(const std::string& what);
 
   /// Adds the names that the input itself gives to labels that have no name yet. A name that is
-  /// already in use is left out, and characters that a name cannot have become ?.
+  /// already in use is skipped, and characters that a name cannot have are replaced by "?".
   void add_defaults(const std::map<int, std::string>& of_input);
 
   /// The name of a label, or "label 20" if it has none.
   std::string name_of(int label) const;
 
   /// Lists labels for a message: "labels 20-24" or, if they have names, "labels 20 (L1), 22 (L3)".
-  /// Of labels with names, only the first eight are listed.
+  /// If labels have names, only the first eight are listed.
   std::string list(const std::set<int>& labels) const;
 
  private:

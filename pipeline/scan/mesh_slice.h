@@ -39,7 +39,8 @@ struct StageTimes {
          refine_ms = 0, check_ms = 0, hu_ms = 0;
 };
 
-/// One material of a slice, with all that the asset, the report and the pictures show of it.
+/// One material of a slice, with all data of it that the asset, the report and the
+/// pictures contain.
 struct MeshedMaterial {
   /// In a label map the smallest of the material's labels, which identifies it in every slice.
   int first_label = 0;
@@ -80,7 +81,7 @@ struct MeshedSlice {
 Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice);
 
 /// Every PSLG has passed check_pslg(), and every mesh check_delaunay_mesh()
-/// (formats/geometry/mesh_validity.h); several materials share one network of borders
+/// (formats/geometry/mesh_validity.h). Several materials share one network of borders
 /// (contour/label_borders.h) and have passed check_shared_borders()
 /// (formats/geometry/shared_borders.h). Errors: those of stack.read(); (refused) pixels too fine
 /// for the lattice, the image too large for it, or too many materials; (usage) options that only

@@ -51,11 +51,11 @@ struct StackResult {
 /// vertex colours, areas graded by HU (graded_area.h) or a context are wanted but the values are not HU.
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
-/// The same stack and options give the same glb, with any number of threads. If values are not HU,
-/// report and asset state this (formats/asset/asset.md). warnings.h lists the warnings in the
-/// report. Errors: those of check_ranges(); those of mesh_slice(): if a slice fails, there is no
-/// asset, and if several fail, the error of the lowest one is returned; (refused) no slice has any
-/// material; (unwritable) the run was interrupted by StackOptions::stop.
+/// Meshes the stack. The same stack and options give the same glb, with any number of threads. If
+/// values are not HU, report and asset state this (formats/asset/asset.md). warnings.h describes
+/// the warnings in the report. Errors: those of check_ranges(); those of mesh_slice(); (refused) no
+/// slice has any material; (unwritable) the run was interrupted by StackOptions::stop. If a slice
+/// fails, there is no asset. If several slices fail, the error of the lowest one is returned.
 Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
                                const nlohmann::json& parameters);
 

@@ -21,8 +21,8 @@ nlohmann::json stage_times(const StageTimes& times);
 /// The part of an entry of `slices[]` that the asset stores.
 nlohmann::json slice_measures(const MeshedMaterial& material);
 
-/// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm; those of
-/// all materials together.
+/// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm. Those of
+/// all materials are combined.
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 
@@ -30,7 +30,7 @@ nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlic
 /// file.
 nlohmann::json asset_report(const AssetSizes& sizes, std::size_t bytes);
 
-/// Peak resident memory of this process so far.
+/// Largest resident memory that this process has used so far.
 std::uint64_t peak_rss_bytes();
 
 }  // namespace trocar::pipeline

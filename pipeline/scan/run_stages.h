@@ -19,10 +19,10 @@ class RunStages {
   void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
 
   /// Adds the stages on which several threads have worked since the last lap. `thread_ms` has the
-  /// time of each stage, summed over all threads; it is divided by the number of threads. `busy_ms`
-  /// is the time, summed over all threads, in which they were busy. The remaining time is added to
-  /// the stage `idle`. Busy time that belongs to no stage is not listed, so the stages can add up
-  /// to less than the time of the run.
+  /// time of each stage, summed over all threads. This sum is divided by the number of threads.
+  /// `busy_ms` is the time, summed over all threads, in which they were busy. The remaining time is
+  /// added to the stage `idle`. Busy time that belongs to no stage is not listed, so the stages can
+  /// add up to less than the time of the run.
   void lap_shared(int threads, double busy_ms, const std::map<std::string, double>& thread_ms) {
     for (const auto& [stage, ms] : thread_ms)
       ms_[stage] += ms / threads;

@@ -25,16 +25,16 @@ struct SliceBorders {
   std::optional<LabelBorders> shared;
 };
 
-/// The contours of all materials of a slice. Merges small components in pixels.several. If a
-/// material vanishes thereby, it is removed from `materials`, which keeps at least one entry.
+/// The contours of all materials of a slice. Merges small components in pixels.several. A material
+/// that vanishes because of this is removed from `materials`, which keeps at least one entry.
 SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
                             SlicePixels& pixels, std::vector<MeshedMaterial>& materials);
 
 SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
                         const SimplificationOptions& options);
 
-/// The two-sided Hausdorff distance of each material between its borders and the borders of the
-/// same index in `other`, in mm.
+/// Returns the two-sided Hausdorff distance of each material, in mm. It is measured between the material's
+/// borders in `contours` and the borders of the same index in `other`.
 std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorders& other,
                                  const Lattice& lattice);
 

@@ -29,7 +29,7 @@ struct SlicePixels {
     if (!needs_hu) return nullptr;
     return original ? &*original : &field.image;
   }
-  /// The same image, which is taken out.
+  /// Returns the same image, and moves it out of this object.
   std::optional<Image> take_hu() {
     if (ct) return std::move(ct);
     if (!needs_hu) return std::nullopt;

@@ -35,7 +35,7 @@ std::vector<Warning> grouped(const std::vector<Warning>& warnings);
 
 /// `warnings[]` of a run: the warnings of the slices, the warnings of the stack, voxel_volume
 /// (read/voxel_volume.h), face, and those of label_map_detection.h. `values` and `area_mm2` are
-/// those of all meshed slices together.
+/// totals over all meshed slices.
 nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                             const ValueTally& values, double area_mm2,
                             const std::vector<SliceWarning>& of_slices);

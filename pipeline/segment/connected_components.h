@@ -11,14 +11,14 @@
 
 namespace trocar::pipeline {
 
-/// The grid of a volume: the positions of the voxels' centres along each axis in mm, ascending. It
-/// is row-major: voxel (x, y, z) is value [(z * ny + y) * nx + x].
+/// The grid of a volume: the positions of the voxels' centres along each axis in mm, ascending. The
+/// volume's values are row-major: voxel (x, y, z) is value [(z * ny + y) * nx + x].
 struct VoxelGrid {
   std::array<std::vector<double>, 3> at_mm;
   std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
   std::size_t size() const { return count(0) * count(1) * count(2); }
-  /// The width of a voxel: half of the distance between its neighbours; at the ends the distance to
-  /// the only neighbour.
+  /// The width of a voxel along an axis: half of the distance between its two neighbours. At the
+  /// ends it is the distance to the only neighbour.
   double width_mm(std::size_t axis, std::size_t i) const;
 };
 

@@ -13,9 +13,10 @@
 
 namespace trocar::pipeline {
 
-/// Statistics of the values of some slices, for the rules below. A pair is two pixels side by side
-/// or one above the other. A pair counts only if one of its values lies between the lowest and the
-/// highest of the slice, since saturated levels and the background are uniform in any picture.
+/// Statistics of the values of some slices, for the rules below. A pair is two pixels side by
+/// side or one above the other. A pair is counted only if one of its values lies between the
+/// lowest and the highest of the slice, because saturated levels and the background are uniform
+/// in any picture.
 struct ValueTally {
   double low = 0, high = 0;
   std::int64_t pixels = 0;
@@ -32,35 +33,38 @@ struct ValueTally {
 
 inline constexpr std::size_t kMaxLabels = 256;
 
-/// O(pixels). Without `as_labels` it stops as soon as no rule below can hold, which happens at the
-/// first pixels of a CT with air. The statistics are then those of the pixels read so far.
+/// O(pixels). Without `as_labels` the function stops as soon as none of the rules below can
+/// apply, which happens at the first pixels of a CT with air. The statistics are then those of
+/// the pixels read so far.
 ValueTally tally_values(const Image& image, bool as_labels);
 
 /// Rule 1, looks_like_labels, applies to a scan in HU whose material is not chosen by labels. All
-/// of these hold:
-/// - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
-///   or fat, below 0; a crop inside the body has noise.)
-/// - At least two of them are not 0; or one, of at most 255, and the threshold is not half of it.
-///   (At half of its level a binary image gives the same mesh either way.)
-/// - None is above 255, or two labels differ by 1: labels are small or numbered one after another,
-///   which the HU of a phantom's materials are not.
-/// - The values form uniform regions: at least 55 % of the pairs are equal. If there are more than
-///   16 values, at least 40 % of the other pairs differ by more than 1. (A CT in a window of 8 bits
-///   has less than 10 % of equal pairs; where it is smoothed, its values change by 1.)
+/// of these conditions must hold:
+///  - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
+///    or fat, below 0. A crop inside the body has noise.)
+///  - At least two values are not 0. Or one value is not 0, it is at most 255, and the threshold is
+///    not half of it. (At half of its level a binary image gives the same mesh either way.)
+///  - No value is above 255, or two labels differ by 1. Labels are small or numbered one after
+///    another, whereas the HU of a phantom's materials are neither.
+///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more than
+///    16 values, at least 40 % of the other pairs differ by more than 1. (A CT in a window of 8
+///    bits has less than 10 % of equal pairs. Where it is smoothed, its values change by 1.)
 ///
 /// Rule 2, looks_like_ct, applies to any scan whose material is chosen by labels. One of these
-/// holds:
-/// - Some values are not whole numbers.
-/// - Less than a third of the pairs are equal, and the unequal ones are at least 32 and 1 % of all
-///   pixels. (Label maps of vertebrae at 1.5 mm have 66 % and more; single marked voxels are few.)
+/// conditions must hold:
+///  - Some values are not whole numbers.
+///  - Less than a third of the pairs are equal, and the number of unequal pairs is at least 32 and
+///    at least 1 % of all pixels. (Label maps of vertebrae at 1.5 mm have 66 % of equal pairs and
+///    more. Single marked voxels give few unequal pairs.)
 ///
-/// Rule 3, looks_offset, applies to a scan in HU whose material is chosen by a threshold: no value
-/// is negative, more than 256 are different, and at least 15 % of the pixels are 964 to 1,124,
-/// which is soft tissue with 1,024 added. (In a CT some 1 % are bone as dense as that.)
+/// Rule 3, looks_offset, applies to a scan in HU whose material is chosen by a threshold. All of
+/// these conditions must hold: no value is negative, more than 256 are different, and at least 15 %
+/// of the pixels are 964 to 1,124, which is soft tissue with 1,024 added. (In a CT about 1 % of the
+/// pixels are bone as dense as that.)
 ///
 /// Only rule 2 applies to images (grey levels), because their threshold is never the default, and
-/// pictures of few levels are usual. Returns a warning that names the values found and what to try,
-/// or no value. `where` is the input's name.
+/// pictures of few levels are usual. The function returns a warning that names the values found and
+/// what to try, or no value. `where` is the input's name.
 std::optional<Warning> value_warning(const ValueTally& tally, PixelUnit unit,
                                      const Segmentation& how, const std::string& where);
 

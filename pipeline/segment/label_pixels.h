@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A label map's pixels as materials, each a set of labels, and which of them are connected.
+// A label map's pixels as materials, each of which is a set of labels, and the rule that decides
+// which of them are connected.
 // Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
@@ -27,8 +28,8 @@ struct MaterialImage {
   MaterialNumber at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
-/// A pixel belongs to the first of the materials that has its label; a label is a whole number.
-/// At most kMaxMaterials. O(pixels).
+/// A pixel belongs to the first material that contains its label. A label is a whole number. There
+/// may be at most kMaxMaterials. O(pixels).
 MaterialImage material_image(const Image& labels, std::span<const Labels> materials);
 
 /// The materials of a label map (Labels::joined) that occur in an image.
@@ -41,17 +42,17 @@ struct LabelMaterials {
 /// Errors (refused): more than kMaxMaterials. O(pixels + m log m) for m materials.
 Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted);
 
-/// The connected diagonal of a cell of four pixels a, b, c, d, counter-clockwise, in which all
-/// neighbours differ.
+/// The connected diagonal of a cell of four pixels a, b, c, d (counter-clockwise) in which all
+/// pixels that share an edge differ.
 enum class Diagonal : std::uint8_t {
   kNone,  ///< the materials touch in a point
   kAC,
   kBD,
 };
 
-/// A diagonal of one material is connected. If both diagonals are, only that of the material with
-/// the lower number is. Background is never connected, so that two materials on the other diagonal
-/// touch in a point.
+/// A diagonal of one material is connected. If both diagonals are of one material each, only the
+/// diagonal of the material with the lower number is connected. Background is never connected, so
+/// that two materials on the other diagonal touch in a point.
 inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialNumber c,
                                    MaterialNumber d) {
   const bool ac = a == c && a != kNoMaterial, bd = b == d && b != kNoMaterial;
@@ -59,13 +60,15 @@ inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialN
   return bd ? Diagonal::kBD : Diagonal::kNone;
 }
 
-/// Merges each component (connected pixels of one material) of less than `min_pixels` in area, the
-/// smallest first, into the material with which it has the longest border, or into the background.
-/// A hole (connected background that does not extend to the image's border) counts as a component,
-/// so it is filled. Every pixel belongs to one component before and after, so no gap or overlap
-/// arises. Of equal borders that of the material with the lowest number wins, and background comes
+/// Merges small components. A component consists of connected pixels of one material. If its area
+/// is less than `min_pixels`, it is merged into the material with which it has the longest border,
+/// or into the background. The smallest component is merged first. A hole (connected background
+/// that does not extend to the image's border) is treated as a component, so small holes are
+/// filled. Every pixel belongs to one component before and after, so no gap or overlap arises. If
+/// two borders are equally long, the material with the lowest number is chosen, and background
 /// last. The area is that within the half-way outline (half a pixel for a single pixel), without
-/// holes; merged components have the sum of their areas. O(pixels + n log n) for n components.
+/// holes. The area of a merged component is the sum of the areas of its components. O(pixels + n
+/// log n) for n components.
 void merge_small_components(MaterialImage& image, double min_pixels);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Regions of a plane of pixels that a disc cannot enter from outside.
+// Finds the regions of a plane of pixels that a disc cannot enter from outside.
 #pragma once
 
 #include <array>
@@ -24,16 +24,16 @@ void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
 void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
                        std::span<const std::uint8_t> set, std::vector<float>& squared_mm2);
 
-/// Finds the pixels that `solid` (row-major, != 0) encloses and sets `enclosed` to 1 there, else to
-/// 0. A disc of radius `radius_mm` moves in from the plane's border without touching `solid`. The
-/// pixels outside `solid` that it never covers are enclosed, in regions (connected by edges) of at
-/// most `largest_mm2`. A gap of up to twice the radius therefore counts as closed. With radius 0,
-/// pixels that are not connected to the border are enclosed.
+/// Finds the pixels that `solid` (row-major, nonzero) encloses. Sets `enclosed` to 1 there, and to
+/// 0 elsewhere. A disc of radius `radius_mm` moves in from the plane's border without touching
+/// `solid`. The pixels outside `solid` that it never covers are enclosed if their region (connected
+/// by edges) is at most `largest_mm2` large. A gap of up to twice the radius is therefore treated
+/// as closed. With radius 0, pixels that are not connected to the border are enclosed.
 ///
-/// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. A
+/// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. (A
 /// test of connectivity after a morphological closing would leak where an inner and an outer disc
-/// touch. If `near_mm2` is given, it becomes squared_distances() of `solid` as far as `near_mm`;
-/// it may be infinite beyond that. O(pixels * (1 + the larger of radius and near_mm / spacing)).
+/// touch.) If `near_mm2` is given, it receives squared_distances() of `solid`. Values beyond
+/// `near_mm` may be infinite. O(pixels * (1 + the larger of radius and near_mm / spacing)).
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
                    double largest_mm2, std::vector<std::uint8_t>& enclosed, double near_mm = 0,
                    std::vector<float>* near_mm2 = nullptr);

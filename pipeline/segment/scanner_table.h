@@ -2,15 +2,16 @@
 // Finds the scanner's table, or a head holder, in the material of a scan in HU, so that it can be
 // left out.
 //
-// A table is a rigid plate or shell along the scan: it has the same cross-section in every slice. A
-// few slices are sampled on a grid of about 2.5 mm. The body is what a disc of 10 mm fits into above
-// -300 HU. What lies beyond the body on one side, at least 150 mm wide and at most 40 mm thick on
-// average, is a table's cross-section; half of the samples must show one on the same side, and nine
-// in ten must have something at the same pixels. A connected component of the material is part of
-// the table if 80 % of it lies in that cross-section and its surface borders on air, not on soft
-// tissue as a bone's does.
+// A table is a rigid plate or shell along the scan with the same cross-section in every slice. A
+// few slices are sampled on a grid of about 2.5 mm. The body is the region above -300 HU into
+// which a disc of 10 mm fits. A table's cross-section is what lies beyond the body on one side
+// and is at least 150 mm wide and at most 40 mm thick on average. Half of the samples must show
+// such a cross-section on the same side, and nine in ten must have something at the same pixels.
+// A connected component of the material is part of the table under two conditions: 80 % of it
+// lies in that cross-section, and its surface borders on air, not on soft tissue as the surface
+// of a bone does.
 //
-// There is no table in scans without a large body, in slices that are narrower than 150 mm or not
+// No table is found in scans without a large body, in slices that are narrower than 150 mm or not
 // axial, and where the material is not a threshold in HU. Then at most a few slices are read.
 #pragma once
 
@@ -26,13 +27,13 @@ namespace trocar::pipeline {
 
 class ScannerTable {
  public:
-  /// Looks for a table in the whole scan, whichever slices are meshed. Slices that cannot be read
-  /// are taken as empty, since meshing reports their errors. No value: there is no table in the
+  /// Searches the whole scan for a table, whichever slices are meshed. Slices that cannot be read
+  /// are treated as empty, because meshing reports their errors. No value: there is no table in the
   /// material. O(voxels) if there is one; otherwise only samples are read.
   static std::optional<ScannerTable> find(const SliceStack& stack, const Segmentation& how);
 
-  /// The table's voxels: runs of pixels within a row, in ascending order. Empty if all of it is
-  /// connected with other material.
+  /// The table's voxels: runs of pixels within a row, in ascending order. The result is empty if
+  /// the whole table is connected with other material.
   struct Run {
     std::size_t begin = 0, end = 0;  ///< (slice * height + y) * width + x
   };

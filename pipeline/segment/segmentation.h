@@ -23,10 +23,12 @@ struct Equalize {
 struct Labels {
   std::set<int> labels;
   bool all = false;  ///< every label but 0; `labels` is ignored
-  /// Disjoint sets of labels that are one material each. Every other label is a material by itself.
+  /// Disjoint sets of labels. Each set is one material, and every other label is a
+  /// material by itself.
   std::vector<std::set<int>> joined = {};
 };
-/// Whether the labels are several materials. False with `all`, where it depends on the label map.
+/// True if the labels are several materials. Always false with `all`, where the number depends on
+/// the label map.
 inline bool are_several(const Labels& labels) {
   return !labels.all && labels.labels.size() > 1 &&
          !(labels.joined.size() == 1 && labels.joined[0] == labels.labels);
@@ -40,12 +42,12 @@ struct Field {
   bool is_mask = false;       ///< whether the values are 0 and 1 only, which cannot be interpolated
   std::set<int> labels = {};  ///< the wanted labels that occur in the image
   /// 1 for each pixel whose value was moved across the iso-value (solid_bone.h); empty if there is
-  /// none. A border between a changed and another pixel is one of the mask, not of the values.
+  /// none. The border between a changed pixel and another one follows the mask and not the values.
   std::vector<std::uint8_t> changed = {};
 };
 
-/// Puts the value of a pixel on the wanted side of the iso-value by mirroring it there, and marks it in
-/// Field::changed. It must be on the other side.
+/// Moves the value of a pixel to the wanted side of the iso-value by mirroring it at the iso-value,
+/// and marks it in Field::changed. The value must be on the other side before.
 void put_on_side(Field& field, std::size_t pixel, bool wanted);
 
 /// Mean of `values`, an image of the same size, over the pixels that are material; no value if

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The field of one slice of a scan: its pixels within a crop, segmented, with the voxels that
-// SolidBone adds and removes, and without a scanner's table.
+// The field of one slice of a scan: its pixels within a crop, after segmentation. SolidBone adds
+// and removes voxels, and a scanner's table is removed.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 

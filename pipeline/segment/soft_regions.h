@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds soft tissue above a threshold for bone: vessels and organs filled with contrast medium.
+// Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
+// contrast medium.
 //
 // The scan is averaged over blocks of about kBlock_mm. A region is a set of connected blocks deeper
-// than kDepths_mm[i] below the surface of the material. The deepest regions come first, since they
-// separate a vessel from a bone that it touches. A region is soft if its mean is below kMaxSoft_HU
-// and above the mean of the shell between it and the surface: bone has a denser cortex there, and a
-// vessel an edge that fades. What is nearer to a soft region than to one of bone belongs to it.
+// than kDepths_mm[i] below the surface of the material. The deepest regions are examined first,
+// because depth separates a vessel from a bone that it touches. A region is soft if its mean is
+// below kMaxSoft_HU and above the mean of the shell between the region and the surface. (Bone has a
+// denser cortex in this shell, whereas a vessel's edge fades.) Each block belongs to the nearest
+// region, which is soft or bone.
 // Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 

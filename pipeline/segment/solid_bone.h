@@ -1,21 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Solid bone from a threshold: the material of a segmentation without specks, with its enclosed
-// interior filled, and reduced to the wanted components. It is a volume of the whole scan (one byte
-// for each voxel), so that a slice's material does not depend on which slices are meshed.
+// Solid bone from a threshold. The material of a segmentation is freed of specks, its enclosed
+// interior is filled, and only the wanted components are kept. The result is a volume of the
+// whole scan (one byte for each voxel), so that a slice's material does not depend on which
+// slices are meshed.
 //
-// A table (scanner_table.h) is left out first. The steps follow in this order. A step whose option is not given is left out.
-//  1. min_volume: components of less volume are dropped. This precedes filling, because specks
+// A table (scanner_table.h) is removed first. Then these steps follow. A step is skipped if its
+// option is not given.
+//  1. min_volume: components of less volume are removed. This precedes filling, because specks
 //     would close gaps.
-//     With `column`, soft tissue above the threshold (soft_regions.h) is dropped next.
+//      With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
 //     directions of slices. Canals (canals.h) along the patient's long axis stay open. Input in HU
 //     is never filled below kAir_HU.
-//     With `column`, the components near the longest canal stay, as far as they are near to it.
-//  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is dropped.
-//  4. seeds: only material that is connected to the first seed stays, as far as it is nearer to it
-//     than to any other seed along paths in the material.
-//  5. largest: only the N components of the largest volume stay.
-// A component is a set of voxels connected by faces, edges or corners.
+//      With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
+//  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is removed.
+//  4. seeds: only material that is connected to the first seed is kept, and of this only what is
+//     nearer to the first seed than to any other seed, along paths in the material.
+//  5. largest: only the N components of the largest volume are kept. A component is a set of voxels
+//     connected by faces, edges or corners.
 #pragma once
 
 #include <Eigen/Core>
@@ -35,8 +37,9 @@ namespace trocar::pipeline {
 
 inline constexpr float kAir_HU = -200;
 inline constexpr double kMaskMargin_mm = 1.5;
-/// The option `column` keeps material within the first distance of the spinal canal's middle, in
-/// planes across it, if its component comes within the second one. It cuts ribs off at the first.
+/// The option `column` keeps the components that come within kColumnCore_mm of the middle of the
+/// spinal canal, in planes across it. Of these it keeps the material within kColumn_mm of the
+/// middle, so that ribs are cut off there.
 inline constexpr double kColumn_mm = 75, kColumnCore_mm = 20;
 /// A seed farther than this from any material is refused.
 inline constexpr double kMaxSeedDistance_mm = 10;
@@ -70,11 +73,11 @@ class SolidBone {
   bool inside(int slice, int x, int y) const {
     return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
   }
-  /// Makes a slice's field agree with the voxels: values on the wrong side of the iso-value are
-  /// mirrored at it and marked in Field::changed. The outline is unchanged where the values bound the
-  /// material, and smooth (contour.h) where only the voxels do. (offset_x, offset_y) is the position of a cropped field
-  /// in its slice. Returns the mean of the material's values before the change; no value if nothing
-  /// is material.
+  /// Makes a slice's field agree with the voxels. Values on the wrong side of the iso-value are
+  /// mirrored at it and marked in Field::changed. Where the values bound the material, the outline
+  /// is unchanged. Where only the voxels bound it, the outline is smooth (contour.h). (offset_x,
+  /// offset_y) is the position of a cropped field in its slice. Returns the mean of the material's
+  /// values before the change; no value if nothing is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
   /// A warning of soft tissue above the threshold (contrast_filled), if there is any.

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes a pose device of a connection whose calls may wait. A thread of its own exchanges wrench and pose with the
-// connection again and again. The haptic thread takes the newest pose and leaves its wrench, and never waits.
+// Makes a pose device of a connection whose calls may wait. A separate thread exchanges wrench and pose with the
+// connection again and again. The haptic thread takes the newest pose and leaves its wrench, without ever waiting.
 //
 // Contract (tests/runtime/connection/connected_device_test.cpp):
 //  1. read() and write() do not allocate, lock or wait, whatever the connection does.
-//  2. If the haptic thread has written nothing for kStaleCommand_s, the connection gets no force until it writes again.
-//  3. After an error of the connection read() returns kLinkLost, and the error is said in one line. restore() makes
-//     the thread connect again; the first wrench after that is zero.
+//  2. If the haptic thread has written nothing for kStaleCommand_s, the connection gets zero force until
+//     it writes again.
+//  3. After an error of the connection, read() returns kLinkLost, and the error is reported in one line. restore()
+//     makes the thread connect again. The first wrench after that is zero.
 //  4. The round trip of a wrench is the time from its write() to the read() of the first pose that the connection
 //     returned for it.
-//  5. close() ends without force. It waits for a call that is under way, at most for the connection's own limits.
+//  5. close() ends with zero force. It waits for a call that is in progress, at most for the connection's
+//     own time limits.
 #pragma once
 
 #include <atomic>
@@ -26,16 +28,17 @@
 
 namespace trocar::runtime {
 
-/// Age of the last write() from which on the connection gets no force.
+/// Age of the last write() from which on the connection gets zero force.
 inline constexpr double kStaleCommand_s = 0.01;
 
-/// Realtime priority of the connection's thread, if it may have one; less than the haptic thread's.
+/// Realtime priority of the connection's thread, if the process may set one. It is below that of the
+/// haptic thread.
 inline constexpr int kConnectionPriority = 75;
 
 class ConnectedDevice final : public PoseDevice {
  public:
-  /// `period_s`: shortest time from one exchange to the next. `say` takes each error while the session runs; it is
-  /// called on the connection's thread.
+  /// `period_s`: shortest time from one exchange to the next. `say` receives each error while the session runs. It
+  /// is called on the connection's thread.
   ConnectedDevice(std::unique_ptr<PoseConnection> connection, double period_s, SayLine say);
   ~ConnectedDevice() override;
 

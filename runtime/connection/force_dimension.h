@@ -25,24 +25,24 @@ struct ForceDimensionOptions {
 /// Parses the address part of a URI `forcedimension:[ID]`: empty, or the index of a device. Usage errors quote it.
 Result<int> parse_force_dimension_address(std::string_view address);
 
-/// The frame is the SDK's, with its origin near the middle of the workspace. The sign of the orientation's quaternion is
-/// arbitrary.
+/// The frame is that of the SDK, with its origin near the middle of the workspace. The sign of the orientation's
+/// quaternion is arbitrary.
 ///
-/// The SDK compensates the weight of the device while it is commanded, even with zero force, and no longer after
-/// close(). If the device's own protection (speed, the button on its base, its watchdog) turns its forces off, the
-/// session goes on without them: nothing in the exchange shows it.
+/// The SDK compensates the weight of the device as long as the device is commanded, even with zero force, and
+/// stops after close(). If the device's own protection (speed, the button on its base, its watchdog) turns its
+/// forces off, the session continues without forces, because nothing in the exchange shows this.
 class ForceDimension final : public PoseConnection {
  public:
   explicit ForceDimension(ForceDimensionOptions options);
   ~ForceDimension() override;
 
-  /// Loads the library, opens the device, enables its forces and commands zero. Says in one line what was found.
-  /// Errors also if a call of an earlier exchange has not returned yet.
+  /// Loads the library, opens the device, enables its forces and commands zero. Reports in one line what was
+  /// found. It is also an error if a call of an earlier exchange has not returned yet.
   Result<void> open() override;
-  /// Moments are ignored unless renders_moment(). Errors also if the wrench is not finite, or if a call does not return
-  /// within kExchangeTimeout_s.
+  /// Moments are ignored if renders_moment() is false. Further errors: the wrench is not finite, or a call does
+  /// not return within kExchangeTimeout_s.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
-  /// If a call hangs, the device is left without force as soon as that returns.
+  /// If a call hangs, the device is set to zero force as soon as that call returns.
   void close() noexcept override;
 
   /// True after open() if exchange() returns a measured orientation.

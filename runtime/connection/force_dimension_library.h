@@ -12,8 +12,9 @@
 namespace trocar::runtime {
 
 /// `id` is the device that dhdOpen or dhdOpenID has returned. A negative result is an error, whose text
-/// error_get_last_str() returns in the same thread. Results above 0 are no errors: 1 (the SDK has answered from its last
-/// measurement, which is recent enough) and 2 (a motor cannot give the whole force).
+/// error_get_last_str() returns in the same thread. Results above 0 are not errors. The result 1 means that
+/// the SDK has answered from its last measurement, which is recent enough, and 2 that a motor cannot give
+/// the whole force.
 struct ForceDimensionLibrary {
   const char* (*error_get_last_str)();
   int (*get_device_count)();
@@ -34,7 +35,7 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
-/// Entries of the array that get_status fills. Releases of the SDK differ in its length.
+/// Entries of the array that get_status fills. The array's length depends on the release of the SDK.
 inline constexpr int kStatusReset = 3;  ///< 1: the device waits for its calibration
 inline constexpr int kStatusRoom = 64;  ///< more than any release writes
 
@@ -46,9 +47,9 @@ inline Error sdk_error(std::string message) {
   return {ExitCode::kDeviceFault, std::move(message)};
 }
 
-/// Loads the library, for the rest of the process: it is never unloaded, because it starts threads, and because a call
-/// that hangs would return into code that is gone. Errors: (device fault) the library or a function in it is
-/// missing; the message says what to install.
+/// Loads the library for the rest of the process. The library is never unloaded, because it starts threads, and
+/// because a call that hangs would later return into unloaded code. Errors: (device fault) the library or a
+/// function in it is missing; the message says what to install.
 Result<ForceDimensionLibrary> load_force_dimension_library();
 
 }  // namespace trocar::runtime

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The JSON messages of the Haply Inverse service, versions 3.1 and 3.5, as plain data. Text from the service is hostile:
-// sizes, nesting, types, numbers and ids are checked here. What is not used here may have any form.
+// The JSON messages of the Haply Inverse service, versions 3.1 and 3.5, as plain data. Text from the service
+// is not trusted: sizes, nesting, types, numbers and ids are checked here. Members that are not used here may
+// have any form.
 //
 // The service sends one inventory when a client connects, then exactly one state for each message that it receives. A force
 // holds until the next message. Positions are in m and forces in N, in the frame that the service calls application space:
@@ -25,7 +26,7 @@ inline constexpr std::size_t kMaxHaplyMessageBytes = 256 << 10;
 /// Longest message to the service.
 inline constexpr std::size_t kMaxHaplyCommandBytes = 512;
 
-/// How the force of a message is spelled: {"values": ...} in version 3.1, {"vector": ...} in 3.5.
+/// The member that holds the force in a message: {"values": ...} in version 3.1, {"vector": ...} in 3.5.
 enum class HaplySpelling : std::uint8_t { kValues, kVector, kBoth };
 
 /// A device in the messages.
@@ -39,10 +40,10 @@ struct HaplyDevice {
 /// A device that measures a position and renders a force.
 struct HaplyArm {
   HaplyDevice device;
-  /// Spelling of the version that the arm's state shows; kBoth: it shows none.
+  /// Spelling of the version that is recognised from the arm's state; kBoth: the version is not recognised.
   HaplySpelling spelling = HaplySpelling::kBoth;
   std::string handedness;  ///< "left" or "right"; empty: not stated
-  /// False: the service turns, moves, scales or mirrors the arm's coordinates.
+  /// False: the service rotates, moves, scales or mirrors the arm's coordinates.
   bool has_default_frame = true;
   /// Gain of the filter with which the service reduces forces when it detects an oscillation.
   std::optional<double> force_gate_gain;
@@ -61,7 +62,7 @@ struct HaplyInventory {
   std::vector<HaplyGrip> grips;
 };
 
-/// Reads an inventory. Errors: (refused) one line why the text is no inventory of version 3.1 or 3.5.
+/// Reads an inventory. Errors: (refused) one line that says why the text is not an inventory of version 3.1 or 3.5.
 Result<HaplyInventory> parse_haply_inventory(std::string_view text);
 
 /// The devices of a session.
@@ -92,7 +93,8 @@ struct HaplyAnswer {
 /// Reads a state.
 HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& devices);
 
-/// Returns the message that commands a force of finite numbers. The service reads back exactly these doubles.
+/// Returns the message that commands a force of finite numbers. The numbers have enough digits for the service to
+/// read exactly these doubles.
 std::string haply_force_message(const HaplyDevices& devices, const std::array<double, 3>& force_N);
 
 /// Returns the message that requests an inventory and commands nothing.

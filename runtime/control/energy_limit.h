@@ -19,6 +19,7 @@
 //     of such a release is never taken as s, because its S is too small: it no longer contains the energy of the punctured
 //     sheet, and it does not yet contain that of the sheet below, which is loaded at once.
 //  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the
+//     wrenches held since the last new pose.
 //  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time receives at most A *
 //     S more energy than it gave. Here S is the stored energy at the deepest contact. With the default SafetyTiming, A is 0.4.
 //  5. A limit that is nan or negative always raises the fault. While the state is not `running`, the account is kept

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The black box keeps the rows of the last seconds, and writes them to a separate recording after a
 // fault. The haptic thread pushes rows into a preallocated ring and requests a file when there is a
-// fault. A worker thread copies the rows and writes the file. The ring holds twice as many rows as a
-// file, so the worker has kBlackBox_s to copy them. If it takes longer, rows have been overwritten:
-// then no file is written, and the report has an error.
+// fault. A worker thread copies the rows and writes the file. The ring holds twice as many rows as
+// a file, so the worker has kBlackBox_s to copy them. If copying takes longer, rows have been
+// overwritten. In this case no file is written, and the report contains an error.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -35,10 +35,11 @@ struct BlackBoxFile {
 
 class BlackBox final : public TickObserver {
  public:
-  /// Files are written to `folder`. Their names are black_box_DATE-TIME_tSECONDSs_FAULT.csv, from
-  /// the start of the session in UTC, the session's time at the fault, and the name of the fault.
-  /// Existing files are not replaced. `origin` is written into the first row of each file. Errors:
-  /// (unwritable) the folder does not exist, or files cannot be created in it.
+  /// Files are written to `folder`. Their names are black_box_DATE-TIME_tSECONDSs_FAULT.csv.
+  /// DATE-TIME is the start of the session in UTC, SECONDS the session's time at the fault, and
+  /// FAULT the name of the fault. Existing files are not replaced. `origin` is written into the
+  /// first row of each file. Errors: (unwritable) the folder does not exist, or files cannot be
+  /// created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
                                                 const RecordingOrigin& origin = {});
   ~BlackBox() override { stop(); }
@@ -46,8 +47,8 @@ class BlackBox final : public TickObserver {
   // The haptic thread calls these functions.
 
   void push(const RecordingRow& row) noexcept { ring_.push(row); }
-  /// Requests a file of the rows so far. Returns false if too many requests wait; lost()
-  /// counts these failures.
+  /// Requests a file of the rows so far. Returns false if too many requests are waiting. lost()
+  /// counts the requests that failed in this way.
   bool save(Fault fault, double t_s) noexcept;
   /// Pushes the row. After a fault that the operator did not command, requests a file once torques
   /// are zero, so that the file contains the whole ramp.
@@ -58,8 +59,8 @@ class BlackBox final : public TickObserver {
 
   /// Writes the requested files.
   void serve() override;
-  /// Like TickObserver::stop(). If the session ended during the ramp of a fault, first requests a
-  /// file for that fault.
+  /// Like TickObserver::stop(). If the session ended during the ramp after a fault, first requests
+  /// a file for that fault.
   void stop() override;
 
   // These functions may be called after stop(), or on the thread that calls serve().

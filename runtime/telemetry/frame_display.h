@@ -23,7 +23,8 @@ namespace trocar::runtime {
 using FrameFunction =
     std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)>;
 
-/// Calls a function at the frame rate, measured on the wall clock or, in virtual time, in ticks.
+/// Calls a function at the frame rate. Time is measured on the wall clock or, in virtual
+/// time, in ticks.
 class FrameDisplay final : public TickObserver {
  public:
   /// `prefetch` may be null. `tick_rate_Hz`: rate of the ticks in virtual time; 0: real time.
@@ -44,13 +45,13 @@ class FrameDisplay final : public TickObserver {
   TripleBuffer<RecordingRow> latest_;
 };
 
-/// Returns the depth to which the tool presses the shape's sheet in this tick: the penetration in
-/// contact, and otherwise 0, because the sheet is then at rest.
+/// Returns the depth to which the tool presses the shape's sheet in this tick. In contact this is
+/// the penetration. Otherwise it is 0, because the sheet is at rest.
 double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
 
-/// Writes frames as JSON lines. There is a line for each new shape,
+/// Writes frames as JSON lines. For each new shape there is a line
 ///   {"shape", "slice", "z_m", "cuts", "vertices_m": [[x, y], ...], "triangles", "w"},
-/// and a line for each frame,
+/// and for each frame a line
 ///   {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"},
 /// whose "shape" is the number of the last shape line, or null if there is none yet.
 class FrameWriter {

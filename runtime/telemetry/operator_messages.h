@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Messages to the operator while a session runs: a fault, the reason why recovery is not granted
-// yet, a recovery. The haptic thread pushes records of fixed size. Another thread finds the words
-// and immediately calls the program's function.
+// yet, a recovery. The haptic thread pushes records of fixed size. Another thread turns each record
+// into words and immediately calls the program's function.
 // Tests: tests/runtime/telemetry/operator_messages_test.cpp
 #pragma once
 
@@ -26,7 +26,8 @@ class OperatorMessages final : public TickObserver {
   explicit OperatorMessages(std::function<void(const OperatorMessage&)> report);
   ~OperatorMessages() override { stop(); }
 
-  /// If kCapacity messages wait, this message is lost. The summary still contains every fault.
+  /// If kCapacity messages are already waiting, this message is lost. The summary still
+  /// contains every fault.
   void on_message(const OperatorMessage& message) noexcept override { waiting_.push(message); }
   void on_tick(const TickView&) noexcept override {}
   void serve() override;
@@ -37,7 +38,7 @@ class OperatorMessages final : public TickObserver {
   std::function<void(const OperatorMessage&)> report_;
 };
 
-/// Decides in each tick whether a requested recovery is delayed for a reason that has not been
+/// Decides in each tick whether a requested recovery is delayed by a reason that has not been
 /// reported yet. Each reason is reported once per fault.
 class RecoveryWatch {
  public:

@@ -15,8 +15,8 @@
 
 namespace trocar::runtime {
 
-/// A sheet before its first hole. A cut adds vertices that have no HU value. Their HU is interpolated
-/// in this first mesh.
+/// A sheet before its first hole. A cut adds vertices, for which the asset has no HU. Their HU is
+/// therefore interpolated in this first mesh.
 class FirstSheet {
  public:
   explicit FirstSheet(const Sheet& sheet);
@@ -33,8 +33,8 @@ class FirstSheet {
   std::shared_ptr<const std::vector<float>> hu_;  ///< one value for each vertex slot; null: none
 };
 
-/// Converts a shape. `slices`: slice index of each sheet. A shape of any other slice gets the
-/// sheet number -1.
+/// Converts a shape. `slices`: slice index of each sheet. If the shape's slice is not in this list,
+/// the result has the sheet number -1.
 TelemetryShape published(const SheetShape& shape, const std::vector<std::int32_t>& slices);
 
 }  // namespace trocar::runtime

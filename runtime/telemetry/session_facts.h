@@ -17,7 +17,8 @@
 
 namespace trocar::runtime {
 
-/// A live hand: limits and start of its target in {B}, and the stiffness of its springs.
+/// The facts about a live hand: limits and start of its target in {B}, and the stiffness
+/// of its springs.
 struct PublishedHand {
   std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
   double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;

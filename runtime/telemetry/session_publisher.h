@@ -28,7 +28,7 @@
 
 namespace trocar::runtime {
 
-/// The commands that other processes have given since take_commands() was called last.
+/// The commands that other processes have given since the last call of take_commands().
 struct TelemetryCommands {
   bool stop = false, pause = false, resume = false, zero = false, recover = false,
        emergency_stop = false;
@@ -51,14 +51,14 @@ class SessionPublisher final : public TickObserver {
   // The haptic thread calls these functions.
 
   TelemetryCommands take_commands() noexcept;
-  /// Tries once to read the live hand; leaves `hand` unchanged if there is nothing complete.
+  /// Tries once to read the live hand. Leaves `hand` unchanged if there is no complete message.
   void read_hand(TelemetryHand& hand) const noexcept { writer_->hand(hand); }
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_message(const OperatorMessage& message) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
   /// Called instead of on_tick() while the session is paused.
   void on_paused_period(std::int64_t now_ns) noexcept;
-  /// Pushes an event that has only a time. If the queue is full, the event is lost; readers see the
+  /// Pushes an event that has only a time. If the queue is full, the event is lost. Readers see the
   /// number of lost events.
   void push_event(TelemetryEventKind kind, double t_s) noexcept;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The numbers of the latest tick that other processes read: the columns of telemetry.md. A new
-// value for the console is one line in the table of snapshot.cpp.
+// The numbers of the latest tick that other processes read. They are the columns of
+// formats/session/telemetry.md. A new value for the console is one line in the table of snapshot.cpp.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -20,7 +20,7 @@
 
 namespace trocar::runtime {
 
-/// Values of a tick that the haptic thread hands over. Counts are since the start of the session.
+/// Values of a tick that the haptic thread passes on. Counts begin at the start of the session.
 struct TelemetryTick {
   RecordingRow row;
   std::int64_t taken_ns = 0;  ///< time on CLOCK_MONOTONIC

@@ -15,7 +15,7 @@
 
 namespace trocar::runtime {
 
-/// A row and three sets. A set has one bit for each sheet (the topmost is bit 0) or soft layer.
+/// A row and three sets. In a set, each sheet or soft layer has one bit; the topmost is bit 0.
 struct ObservedTick {
   RecordingRow row;
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed

@@ -17,8 +17,8 @@
 
 namespace trocar::runtime {
 
-/// Returns true for the faults of the commands pause and zero. These are not failures: the session
-/// waits for the operator.
+/// Returns true for the faults that the commands pause and zero raise. These faults are not
+/// failures; the session waits for the operator.
 constexpr bool is_by_operator(Fault fault) noexcept {
   return fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
@@ -79,12 +79,14 @@ class TickObserver {
   // One other thread calls these functions: in real time the thread that start() creates, in
   // virtual time the caller's.
 
-  /// Handles what the haptic thread has left. In virtual time it is called after every tick.
+  /// Handles the data that the haptic thread has left. In virtual time it is called
+  /// after every tick.
   virtual void serve() {}
   void start() {
     if (interval_.count() > 0) thread_.start(interval_, [this] { serve(); });
   }
-  /// Call this after the last tick. Ends the thread, if any, and handles the rest.
+  /// Call this after the last tick. Ends the thread, if there is one, and handles the
+  /// remaining data.
   virtual void stop() {
     join();
     serve();
