@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The asset: one .glb for a scan, with one primitive for each material of each slice. Draco
-// compresses the triangles and the HU at their vertices; everything else is in the JSON. Lattice
-// coordinates are stored without loss and only once: the outline is the boundary of the mesh. An
-// index at the start of the binary chunk (asset_index.h) lets a reader read some slices without the
-// rest. asset.md specifies the format to the byte. Files of schema 1 can be read but are no
-// longer written.
+// compresses the triangles and the HU at their vertices; all other data are in the JSON. Lattice
+// coordinates are stored without loss and only once, because the outline is the boundary of the
+// mesh. An index at the start of the binary chunk (asset_index.h) lets a reader read some slices
+// without the others. asset.md specifies the format to the byte. Files of schema 1 can be read but
+// are no longer written.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -32,8 +32,8 @@ inline constexpr const char* kAssetUse = "for training, not for planning";
 /// Lattice extent (max - min over the whole scan) that a float32 position and
 /// Draco's quantiser carry exactly.
 inline constexpr std::int64_t kMaxAssetExtent = (1 << 24) - 1;
-/// The largest difference of two x, or two y, of an asset's slices, in lattice steps: Draco's encoder
-/// adds 1/2 to it in a float32.
+/// The largest difference of two x, or of two y, of an asset's slices, in lattice steps. It is half
+/// of the range above because Draco's encoder adds 1/2 to the difference in a float32.
 inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 
 struct AssetSlice {
@@ -44,12 +44,12 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline: exactly the mesh's boundary edges
   SliceMesh mesh;  ///< without triangles if the slice is empty
-  /// Figures of the slice: a JSON object as text. Schema 2 stores only `mean_hu`; schema 1 has more
-  /// figures (asset.md).
+  /// Measures of the slice: a JSON object as text. Schema 2 stores only `mean_hu`; schema 1 has
+  /// more measures (asset.md).
   std::string measures_json = "{}";
   int material = 0;  ///< index in Asset::materials
-  /// Viewers colour by these: one value for each vertex of the mesh; empty if the file has none. Asset::hu has HU as
-  /// they were measured.
+  /// HU by which viewers colour the mesh: one value for each vertex; empty if the file has none.
+  /// Asset::hu has the HU as they were measured.
   std::vector<float> hu = {};
 };
 
@@ -100,13 +100,13 @@ struct AssetSizes {
 };
 
 /// Encodes a .glb. decode_asset() restores the same asset, except that vertices, triangles and
-/// rings may be in another order, HU are rounded (stored_hu()), and `input_digest` is dropped. Sets
-/// `sizes`, if not null, as asset_sizes() does. Errors: (bug) a slice or its JSON text is not
-/// valid; (refused) the asset exceeds kMaxAssetExtent.
+/// rings may be in another order, HU are rounded (stored_hu()), and `input_digest` is dropped. If
+/// `sizes` is not null, sets it to the result of asset_sizes(). Errors: (bug) a slice or its JSON
+/// text is not valid; (refused) the asset exceeds kMaxAssetExtent.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 
-// The same in three steps, for scans of thousands of slices: encode_slice() may run on several
-// threads, and a mesh may be freed once its slice is encoded.
+// The following functions encode in three steps, for scans of thousands of slices. encode_slice()
+// may run on several threads, and a mesh may be freed once its slice is encoded.
 
 /// The quantisation grid of a scan whose vertices all lie in the box. Errors: (refused) the box
 /// exceeds kMaxAssetExtent.
@@ -128,7 +128,7 @@ struct EncodedSlice {
 };
 /// Errors: (bug) the slice is not valid or not within the grid's box.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);
-/// The same with an outline that is proved already; `slice.pslg` is ignored.
+/// Like the function above, with an outline that is already proved; `slice.pslg` is ignored.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& outline,
                                   const DracoGrid& grid);
 
@@ -142,7 +142,8 @@ struct EncodedHuVolume {
   std::vector<EncodedHuPlane> planes;  ///< ascending by index
 };
 
-/// The file's bytes: everything in `head` except its slices and HU, which `slices` and `hu` replace.
+/// Returns the file's bytes. Everything is taken from `head` except its slices and HU, which
+/// `slices` and `hu` replace.
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes = nullptr,
@@ -157,8 +158,8 @@ struct DecodeOptions {
   std::vector<int> slice_indices;  ///< AssetSlice::index values; used if !all
 };
 
-/// Decodes a file and checks every size and index; verify_asset() proves the geometry's invariants.
-/// Messages call the file `name`. Errors: (refused).
+/// Decodes a file and checks every size and index. (verify_asset() proves the geometry's
+/// invariants.) Messages call the file `name`. Errors: (refused).
 Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
                            const DecodeOptions& options = {});
 Result<Asset> read_asset(const std::filesystem::path& file);
@@ -170,9 +171,9 @@ struct AssetPart {
   std::uint64_t file_bytes = 0, read_bytes = 0;
 };
 /// Reads the slices with these AssetSlice::index, with all their materials and their planes of
-/// Asset::hu, but without Asset::context and surfaces. Only their bytes are
-/// read: time, memory and bytes read do not depend on the number of other slices (asset_index.h). A
-/// file without a slice index is read completely. Errors: (refused) a slice does not exist, or
+/// Asset::hu, but without Asset::context and surfaces. Only the bytes of these slices are read, so
+/// time, memory and bytes read do not depend on the number of other slices (asset_index.h). A file
+/// without a slice index is read completely. Errors: (refused) a slice does not exist, or
 /// decode_asset() would refuse it.
 Result<AssetPart> read_asset_part(const std::filesystem::path& file,
                                   std::vector<int> slice_indices);
@@ -184,9 +185,9 @@ std::span<const AssetSlice> materials_of_slice(const Asset& asset, std::size_t f
 /// Number of slices, each counted once, whatever its materials.
 std::size_t slice_count(const Asset& asset);
 
-/// Proves the invariants of every mesh (mesh_validity.h) and surface (triangle_surface.h), and that
-/// the materials of a slice have common borders and do not overlap (shared_borders.h). Errors:
-/// (refused) with the slice and the position.
+/// Proves the invariants of every mesh (mesh_validity.h) and surface (triangle_surface.h). Also
+/// proves that the materials of a slice have common borders and do not overlap (shared_borders.h).
+/// Errors: (refused); the message contains the slice and the position.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
 
 }  // namespace trocar

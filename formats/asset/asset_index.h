@@ -2,22 +2,24 @@
 // The slice index of an asset locates each slice's bytes in the file, so that a reader can read the
 // slices of a scene and nothing else. Internal to formats/. asset.md has the layout to the byte.
 //
-// The index is at the start of the binary chunk: a header, then one record of fixed size for each
-// entry (one material of one slice). A reader finds any slice with a few short reads: the file's
-// first 20 bytes give the start of the binary chunk, the index header gives the number of records,
-// and records ascend. Records hold offsets only. Planes and names stay in the JSON, and a record
-// locates the text of its node there. Other glTF readers ignore bytes that no buffer view covers.
-// (glTF also allows a further chunk after the binary one, but validators warn of it, and tools that
-// rewrite a file drop it.)
+// The index is at the start of the binary chunk. It consists of a header and one record of fixed
+// size for each entry (one material of one slice). A reader finds any slice with a few short reads.
+// The file's first 20 bytes give the start of the binary chunk, the index header gives the number
+// of records, and records are in ascending order. Records hold offsets only. Planes and names stay
+// in the JSON, and a record locates the text of its node there. Other glTF readers ignore bytes
+// that no buffer view covers. (glTF also allows a further chunk after the binary one, but
+// validators warn of it, and tools that rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
-//  1. An index of another version, or whose header does not state the actual chunk sizes, counts as
-//     absent, because another tool has rewritten the file.
+//  1. If the index has another version, or its header does not state the actual chunk sizes, it is
+//     treated as absent, because another tool has rewritten the file.
 //  2. If there is an index, decode_asset() refuses the file unless every record and every text that
-//     it points to agrees with the JSON. So some slices, read by the index, are those verified.
+//     the record points to agrees with the JSON. So a slice that is read by the index is the one
+//     that was verified.
 //  3. Every offset and size of a record is compared with the chunks' sizes before it is used.
-//  4. A checksum (CRC-32) covers all bytes of an entry: a changed byte is refused, even if the
-//     slice would still decode. The lines that an asset may hold for viewers are not covered.
+//  4. A checksum (CRC-32) covers all bytes of an entry. A changed byte is therefore
+//     refused, even if the slice would still decode. The lines that an asset may hold for
+//     viewers are not covered.
 // Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
@@ -63,9 +65,9 @@ struct IndexHeader {
                 frame_bytes = 0;  ///< the frame's node in the JSON text; not in version 2
 };
 
-/// Locates an entry's bytes. Offsets of the node count from the start of the JSON text, those of
-/// the payload from the start of the binary chunk's data. Both payload fields are 0 if the slice is
-/// empty.
+/// Locates an entry's bytes. The offset of the node is counted from the start of the JSON text, and
+/// that of the payload from the start of the binary chunk's data. If the slice is empty, both
+/// payload fields are 0.
 struct EntryRecord {
   std::int32_t index = 0;         ///< AssetSlice::index
   std::uint32_t node_offset = 0;  ///< its node in the JSON text
@@ -123,8 +125,8 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source);
 /// (contract 3).
 Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
 
-/// The records of the slice `index`; none if there is no such slice. Takes O(log slices) reads, but
-/// only one read more than records if the scan has one material and no gap.
+/// The records of the slice `index`; none if there is no such slice. Takes O(log slices) reads. If
+/// the scan has one material and no gap, it takes only one read more than there are records.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index);
 
@@ -141,8 +143,8 @@ struct DocumentTexts {
 };
 Result<DocumentTexts> read_document_texts(ByteSource& source, const IndexedFile& file);
 
-/// Writes the checksums into the slice index of a .glb, if it has one. Inconsistent records keep
-/// theirs.
+/// Writes the checksums into the slice index of a .glb, if it has one. Inconsistent records
+/// are not changed.
 void write_index_checksums(std::span<std::uint8_t> glb);
 
 }  // namespace trocar

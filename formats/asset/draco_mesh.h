@@ -3,9 +3,9 @@
 // lattice and on the HU step.
 //
 // Positions are numbers of lattice steps. With a range of 2^bits - 1, Draco's float arithmetic is
-// exact: q = x - origin when encoding, x = q + origin when decoding, as long as all numbers fit a
-// float's 24 bits. All vertices have the same z, that of the origin. HU are whole numbers of
-// kHuStep; integers need no quantisation.
+// exact as long as all numbers fit into a float's 24 bits: q = x - origin when encoding, and x = q
+// + origin when decoding. All vertices have the same z, that of the origin. HU are whole multiples
+// of kHuStep; integers need no quantisation.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -47,8 +47,8 @@ using HuColour = std::array<std::uint8_t, 3>;               ///< red, green, blu
 /// The colour of a stored HU: viridis from -200 to 1848 HU (table in asset.md), clamped outside.
 HuColour hu_colour(float hu);
 
-/// Encodes a mesh at z = 0, with one HU for each vertex or none.
-/// Errors: (bug) the mesh is empty or outside the grid, HU are not finite or their number is wrong.
+/// Encodes a mesh at z = 0, with one HU for each vertex or with none. Errors: (bug) the mesh is
+/// empty or outside the grid, HU are not finite or their number is wrong.
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu = {});
 /// The offset, in a payload of encode_draco(), of the float that is the z of all vertices.
@@ -61,7 +61,7 @@ struct DracoSlice {
   bool has_colours = false;
 };
 /// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. The unit of
-/// the stored coordinates is 2^-`bits` lattice steps: bits is 0 in schema 2, which stores steps,
+/// the stored coordinates is 2^-`bits` lattice steps. `bits` is 0 in schema 2, which stores steps,
 /// and lattice.bits in schema 1, which stores mm. Counts are checked before Draco allocates for
 /// them. Errors, without a file's name: (refused) corrupted bytes; more than `max_vertices` or
 /// `max_triangles`; more than both 2^22 triangles and 64 for each byte; a coordinate off the
@@ -69,9 +69,9 @@ struct DracoSlice {
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles, int bits = 0);
 
-/// Checks the counts for which Draco allocates before it reads on. Errors: (refused) the payload's
-/// header is not an Edgebreaker mesh's, or states more than these numbers or than its bytes can
-/// hold.
+/// Checks the counts for which Draco allocates memory before it reads further. Errors: (refused)
+/// the payload's header is not that of an Edgebreaker mesh, or states more than these numbers or
+/// more than its bytes can hold.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles);
 

@@ -15,12 +15,12 @@ namespace trocar {
 inline draco::Status configure(draco::ExpertEncoder& encoder, const draco::PointCloud& mesh,
                                const DracoGrid& grid) {
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
-  // In the plane, prediction by one parallelogram is better than Draco's slowest choice, a
-  // constrained average of several: the flags of that choice cost more bits than they save. It also
-  // takes half the time.
+  // In the plane, prediction by one parallelogram is better than Draco's slowest choice, which is a
+  // constrained average of several parallelograms. The flags of that choice cost more bits than
+  // they save. Prediction by one parallelogram also takes half the time.
   encoder.SetSpeedOptions(2, 2);
-  // HU and colours share the connectivity of the positions and have no seams of their own. So
-  // decoding takes a quarter less time.
+  // HU and colours share the connectivity of the positions and have no seams of their own. With
+  // this setting, decoding takes a quarter less time.
   encoder.options().SetGlobalBool("split_mesh_on_seams", true);
   const float origin[3] = {static_cast<float>(grid.origin.x), static_cast<float>(grid.origin.y),
                            0.0F};

@@ -27,17 +27,18 @@ struct GltfDocument {
   nlohmann::json extras, nodes;  ///< the document's extras and the array of nodes, as JSON
   tinygltf::Model model;
 };
-/// Refused, with `name`: broken container, invalid glTF, and anything but one embedded buffer.
+/// Parses the container. Errors: (refused, with `name`) a broken container, invalid glTF, or
+/// anything but one embedded buffer.
 Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::string& name);
 
-/// The bytes of a buffer view, or nothing if any number is out of range.
+/// The bytes of a buffer view; none if any number is out of range.
 std::optional<std::span<const std::uint8_t>> view_bytes(const tinygltf::Model& model, int view);
 /// The accessor with this index, or null.
 const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index);
 /// The accessor of this attribute, or null.
 const tinygltf::Accessor* attribute_of(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive, const char* name);
-/// The number of an accessor's view if the view holds exactly its elements, packed; else nothing.
+/// The number of an accessor's view if the view holds exactly its elements, packed; otherwise none.
 std::optional<int> packed_view(const tinygltf::Model& model, const tinygltf::Accessor& accessor,
                                std::size_t element_bytes);
 /// Start of a valid view in the buffer.
@@ -49,13 +50,13 @@ struct DracoPrimitive {
   std::uint32_t vertices = 0, triangles = 0, offset = 0;
   std::span<const std::uint8_t> payload = {};
 };
-/// Refused if there is no payload, it is outside the buffer, or a count is impossible.
+/// Errors: (refused) there is no payload, it is outside the buffer, or a count is impossible.
 Result<DracoPrimitive> draco_primitive(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive);
 /// The Draco id of an attribute; -1 if the primitive's extension does not name it.
 int draco_id(const tinygltf::Primitive& primitive, const char* attribute);
 
-/// Numbers of the nodes beside the scan's whose extras describe a surface for display.
+/// Numbers of the nodes outside the scan's node whose extras describe a surface for display.
 std::vector<std::size_t> surface_nodes(const GltfDocument& document);
 
 }  // namespace trocar

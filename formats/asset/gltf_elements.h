@@ -17,7 +17,7 @@ inline constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
 /// A number for the JSON text. A whole number is written without a fraction, which is shorter.
 nlohmann::json number(double value);
-/// Sets the node's `matrix` or `translation`, in lattice steps; neither for the identity.
+/// Sets the node's `matrix` or `translation`, in lattice steps. For the identity it sets neither.
 void put_transform(const Eigen::Affine3d& T_mm, const Lattice& lattice, nlohmann::json& node);
 
 /// The primitive of a slice's triangles at the height of z steps. Adds its payload and accessors to
@@ -29,8 +29,8 @@ nlohmann::json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t 
                                std::size_t material, AssetSizes& sizes);
 /// The asset's materials, and the outline's if there are lines.
 nlohmann::json gltf_materials(const Asset& head);
-/// Adds a surface and returns its node's number. The node is beside the scan's, where readers of
-/// slices do not look. Fails (bug) unless the payload, decoded again, is a valid surface.
+/// Adds a surface and returns its node's number. The node is not below the scan's node, so that
+/// readers of slices ignore it. Errors: (bug) the payload, decoded again, is not a valid surface.
 Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& sizes);
 
 }  // namespace trocar

@@ -36,11 +36,12 @@ class GltfWriter {
     int number = 0;
     Range bytes;
   };
-  /// Appends a view. Views with a target are 4-byte aligned; no GPU reads the numbers of others.
+  /// Appends a view. Views with a target are 4-byte aligned; the others need not be, because no GPU
+  /// reads their numbers.
   View add_view(const void* data, std::size_t size, int target);
 
-  // Each function returns the index of the new element. Equal accessors are merged: those of Draco
-  // payloads state counts only.
+  // Each function returns the index of the new element. Equal accessors are merged, because those
+  // of Draco payloads state only counts and are often equal.
   int add_accessor(const nlohmann::json& accessor);
   int add_mesh(const nlohmann::json& mesh) { return meshes_.add(mesh); }
   int add_node(const nlohmann::json& node) { return nodes_.add(node); }
@@ -53,8 +54,8 @@ class GltfWriter {
     Range extras;                   ///< the document's extras in the JSON text
   };
   /// The file, made of `top` (an object: asset, extensionsUsed, materials, scenes, ...), the
-  /// document's extras and the elements. Errors: (refused) more than the 4 GiB that its header can
-  /// state.
+  /// document's extras and the elements. Errors: (refused) the file is larger than the 4 GiB that
+  /// its header can state.
   Result<File> finish(const nlohmann::json& top, const nlohmann::json& extras) &&;
 
  private:

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compresses the HU of one slice. Which samples are stored follows from the slice's outlines and is not
-// stored itself. asset.md specifies the bytes. Internal to formats/, except for encode_hu_plane().
+// Compresses the HU of one slice. Which samples are stored follows from the slice's outlines, so
+// the set of samples is not stored itself. asset.md specifies the bytes. Internal to formats/,
+// except for encode_hu_plane().
 //
 // Contract (tests/formats/asset/hu_volume_test.cpp):
 //  1. A sample is stored if its distance from the material is at most the margin, decided in integers.
-//  2. decode_hu_plane() restores what encode_hu_plane() stored, and refuses bytes that hold fewer or more
-//     samples, or values out of range. Memory and time are bounded by the grid's box around the
-//     outlines, which holds at most kMaxHuSamples.
+//  2. decode_hu_plane() restores what encode_hu_plane() stored. It refuses bytes that hold fewer or more
+//     samples, or values out of range. Memory and time are bounded by the grid's box around the outlines,
+//     which holds at most kMaxHuSamples.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -44,9 +45,9 @@ struct HuMask {
 /// cannot be outlines.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
-/// Encodes the HU `value(column, row)` of the samples of a mask. Rounding errors are passed on to samples
-/// that follow (Floyd and Steinberg), so that the mean of neighbouring samples is more exact than each of
-/// them. HU that are multiples of the step are kept.
+/// Encodes the HU `value(column, row)` of the samples of a mask. Rounding errors are carried over to
+/// samples that follow (Floyd and Steinberg), so the mean of neighbouring samples is more exact than each
+/// of them. HU that are multiples of the step are unchanged.
 std::vector<std::uint8_t> encode_hu_plane(const HuGrid& grid, const HuMask& mask,
                                           const std::function<float(int column, int row)>& value);
 

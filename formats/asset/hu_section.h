@@ -14,7 +14,7 @@
 
 namespace trocar {
 
-/// The place of a volume in the file, as its extras state it.
+/// The location of a volume in the file, as the document's extras state it.
 struct HuSection {
   HuGrid grid;
   std::uint32_t view = 0;               ///< number of its buffer view
@@ -25,13 +25,13 @@ struct HuSection {
 /// Appends a volume's buffer view. Returns its element of `hu_volumes`. Expects planes that ascend by index.
 nlohmann::json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume);
 
-/// The volumes of a document's `extras.trocar`: at most one around the material and one of everything. Errors:
+/// The volumes in a document's `extras.trocar`: at most one around the material and one of everything. Errors:
 /// (refused) other versions, numbers out of range.
 Result<std::vector<HuSection>> hu_sections(const nlohmann::json& ours, const Lattice& lattice);
 
 /// Decodes the planes of asset.slices into asset.hu and, if `with_context`, asset.context. Slices without outlines
-/// have none in asset.hu. `source` has the binary chunk's data from `binary_at` on, `binary_bytes` long; only
-/// the planes' bytes are read, and O(log planes) records of the directory for each slice. Errors: (refused).
+/// have no plane in asset.hu. `source` has the binary chunk's data, `binary_bytes` long, from `binary_at` on. Only
+/// the planes' bytes and O(log planes) records of the directory are read for each slice. Errors: (refused).
 Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset);

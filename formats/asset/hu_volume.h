@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The HU of a scan: one plane of samples for each slice, in the slice's own plane, so that tilt and uneven
-// spacing need no resampling. A volume covers the material and a margin around it, or everything.
-// asset.md has the layout in the file.
+// The HU of a scan. There is one plane of samples for each slice, in the slice's own plane, so that tilt
+// and uneven spacing need no resampling. A volume covers either the material and a margin around it, or
+// everything. asset.md has the layout in the file.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -18,7 +18,8 @@ struct HuGrid {
   Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distance of columns, of rows
   int columns = 0, rows = 0;
   int step_hu = 8;  ///< stored HU are multiples of this
-  /// Samples nearer to the material than this are stored; below 0: all samples. Lattice steps.
+  /// Samples nearer to the material than this are stored. A negative value means all samples.
+  /// Lattice steps.
   std::int32_t margin_steps = -1;
 
   bool covers_everything() const { return margin_steps < 0; }
@@ -35,11 +36,11 @@ class HuPlane {
   int columns = 0, rows = 0;
   std::vector<float> hu;  ///< HU row by row; NaN where no sample is stored
 
-  /// Bilinear in the four samples around (x, y) in mm; samples that are not stored have no weight. NaN if
-  /// none of the four is stored. No allocation.
+  /// Bilinear interpolation of the four samples around (x, y), which is in mm. Samples that are not stored
+  /// have no weight. NaN if none of the four is stored. No allocation.
   float at(double x_mm, double y_mm) const noexcept;
-  /// The mean of at() over a disc, by 19 points of equal weight; those without a value do not count. NaN
-  /// if none has one. No allocation; less than a microsecond.
+  /// The mean of at() over a disc, taken at 19 points of equal weight. Points without a value are ignored.
+  /// NaN if no point has one. No allocation; less than a microsecond.
   float mean(double x_mm, double y_mm, double radius_mm) const noexcept;
 };
 
@@ -49,9 +50,10 @@ struct HuVolume {
 
   /// The plane of a slice, or null. O(log planes).
   const HuPlane* find(int index) const noexcept;
-  /// HU at a position in the patient's frame (LPS, mm): linear between the two planes around it, along the
-  /// planes' normals, and bilinear in each; beyond the outermost planes the value of the nearest one. NaN if
-  /// neither has one. Expects planes whose order along the normal is that of their indices. O(log planes).
+  /// HU at a position in the patient's frame (LPS, mm). The value is linear between the two planes around
+  /// the position, along the planes' normals, and bilinear in each plane. Beyond the outermost planes it
+  /// is the value of the nearest plane. NaN if neither plane has one. Expects planes whose order along the
+  /// normal is that of their indices. O(log planes).
   float at(const Eigen::Vector3d& p_lps_mm) const noexcept;
 };
 

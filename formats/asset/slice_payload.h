@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decodes a slice from the JSON of its node and from its bytes. Used for reading a complete file
-// (asset_decode.cpp) and for reading some of its slices (asset_part.cpp). Internal to formats/.
+// Decodes a slice from the JSON of its node and from its bytes. This is used for reading a
+// complete file (asset_decode.cpp) and for reading some of its slices (asset_part.cpp).
+// Internal to formats/.
 // Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
@@ -17,10 +18,11 @@ namespace trocar {
 
 // Schema 2 has three nodes above those of the entries. Node 0 maps LPS in lattice steps to glTF's
 // metres. Its only child is the frame, which all slices share. The frame's only child is the list,
-// whose children are the nodes of the entries. The frame is a node of its own so that its text,
-// which every partial read needs, does not depend on the number of entries.
+// whose children are the nodes of the entries. The frame is a separate node so that its text, which
+// every partial read needs, does not depend on the number of entries.
 inline constexpr std::size_t kFrameNode = 1, kListNode = 2, kFirstEntryNode = 3;
-/// The largest number of entries of one node. It keeps the text short that is read for one entry.
+/// The largest number of entries of one node. It limits the length of the text that is read
+/// for one entry.
 inline constexpr std::size_t kMaxNodeEntries = 32;
 
 /// Parses JSON text from a file. Errors: (refused) it does not parse or is nested too deeply.
@@ -57,8 +59,8 @@ Eigen::Affine3d plane_of(const Eigen::Affine3d& frame, const Eigen::Affine3d& tr
 /// The position of a plane's origin along its own normal.
 double z_of_plane(const Eigen::Affine3d& T_lps_plane);
 
-/// The slice of an entry, without its geometry. Errors: (refused) its plane is not finite, or its
-/// index is none of the node's.
+/// The slice of an entry, without its geometry. Errors: (refused) its plane is not finite, or the
+/// node has no entry with this index.
 Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material,
                                   const Eigen::Affine3d& frame, double z_mm);
 
@@ -70,7 +72,7 @@ struct GeometryBytes {
 Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
                                      const Lattice& lattice, AssetSlice& slice);
 
-/// Facts of a payload that AssetSlice does not hold.
+/// Facts about a payload that AssetSlice does not contain.
 struct PayloadFacts {
   std::int32_t z = 0;  ///< height of all vertices, steps
   bool has_colours = false;

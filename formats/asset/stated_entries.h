@@ -18,9 +18,10 @@ struct StatedEntry {
   bool has_hu = false, has_colours = false, has_lines = false;
   std::int32_t z = 0;  ///< height of all vertices, steps
 };
-/// The entries of a node whose first entry has the slice index `first_index`: a single one without
-/// geometry if the node has no mesh, else one for each primitive of triangles, which its lines may
-/// follow. Refused, with the slice, if the primitives are not an asset's.
+/// The entries of a node whose first entry has the slice index `first_index`. If the node has no
+/// mesh, there is a single entry without geometry. Otherwise there is one for each primitive of
+/// triangles, which may be followed by a primitive of lines. Errors: (refused, with the slice) the
+/// primitives are not those of an asset.
 Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
                                                 const tinygltf::Node& node, int first_index,
                                                 const Asset& asset);

@@ -17,8 +17,8 @@ namespace trocar {
 /// Ids in the Draco payload.
 inline constexpr std::uint32_t kDracoSurfacePositionId = 0, kDracoSurfaceNormalId = 1;
 
-/// Positions are in lattice steps. Normals, for shading only, have 8 bits. Errors: (bug)
-/// check_triangle_surface() refuses the surface.
+/// Encodes a surface. Positions are in lattice steps. Normals are for shading only and have 8 bits.
+/// Errors: (bug) check_triangle_surface() refuses the surface.
 Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface);
 
 /// Decodes a payload of encode_surface() except the normals. Vertices and triangles are in Draco's

@@ -11,7 +11,7 @@ namespace trocar {
 
 class FileDescriptor {
  public:
-  /// Owns `fd`, which may be negative: the result of an open() that failed.
+  /// Owns `fd`. A negative `fd` is allowed, because it is the result of an open() that failed.
   explicit FileDescriptor(int fd) : fd_(fd) {}
   FileDescriptor(FileDescriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
   FileDescriptor& operator=(FileDescriptor&&) = delete;

@@ -14,11 +14,11 @@ struct EmbeddedDocument {
   std::string_view json;
 };
 
-/// The template with each mark `{{name}}` replaced by the JSON document of that name. A mark stands
-/// in a `<script type="application/json">`. Each `<` of a document is written as \u003c, so that
-/// nothing in it can end the element. The template's script sets texts by `textContent` only. The
-/// marks must have the same order in the template as the documents have here. Errors:
-/// std::logic_error if a mark is missing.
+/// Returns the template with each mark `{{name}}` replaced by the JSON document of that name. A
+/// mark must stand in a `<script type="application/json">`. Each `<` of a document is written as
+/// \u003c, so that nothing in it can end the element. The template's script sets texts by
+/// `textContent` only. The marks must have the same order in the template as the documents in the
+/// argument. Errors: std::logic_error if a mark is missing.
 std::string html_page(std::string_view page_template,
                       std::initializer_list<EmbeddedDocument> documents);
 

@@ -2,7 +2,7 @@
 // The rotation of the plane by right angles that brings a set of points into a canonical
 // orientation. Every decision that depends on the order of points, on ties or on rounding is made
 // in the rotated plane. So if the points are translated by whole lattice steps or rotated by right
-// angles, the result is translated and rotated with them, and otherwise the same.
+// angles, the result is translated and rotated with them, and is otherwise the same.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -59,8 +59,8 @@ class CanonicalRotation {
   int quarters_ = 0;  // 0 .. 3
 };
 
-/// 2 n (mean of the n points - centre of their box). Exact, and independent of the order of the
-/// points and of a translation of all points.
+/// The vector 2 n (mean of the n points - centre of their box). It is exact, and independent of the
+/// order of the points and of a translation of all points.
 class CentroidOffset {
  public:
   void add(LatticePoint p) noexcept {
@@ -83,8 +83,9 @@ class CentroidOffset {
   std::int64_t sum_x_ = 0, sum_y_ = 0, count_ = 0;
 };
 
-/// Brings the points' CentroidOffset to x > 0, y >= 0. If the offset is zero, which includes all
-/// sets that a rotation by 90 or 180 degrees maps onto themselves, the result is the identity.
+/// Returns the rotation that brings the points' CentroidOffset to x > 0, y >= 0. If the offset is
+/// zero, the result is the identity. This includes all sets that a rotation by 90 or 180 degrees
+/// maps onto themselves.
 inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> points) noexcept {
   CentroidOffset offset;
   for (const LatticePoint p : points)

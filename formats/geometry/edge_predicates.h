@@ -8,39 +8,40 @@
 
 namespace trocar {
 
-/// Does p lie in the interior of the segment ab?
+/// Returns true if p lies in the interior of the segment ab.
 inline bool is_inside_segment(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) < 0;
 }
 
-/// Does p lie on the segment ab, its ends included?
+/// Returns true if p lies on the segment ab, its ends included.
 inline bool is_on_segment(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) <= 0;
 }
 
-/// Does p encroach upon the edge ab, that is, lie strictly inside the circle on its diameter? For
-/// the apex of a triangle abp: is the angle opposite ab above 90 degrees?
+/// Returns true if p encroaches upon the edge ab, which means that p lies strictly inside the
+/// circle on its diameter. For the apex of a triangle abp this means that the angle opposite ab is
+/// above 90 degrees.
 inline bool encroaches(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return diametral_dot(a, b, p) < 0;
 }
 
-/// Does the boundary edge ab, with the material on its left, forbid a new vertex p? It does if p
-/// encroaches upon it or does not lie strictly on its left.
+/// Returns true if the boundary edge ab, with the material on its left, forbids a new vertex p. It
+/// does so if p encroaches upon it or does not lie strictly on its left.
 inline bool blocks(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return diametral_dot(a, b, p) < 0 || orient2d(a, b, p) <= 0;
 }
 
-/// May the edge ab of the counter-clockwise triangle abc be split at m? It may if m lies on ab or
-/// on its inner side, and strictly on the inner side of the other two edges. Such a split never
-/// moves the boundary outwards, so the boundary cannot cross itself there.
+/// Returns true if the edge ab of the counter-clockwise triangle abc may be split at m. It may if m
+/// lies on ab or on its inner side, and strictly on the inner side of the other two edges. Such a
+/// split never moves the boundary outwards, so the boundary cannot cross itself there.
 inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint m) noexcept {
   return (orient2d(a, b, m) >= 0) & (orient2d(b, c, m) > 0) & (orient2d(c, a, m) > 0);
 }
 
-/// Is the edge bc between the triangles abc and dcb locally Delaunay? It is if the two angles
-/// opposite bc sum to at most 180 degrees. The sine of that sum, times the lengths of the four
-/// other edges, equals the determinant of in_circle() and needs fewer products. There are no
-/// branches, because the result cannot be predicted.
+/// Returns true if the edge bc between the triangles abc and dcb is locally Delaunay. It is so if
+/// the sum of the two angles opposite bc is at most 180 degrees. The sine of this sum, times the
+/// lengths of the four other edges, equals the determinant of in_circle() and needs fewer products.
+/// There are no branches, because the result cannot be predicted.
 inline bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c,
                                 LatticePoint d) noexcept {
   return Int128{orient2d(a, b, c)} * diametral_dot(b, c, d) +

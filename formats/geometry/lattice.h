@@ -33,7 +33,7 @@ std::string to_text(LatticePoint p);
 /// have a smaller limit: kMaxAssetExtent in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
 
-/// Are the coordinates admissible? Larger ones would overflow the predicates below.
+/// Returns true if the coordinates are admissible. Larger ones would overflow the predicates below.
 inline bool is_on_lattice(LatticePoint p) {
   return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
          p.y <= kMaxCoordinate;
@@ -89,15 +89,15 @@ inline std::int64_t distance2(LatticePoint a, LatticePoint b) {
   return dx * dx + dy * dy;
 }
 
-/// (a - p) . (b - p): negative iff p lies strictly inside the circle on the
-/// diameter ab, that is, iff p encroaches upon the segment. Exact.
+/// Returns (a - p) . (b - p). It is negative iff p lies strictly inside the circle on the diameter
+/// ab, which means that p encroaches upon the segment. Exact.
 inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p) {
   return (std::int64_t{a.x} - p.x) * (std::int64_t{b.x} - p.x) +
          (std::int64_t{a.y} - p.y) * (std::int64_t{b.y} - p.y);
 }
 
-/// Do the open segments ab and cd share a point, or does an end of one lie in the other's interior?
-/// Segments that only share end points do not cross. Exact.
+/// Returns true if the open segments ab and cd share a point, or if an end of one lies in the
+/// other's interior. Segments that only share end points do not cross. Exact.
 bool segments_cross(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d);
 
 }  // namespace trocar

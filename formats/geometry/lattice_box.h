@@ -40,7 +40,7 @@ inline bool contains(const LatticeBox& outer, const LatticeBox& inner) noexcept 
          outer.high.y >= inner.high.y;
 }
 
-/// Have the boxes no point in common?
+/// Returns true if the boxes have no point in common.
 inline bool apart(const LatticeBox& a, const LatticeBox& b) noexcept {
   // This is free of branches because the result cannot be predicted.
   return (a.low.x > b.high.x) | (a.high.x < b.low.x) | (a.low.y > b.high.y) | (a.high.y < b.low.y);

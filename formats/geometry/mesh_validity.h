@@ -33,18 +33,18 @@ Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutli
 Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline);
 
 /// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
-/// at most kMaxCoordinate), that no two edges cross or coincide (touching in vertices is allowed),
-/// and that they nest: every outer ring lies in no ring or directly in a hole, every hole lies
-/// directly in an outer ring, and rings that touch do not cross at the common vertex. Then every
-/// point of the plane is covered by material once or not at all. One sweep (outline_sweep.h).
-/// O(n log n).
+/// at most kMaxCoordinate), that no two edges cross or coincide (touching at vertices is allowed),
+/// and that rings nest. Nesting means: every outer ring lies in no ring or directly in a hole,
+/// every hole lies directly in an outer ring, and rings that touch do not cross at the common
+/// vertex. Then every point of the plane is covered by material once or not at all. One sweep
+/// (outline_sweep.h). O(n log n).
 Result<void> check_pslg(const Pslg& pslg);
 
-/// Is the point inside the simple ring? It must not lie on the ring. Its coordinates are doubled,
-/// so that the midpoint of an edge can be tested. Exact. O(n).
+/// Returns true if the point is inside the simple ring. The point must not lie on the ring. Its
+/// coordinates are doubled, so that the midpoint of an edge can be tested. Exact. O(n).
 bool is_inside_ring(std::int64_t doubled_x, std::int64_t doubled_y, const Ring& ring);
 
-/// Is every interior edge locally Delaunay? Exact. The mesh must be valid.
+/// Returns true if every interior edge is locally Delaunay. Exact. The mesh must be valid.
 bool is_constrained_delaunay(const SliceMesh& mesh);
 
 }  // namespace trocar

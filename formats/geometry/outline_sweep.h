@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One sweep over closed loops of edges: do any two edges cross, and how often do the loops wind
-// around the points next to each edge? After Shamos and Hoey (1976), exact in integers.
+// One sweep over closed loops of edges. It decides whether any two edges cross, and how often the
+// loops wind around the points next to each edge. After Shamos and Hoey (1976), exact in integers.
 #pragma once
 
 #include <cstdint>
@@ -52,9 +52,9 @@ inline constexpr std::uint32_t kNoRing = 0xffffffff;
 std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings);
 
 /// Proves that no two edges cross (segments_cross()). O(n log n). Errors: (refused) "`what` cross
-/// near lattice point (x, y)". To choose this point, edges are sorted by their smallest x and then
-/// by their two ends; the point is the start of the first edge that crosses an earlier one. Finding
-/// it takes O(n log^2 n).
+/// near lattice point (x, y)". This point is chosen as follows: edges are sorted by their smallest
+/// x and then by their two ends, and the point is the start of the first edge that crosses an
+/// earlier one. Finding it takes O(n log^2 n).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

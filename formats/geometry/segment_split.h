@@ -22,9 +22,9 @@ inline constexpr double kAcuteCorner_deg = 75, kAcuteCorner_cos = 0.258819045102
 /// steps.
 inline constexpr double kSameShell_steps = 2;
 
-/// The four lattice points around the point at a fraction of the way from a to b: where each lies
-/// with respect to ab, and how far from that point. Which of them lie on the inner side of ab cannot
-/// be predicted, so nothing here branches on that.
+/// The four lattice points around the point at a fraction of the way from a to b. For each it is
+/// known on which side of ab it lies, and how far it is from that point. Which of them lie on the
+/// inner side of ab cannot be predicted, so nothing here branches on this.
 class SplitCell {
  public:
   /// The edge must be within the lattice, and the fraction within 0 and 1.
@@ -41,8 +41,8 @@ class SplitCell {
                    right * right + below * below, right * right + above * above};
   }
 
-  /// Number of the nearest point on ab or on its left, or strictly on its right. Points that were
-  /// excluded come last.
+  /// Number of the nearest point among those on ab or on its left (nearest_inside), or strictly on its
+  /// right (nearest_outside). Points that were excluded come last.
   std::size_t nearest_inside() const noexcept { return nearest(0); }
   std::size_t nearest_outside() const noexcept { return nearest(-1); }
   bool is_inside(std::size_t k) const noexcept { return sides_[k] >= 0 && distances2_[k] < kFar; }
@@ -102,9 +102,9 @@ struct SplitAim {
 std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
 
 /// A lattice point near the aim that may_split() the edge ab of the triangle abc and lies less than
-/// a step from this edge. Among several, the result is the point nearest to the shell or, if there
-/// is no shell, the point nearest to the edge (at most half a step from the edge if the aim is the
-/// midpoint). std::nullopt if there is no such point.
+/// a step from this edge. Among several, the result is the point nearest to the shell. If there is
+/// no shell, it is the point nearest to the edge (at most half a step from the edge if the aim is
+/// the midpoint). std::nullopt if there is no such point.
 std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, LatticePoint c,
                                               SplitAim aim) noexcept;
 

@@ -16,11 +16,11 @@ namespace trocar {
 /// `stored[k]` must be `regions[k]` with further vertices on its edges: the same rings in the same
 /// order, each with the same first vertex. Both must be valid by check_pslg(). Proves the
 /// following, or names the first property that fails and the position:
-///  - both regions divide a shared edge at the same points, so each of its segments occurs once in
-///    each direction and nowhere else: there is no gap;
-///  - the other edges form the outline of the union, which is valid by check_pslg(): it winds
-///    around every point at most once. So all regions together do so too, and no two overlap;
-///  - the areas of the regions sum to the area within that outline.
+///  - Both regions divide a shared edge at the same points, so each of its segments occurs once in
+///    each direction and nowhere else. So there is no gap.
+///  - The other edges form the outline of the union, which is valid by check_pslg() and therefore
+///    winds around every point at most once. So all regions together do so too, and no two overlap.
+///  - The areas of the regions sum to the area within that outline.
 /// Returns the outline of the union. Each ring begins at its smallest vertex, and the rings are in
 /// ascending order. To prove the same for the outlines themselves, pass them twice. Typically O(n
 /// log n).

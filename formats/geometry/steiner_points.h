@@ -69,8 +69,8 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
   return round_half_up(p, 0.5 * qx - away * qy, 0.5 * qy + away * qx);
 }
 
-/// The circle of an inscribed angle. It passes through the ends of an edge of length 1, and at each
-/// of its points on the left of the edge the edge subtends the given angle.
+/// The circle of an inscribed angle over an edge of length 1. It passes through the ends of the
+/// edge. From each of its points on the left of the edge, the edge subtends the given angle.
 struct AngleCircle {
   double radius = 0;
   double centre = 0;  ///< distance of the circle's centre from the edge
@@ -88,8 +88,8 @@ struct AngleCircle {
 };
 
 /// Factor on the distance of a point from an edge of this length (in steps). It moves the point
-/// nearer to the edge, so that the edge subtends a large enough angle even after rounding to the
-/// lattice.
+/// nearer to the edge, so that the edge subtends a large enough angle even after the point is
+/// rounded to the lattice.
 inline double rounding_allowance(double length) noexcept {
   constexpr double kSteps = 1.5;
   return 1 - std::min(0.4, kSteps / length);

@@ -19,7 +19,8 @@ inline double edge_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
-/// Number (triangle_edge.h) and squared length of the shortest edge; the first of equal ones.
+/// Number (triangle_edge.h) and squared length of the shortest edge. If several are equally short,
+/// it is the first one.
 struct ShortestEdge {
   std::uint32_t edge;
   std::int64_t length2;
@@ -72,8 +73,9 @@ struct TriangleShape {
           area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 
-/// Is the smallest angle below the one whose squared cosine is given (infinity: never)? This may
-/// differ from TriangleShape::is_sharp if the two angles agree to the last digit of a double.
+/// Returns true if the smallest angle is below the one whose squared cosine is given (infinity:
+/// never). This may differ from TriangleShape::is_sharp if the two angles agree to the last
+/// digit of a double.
 inline bool is_angle_below_cosine(const TriangleCorners& v, double cos2) noexcept {
   // It lies opposite the shortest edge s, between l and m: l.m = (l^2 + m^2 - s^2) / 2.
   const auto [edge, s] = shortest_edge(v);

@@ -8,16 +8,16 @@
 // option is not given.
 //  1. min_volume: components of less volume are removed. This precedes filling, because specks
 //     would close gaps.
-//      With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
+//     With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
 //     directions of slices. Canals (canals.h) along the patient's long axis stay open. Input in HU
 //     is never filled below kAir_HU.
-//      With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
+//     With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
 //  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is removed.
 //  4. seeds: only material that is connected to the first seed is kept, and of this only what is
 //     nearer to the first seed than to any other seed, along paths in the material.
-//  5. largest: only the N components of the largest volume are kept. A component is a set of voxels
-//     connected by faces, edges or corners.
+//  5. largest: only the N components of the largest volume are kept.
+// A component is a set of voxels connected by faces, edges or corners.
 #pragma once
 
 #include <Eigen/Core>

@@ -14,7 +14,7 @@
 namespace trocar::pipeline {
 
 /// Adds the surface of each material in the slices `first` to `last` to the asset, and its warnings
-/// to `warnings`; returns the report of the surfaces. `materials` gives the segmentation of each of
+/// to `warnings`. Returns the report of the surfaces. `materials` gives the segmentation of each of
 /// the asset's materials, in their order, and replaces options.segmentation. Errors: those of
 /// read_surface_volume() and make_display_surface(); (refused) the asset has one material and none
 /// of its components is large enough.

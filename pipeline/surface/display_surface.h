@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A closed triangle surface of the material for display.
+// Makes a closed triangle surface of the material for display, in three steps.
 //
-//  1. The isosurface of the volume (isosurface.h). All vertices are on the lattice that is stored.
-//  2. Decimation by quadrics to the wanted number (decimation.h). Where triangles intersect, the
-//     last collapses near them are undone.
-//  3. The proof, of what is stored: closed, manifold, oriented (formats/geometry/
-//     triangle_surface.h), free of self-intersections by CGAL's exact predicates; its distance.
+//  1. The isosurface of the volume is computed (isosurface.h). All vertices are on the lattice
+//     that is stored.
+//  2. It is decimated by quadrics to the wanted number of triangles (decimation.h). Where triangles
+//     intersect, the last collapses near them are undone.
+//  3. The stored surface is proved to be closed, manifold and oriented
+//     (formats/geometry/triangle_surface.h), and free of self-intersections by CGAL's exact
+//     predicates. Its distance is measured.
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
@@ -21,7 +23,7 @@ namespace trocar::pipeline {
 
 struct SurfaceOptions {
   int triangles = 50'000;  ///< wanted number; fewer if the isosurface has fewer
-  /// Whether `triangles` is a limit even if DisplaySurface::bound_mm needs more.
+  /// True: `triangles` is a limit even if DisplaySurface::bound_mm needs more triangles.
   bool at_most = false;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
 };
@@ -42,10 +44,10 @@ struct DisplaySurface {
   bool is_within_bound() const { return std::max(distance.p99_mm, left_out.p99_mm) <= bound_mm; }
 };
 
-/// Deterministic. If SurfaceOptions::at_most is set and the isosurface has more than 32 times as
-/// many triangles as wanted, voxels are averaged first. Errors: (refused) the surface is outside the
-/// range of coordinates, or intersects itself where slices are too close for its lattice;
-/// (unwritable) stopped. Memory: 350 bytes for each vertex of the isosurface.
+/// Makes the surface. Deterministic. If SurfaceOptions::at_most is set and the isosurface has more
+/// than 32 times as many triangles as wanted, voxels are averaged first. Errors: (refused) the
+/// surface is outside the range of coordinates, or intersects itself where slices are too close for
+/// its lattice; (unwritable) stopped. Memory: 350 bytes for each vertex of the isosurface.
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options);
 

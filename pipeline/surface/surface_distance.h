@@ -10,7 +10,7 @@
 
 namespace trocar::pipeline {
 
-/// Percentiles of the distance of 20,000 evenly spread points.
+/// Percentiles of the distance at 20,000 evenly spread points.
 struct SurfaceDistance {
   double p50_mm = 0, p99_mm = 0, max_mm = 0;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A scan as a volume whose zero level is the surface of the material: the trilinear interpolation
-// of the fields from which the slices' contours are made. At a slice's height it equals the slice's
-// field, so a plane cuts the surface along the slice's contour.
+// A scan as a volume whose zero level is the surface of the material. The volume is the trilinear
+// interpolation of the fields from which the slices' contours are made. At a slice's height it
+// equals the slice's field, so a plane there cuts the surface along the slice's contour.
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
@@ -21,8 +21,8 @@ struct DroppedComponents {
 };
 
 /// Positions are in the frame of the first slice of the stack: mm, u along its rows, v along its
-/// columns, then its normal. Around the voxels lies a border one voxel wide that is outside, so
-/// that the material is closed half a voxel beyond what was read.
+/// columns, then its normal. The voxels are surrounded by a border, one voxel wide, that is outside
+/// the material, so that the material is closed half a voxel beyond the voxels that were read.
 struct SurfaceVolume {
   std::array<int, 3> size{};               ///< voxels along a row, along a column, slices
   double u_mm = 0, v_mm = 0;               ///< distances between voxels
@@ -57,11 +57,12 @@ struct SurfaceVolume {
   }
 };
 
-/// Turns components of fewer voxels or less volume into their surroundings: specks first, then
-/// holes. Components are sets of voxels connected by faces. O(voxels).
+/// Removes small components, which are components of fewer voxels or less volume: first specks,
+/// which become outside, and then holes, which become material. Components are sets of voxels
+/// connected by faces. O(voxels).
 void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3);
 
-/// The volume of the means of factor[0] x factor[1] x factor[2] voxels.
+/// The volume whose values are the means over blocks of factor[0] x factor[1] x factor[2] voxels.
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);
 
 /// Specks and holes of fewer voxels, or of less volume than MaterialOptions::min_region_mm2 to the
@@ -69,12 +70,12 @@ SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& fac
 inline constexpr int kMinSurfaceVoxels = 8;
 
 /// Reads the slices from `first` to `last`, several at the same time, within the crop. A mask (of
-/// labels) is smoothed by a Gaussian; each voxel stays on its side of zero, so that the surface
-/// moves by less than half a voxel. If the asset has several materials (`is_one_of_several`), only
-/// the omissions of MaterialOptions::solid are used, since it treats all materials as one. The
-/// result is empty if no component is large enough. Errors: those of reading; (refused) fewer than
-/// two slices, slices that are not parallel, with different pixels, or not in ascending order; a
-/// volume too large for memory. Memory: 8 bytes for each voxel.
+/// labels) is smoothed by a Gaussian. Each voxel stays on its side of zero, so the surface moves by
+/// less than half a voxel. If the asset has several materials (`is_one_of_several`), only the
+/// voxels that MaterialOptions::solid removes are taken from it, because it treats all materials as
+/// one. The result is empty if no component is large enough. Errors: those of reading; (refused)
+/// fewer than two slices, slices that are not parallel, with different pixels, or not in ascending
+/// order; a volume too large for memory. Memory: 8 bytes for each voxel.
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
                                           const MaterialOptions& options,
                                           bool is_one_of_several = false);

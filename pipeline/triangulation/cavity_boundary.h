@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles between the edges of a cavity's boundary and a new point, evaluated four at a time
-// and without branches, because whether one of them is bad is unpredictable. Refinement spends most
-// of its time here. Nearly all boundaries lie within kMaxBoundaryOffset of the point for which the
-// cavity was found, so that coordinates have 16 bits and one instruction multiplies two pairs of
-// them.
+// The triangles between the edges of a cavity's boundary and a new point. They are evaluated four
+// at a time and without branches, because it is unpredictable whether one of them is bad.
+// Refinement spends most of its time here. Nearly all boundaries lie within kMaxBoundaryOffset of
+// the point for which the cavity was found. Their coordinates then have 16 bits, and one
+// instruction multiplies two pairs of them.
 #pragma once
 
 #include <algorithm>
@@ -95,8 +95,8 @@ inline int count_of(Four mask) {
 /// differences of such points stay below 2^30.
 inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
 
-/// Mask of those of four points, relative to an origin, that do not lie within kMaxBoundaryOffset
-/// of it.
+/// A mask of those of four points, relative to an origin, that are farther than kMaxBoundaryOffset
+/// from the origin.
 inline Four is_beyond_max_offset(FourPoints p) {
   using Unsigned = std::uint16_t __attribute__((vector_size(16)));
   constexpr std::uint16_t kMaxDifference = kMaxBoundaryOffset;

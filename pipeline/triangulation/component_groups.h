@@ -10,8 +10,8 @@
 namespace trocar::pipeline {
 
 /// Divides a mesh into groups of whole connected components (triangles that share a vertex are
-/// connected), for work in which components do not depend on each other: a group's data fit into a
-/// processor's cache, and its memory is reused for the next group.
+/// connected). It is meant for work in which components do not depend on each other. A group's data
+/// fit into a processor's cache, and its memory is reused for the next group.
 class ComponentGroups {
  public:
   /// A group has at most this many vertices unless it is a single component.

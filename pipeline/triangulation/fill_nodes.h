@@ -15,11 +15,12 @@ struct FillNode {
   LatticePoint p;
 };
 
-/// Lists the points of a lattice of equilateral triangles that lie in larger triangles of the mesh
-/// or on their sides; a point on a side of two triangles may appear twice. The equilateral
-/// triangles have the area doubled_area / 2, in lattice steps squared, and edges of at least 2
-/// steps. `triangles` is their approximate number; it bounds the running time, so that not all
-/// points are found for every outline. The points move with the mesh.
+/// Lists the points of a lattice of equilateral triangles that lie inside triangles of the mesh
+/// that are larger than these, or on their sides. A point on a side of two triangles may appear
+/// twice. The equilateral triangles have the area doubled_area / 2, in lattice steps squared, and
+/// edges of at least 2 steps. `triangles` is their approximate number. It bounds the running
+/// time, so that for some outlines not all points are found. If the mesh is moved, the points
+/// move with it.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);
 

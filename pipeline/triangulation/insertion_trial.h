@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Evaluates what an insertion would change before it is made, from the triangles between a cavity's
-// boundary and the new point, four at a time.
+// Evaluates what an insertion would change, without making it. The evaluation uses the triangles
+// between a cavity's boundary and the new point, four at a time.
 // Tests: tests/pipeline/triangulation/cavity_boundary_test.cpp
 #pragma once
 
@@ -30,7 +30,8 @@ inline constexpr int kImpossible = std::numeric_limits<int>::max();
 /// Evaluates insertions of points.
 class InsertionTrial {
  public:
-  /// Trials in `mesh`, which may grow, against `bounds`. Both must outlive this object.
+  /// Evaluates insertions into `mesh`, which may grow, against `bounds`. Both must
+  /// outlive this object.
   InsertionTrial(const RefinementMesh& mesh, const TriangleBounds& bounds)
       : mesh_(mesh), bounds_(bounds), anywhere_(bounds.anywhere()) {}
 
@@ -45,8 +46,8 @@ class InsertionTrial {
     kFree,   ///< a point in the material
     kSplit,  ///< a point that splits an edge of the outline
   };
-  /// Evaluates the insertion of the candidate, whose cavity has been found: sets its flaws and
-  /// growth, and marks the edges of the boundary (BoundaryQuad::is_bad, is_blocked).
+  /// Evaluates the insertion of the candidate, whose cavity has been found. Sets the candidate's
+  /// flaws and growth, and marks the edges of the boundary (BoundaryQuad::is_bad, is_blocked).
   template <PointKind kKind>
   [[gnu::always_inline]] Tally evaluate(Candidate& candidate, double min_distance2) const {
     InsertionCavity& cavity = candidate.cavity;
@@ -85,14 +86,15 @@ class InsertionTrial {
     return out;
   }
 
-  /// Four positions that are compared by the cavity of a fifth, since positions close to each other
-  /// have nearly the same cavity. (All four are evaluated even if the first is good enough, because
-  /// a branch on that would be unpredictable.)
+  /// Four positions whose insertion is evaluated with the cavity of a fifth one, because positions
+  /// close to each other have nearly the same cavity. (All four are evaluated even if the first is
+  /// good enough, because a branch on this condition would be unpredictable.)
   using Positions = std::array<LatticePoint, 4>;
 
-  /// The flaws at each position: the number of bad triangles, and of encroached edges if an edge is
-  /// split, if it were inserted into this cavity; at least kManyFlaws if it cannot have this cavity,
-  /// is too near to a vertex or, in the material, encroaches upon the outline.
+  /// The flaws at each position if the point were inserted into this cavity: the number of
+  /// bad triangles and, if an edge is split, of encroached edges. At least kManyFlaws if the
+  /// point cannot have this cavity, is too near to a vertex or, in the material, encroaches
+  /// upon the outline.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
@@ -123,7 +125,8 @@ class InsertionTrial {
     }
     return -flaws | (is_excluded & four_of(kManyFlaws));
   }
-  /// The position with the fewest flaws among those that the mask allows; the first of equal ones.
+  /// The position with the fewest flaws among those that the mask allows. If several have the same
+  /// number, it is the first one.
   struct Fewest {
     std::int32_t flaws;
     std::size_t position;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The neighbours of each triangle: which edge of which triangle lies beyond each edge.
+// The neighbours of each triangle: for each edge of a triangle, the same edge in the
+// triangle beyond it.
 // Tests: tests/pipeline/triangulation/triangulation_test.cpp
 #pragma once
 
@@ -11,8 +12,8 @@
 
 namespace trocar::pipeline {
 
-/// Indexed by triangle and edge (triangle_edge.h): the same edge as an edge of the triangle beyond
-/// it; kNoEdge at the boundary.
+/// Gives for each triangle and each of its edges (triangle_edge.h) the number of the same edge in the
+/// triangle beyond it; kNoEdge at the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 
 /// The neighbours in a valid mesh. O(n).

@@ -21,20 +21,20 @@ struct MeshQuality {
   double min_angle_deg = 0;  ///< 0 for an empty mesh
   double max_area_mm2 = 0;
   std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
-  /// How many of these lie at an input angle below 60 degrees: a corner of the triangle is an input
-  /// vertex with such an angle in the material, or its shortest edge joins the two input segments
-  /// that meet in one. No mesh can avoid such triangles there, except by having more of them
-  /// elsewhere.
+  /// Number of these triangles that lie at an input angle below 60 degrees. This means that a
+  /// corner of the triangle is an input vertex with such an angle in the material, or that its
+  /// shortest edge joins two input segments that meet at such an angle. No mesh can avoid such
+  /// triangles there, except by having more of them elsewhere.
   std::uint32_t below_at_small_input_angle = 0;
-  /// How many lie at no input angle below the wanted one (plus kLatticeAllowance_deg): the input
-  /// allows the wanted angle and refinement did not reach it. Zero unless it stopped at its vertex
-  /// budget or was limited by the lattice step.
+  /// Number of these triangles that lie at no input angle below the wanted one (plus
+  /// kLatticeAllowance_deg). The input allows the wanted angle there, but refinement did not reach
+  /// it. Zero unless refinement stopped at its vertex budget or was limited by the lattice step.
   std::uint32_t below_unexplained = 0;
   std::vector<SharpTriangle> sharp;  ///< all triangles below the wanted angle
-  /// Edges whose membrane stiffness (the sum of the cotangents of the angles opposite) is negative,
-  /// decided in exact integers. A Delaunay mesh has none inside; on the outline they are the edges
-  /// that their triangle's apex encroaches upon, where an input angle of a few degrees, or an edge
-  /// of a few steps, leaves no other lattice point.
+  /// Number of edges whose membrane stiffness (the sum of the cotangents of the opposite angles) is
+  /// negative, decided in exact integers. Inside, a Delaunay mesh has none. On the outline, these
+  /// are the edges that the apex of their triangle encroaches upon. They remain where an input
+  /// angle of a few degrees, or an edge of a few steps, leaves no other lattice point.
   std::uint32_t negative_stiffness_edges = 0;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The steps of refinement at the outline: keeps the bad triangles and the encroached edges, and
-// splits edges of the outline.
+// The steps of refinement at the outline. Keeps lists of the bad triangles and the encroached
+// edges, and splits edges of the outline.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -24,15 +24,16 @@
 
 namespace trocar::pipeline {
 
-// Shortest edge in lattice steps. No edge is split into shorter halves, and no triangle with a
-// shorter edge is improved, because rounding to the lattice would decide the angles.
+// Shortest edge in lattice steps. No edge is split into shorter halves. A triangle with a shorter
+// edge is not improved, because its angles depend on rounding to the lattice.
 inline constexpr std::int64_t kMinEdge_steps = 4;
 
 // Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// Shorter edges have few splits left before kMinEdge_steps, so that each of them decides which
-// angles are left. With half of this length, grids of holes of 1 to 40 steps had more sharp angles.
+// Shorter edges can be split only a few times before kMinEdge_steps, so that each split
+// decides which angles remain. With half of this length, grids of holes of 1 to 40 steps had
+// more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
 // An edge of the outline. It becomes stale when its triangle's generation changes.
@@ -41,7 +42,8 @@ struct EncroachedEdge {
   std::uint32_t generation;
 };
 
-// Memory that is kept from slice to slice. (Without it, fresh pages took a fifth of the time.)
+// Memory that is reused for all slices. (Without this, fresh memory pages took a fifth
+// of the time.)
 struct RefinementWorkspace {
   RefinementMesh mesh;
   RefinementOutline outline;
@@ -54,8 +56,9 @@ struct RefinementWorkspace {
   Candidate best_beyond, trial_beyond;
 };
 
-/// The part of the refinement algorithm that concerns the outline; Refiner (refinement.cpp) adds
-/// the points in the material. It is a header so that the compiler can inline the steps of both.
+/// The part of the refinement algorithm that concerns the outline. Refiner (refinement.cpp)
+/// adds the points in the material. This part is a header so that the compiler can inline the
+/// steps of both.
 class OutlineSplitter {
  protected:
   using PointKind = InsertionTrial::PointKind;
@@ -153,8 +156,8 @@ class OutlineSplitter {
     return !insertion_.evaluate<PointKind::kSplit>(out, 0).is_turned;
   }
 
-  // An input segment and the allowed distance of its splits: each split is rounded inwards, so
-  // repeated splits move away from the segment.
+  // An input segment, and the largest allowed distance of its splits from it. Each split is rounded
+  // inwards, so repeated splits move away from the segment.
   struct Segment {
     LatticePoint from, to;
     double length2, max_area2;
@@ -175,9 +178,10 @@ class OutlineSplitter {
     return {from, to, length2, max_distance2_ * length2};
   }
 
-  // Finds the position at which to split the edge ab of triangle t = abc at this fraction; false if
-  // there is none. Of the four lattice points around it, this is the nearest one on the material's
-  // side or, if that keeps the loop's area better, the nearest one on the void's side.
+  // Finds the position at which to split the edge ab of triangle t = abc at this fraction; false
+  // if there is none. Of the four lattice points around this position, it chooses the nearest
+  // one on the material's side or, if that keeps the area of the loop better, the nearest one on
+  // the void's side.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
@@ -214,8 +218,8 @@ class OutlineSplitter {
     return true;
   }
 
-  // Splits an edge of the outline at the fraction `wanted`, or at the best position if it is 0.
-  // False if it cannot be split.
+  // Splits an edge of the outline at the fraction `wanted`, or at the best position if `wanted` is
+  // 0. Returns false if the edge cannot be split.
   bool split_edge(EdgeId s, double wanted = 0) {
     if (has_shared_) {
       if (const EdgeId beyond = shared_.beyond(s, mesh_, outline_); beyond != kNoEdge)
@@ -244,8 +248,8 @@ class OutlineSplitter {
       while (!evaluate_at(kSplits[k])) {
         if (++k == kSplits.size()) return false;
       }
-      // If the apex is nearer than half the edge's length, the halves will be split again, and the
-      // flaws are not final, as long as enough splits are left.
+      // If the apex is nearer to the edge than half the edge's length, the halves will be split
+      // again. The flaws are then not final, as long as enough splits are left.
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {
@@ -292,8 +296,8 @@ class OutlineSplitter {
            is_open_loop(there.cavity);
   }
 
-  // Splits a shared edge at one point for both sides; false if there is none. (Without the
-  // attributes here and below, slices without shared edges were 2 % slower.)
+  // Splits a shared edge at one point for both sides. Returns false if there is no such point.
+  // (Without the attributes here and below, slices without shared edges took 2 % longer.)
   [[gnu::noinline]] bool split_shared_edge(EdgeId s, EdgeId t) {
     const auto [ia, ib] = mesh_.ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s)), d = at(mesh_.apex(t));

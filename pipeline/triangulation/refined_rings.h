@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The outline as a refined mesh stores it, ring by ring of the outline that was meshed.
+// The outline as a refined mesh contains it, with one ring for each ring of the outline
+// that was meshed.
 // Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
@@ -8,9 +9,9 @@
 
 namespace trocar::pipeline {
 
-/// Returns one ring for each ring of `outline` (the input of `refined`), in the same order: its
-/// vertices, and between them the points by which refinement split its edges. Together the rings
-/// are the boundary of the mesh. O(n log n).
+/// Returns one ring for each ring of `outline` (the input of `refined`), in the same order. Each
+/// consists of the ring's vertices and, between them, the points by which refinement split its
+/// edges. Together the rings are the boundary of the mesh. O(n log n).
 Pslg refined_rings(const Refined& refined, const Pslg& outline);
 
 }  // namespace trocar::pipeline

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Delaunay refinement to a minimum angle and a largest area: Ruppert (1995) with Uengoer's
-// off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the rule of
-// Miller, Pav and Walkington (2003) that a short edge across a small input angle is left alone.
-// Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
-// of several allowed positions that leaves the fewest bad triangles (similar to Erten and Uengoer's
-// locally optimal Steiner points, 2009). If the largest area requires many triangles, a lattice of
-// equilateral ones fills the inside first.
+// Delaunay refinement to a minimum angle and a largest area. The method is Ruppert's (1995) with
+// Uengoer's off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the
+// rule of Miller, Pav and Walkington (2003) that a short edge across a small input angle is not
+// refined. Steiner points lie on the lattice, so every decision is exact. Of several allowed
+// positions, each point is inserted at the one that leaves the fewest bad triangles (similar to
+// Erten and Uengoer's locally optimal Steiner points, 2009). If the largest area requires many
+// triangles, a lattice of equilateral triangles fills the inside first.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -18,8 +18,9 @@
 
 namespace trocar::pipeline {
 
-/// An input angle that exceeds the wanted one by less than this is treated as if it were below it,
-/// because rounding to the lattice decides the angle of a small triangle at the corner.
+/// An input angle that exceeds the wanted one by less than this is treated as if it were below
+/// the wanted angle, because the angle of a small triangle at the corner depends on rounding
+/// to the lattice.
 inline constexpr double kLatticeAllowance_deg = 1.5;
 
 /// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it
@@ -29,8 +30,8 @@ inline constexpr double kMaxDistanceFromOutline_steps = 3;
 /// Up to this angle refinement terminates in practice, for any input.
 inline constexpr double kSafeAngle_deg = 33;
 
-/// The area bound is raised if it would require more triangles than this in one slice. Such a slice
-/// has about 1.5 million vertices and takes half a GB until it is encoded.
+/// The area bound is raised if it would require more triangles than this in one slice. A slice with
+/// this number has about 1.5 million vertices and occupies half a GB until it is encoded.
 inline constexpr double kMaxTrianglesByArea = 2e6;
 
 struct RefinementOptions {
@@ -47,17 +48,17 @@ struct RefinementOptions {
   bool shared_borders = false;
   /// A split at this distance from the input segment or farther, in lattice steps, is not made.
   double max_distance_steps = kMaxDistanceFromOutline_steps;
-  /// Largest area of a triangle with its centroid at the given point, mm^2, besides max_area_mm2.
-  /// Values below min_area_mm2 > 0 are raised to it, so that refinement terminates as it does
-  /// with that area everywhere.
+  /// Largest area of a triangle with its centroid at the given point, mm^2. It applies in addition
+  /// to max_area_mm2. Values below min_area_mm2 > 0 are raised to min_area_mm2, so that refinement
+  /// terminates as it does with that area everywhere.
   std::function<double(LatticePoint)> area_mm2_at = {};
   double min_area_mm2 = 0;
 };
 
 enum class RefinementOutcome {
-  /// All triangles are within bounds except where small input angles forbid it.
+  /// All triangles are within bounds, except where small input angles make this impossible.
   kRefined,
-  /// The same, but bad triangles a few lattice steps wide were left as they are.
+  /// The same, but bad triangles with a size of a few lattice steps remain.
   kLatticeTooCoarse,
   /// The wanted angle, above kSafeAngle_deg, needs more vertices than allowed. All triangles are
   /// within bounds for the smaller angle Refined::angle_deg.
@@ -89,18 +90,19 @@ struct Refined {
   std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles that no lattice point improves
 };
 
-/// Is the smallest angle of the triangle below the angle whose squared sine is given? The answer is
-/// exact except for rounding in the last digits. Refinement, report and tests share this function.
+/// Returns true if the smallest angle of the triangle is below the angle whose squared sine is
+/// given. The answer is exact except for rounding in the last digits. Refinement, report and tests
+/// share this function.
 bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2);
 
 /// Refines a triangulation. The result is valid and constrained Delaunay, like that of
 /// triangulate(). Each boundary edge of the input becomes a chain of edges whose inner vertices lie
-/// on it or, if no lattice point does, on its material side less than `max_distance_steps` away
-/// (each split rounds by less than 1.5 steps and inherits a part of the deviation of the edge that
-/// it splits). With keep_area, points of edges with enough void next to them may also lie up to one
-/// step on the void's side, so that each loop of the boundary keeps its area except for about one
-/// rounding. If the outline is moved by lattice steps or rotated by right angles, the mesh moves
-/// and rotates with it, unless a rotation maps the outline onto itself.
+/// on it. If no lattice point lies on it, they lie on its material side less than
+/// `max_distance_steps` away. (Each split rounds by less than 1.5 steps and inherits a part of the
+/// deviation of the edge that it splits.) With keep_area, points of edges with enough void next to
+/// them may also lie up to one step on the void's side, so that each loop of the boundary keeps its
+/// area except for about one rounding. If the outline is moved by lattice steps or rotated by right
+/// angles, the mesh moves and rotates with it, unless a rotation maps the outline onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

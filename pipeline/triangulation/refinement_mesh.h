@@ -18,13 +18,13 @@
 
 namespace trocar::pipeline {
 
-/// If an edge is on the outline, its `beyond` is this flag and the input segment's number instead
-/// of an EdgeId.
+/// If an edge is on the outline, its `beyond` consists of this flag and the input segment's number.
+/// Otherwise `beyond` is an EdgeId.
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
 /// A triangle's circumcircle, prepared for tests of many points: the determinant of in_circle(),
-/// expanded by the point. It is exact; 64 bits suffice if all differences are below kMaxDifference,
-/// which nearly all are.
+/// expanded in the coordinates of the point. It is exact. 64 bits suffice if all differences are
+/// below kMaxDifference, which is nearly always the case.
 class Circumcircle {
  public:
   Circumcircle() = default;
@@ -39,12 +39,12 @@ class Circumcircle {
     area2_ = bx * cy - by * cx;
   }
 
-  /// Do 64 bits suffice for contains(p)?
+  /// Returns true if 64 bits suffice for contains(p).
   bool is_near(LatticePoint p) const {
     return is_near_origin(std::int64_t{p.x} - origin_.x, std::int64_t{p.y} - origin_.y);
   }
-  /// Does p lie strictly inside? Returns 1 or 0, without a comparison that a compiler might turn
-  /// into a branch. The value has no meaning unless is_near(p).
+  /// Returns 1 if p lies strictly inside, and 0 otherwise, without a comparison that a compiler
+  /// might turn into a branch. The value has no meaning unless is_near(p).
   std::uint32_t contains(LatticePoint p) const {
     const auto dx = static_cast<std::uint64_t>(std::int64_t{p.x} - origin_.x),
                dy = static_cast<std::uint64_t>(std::int64_t{p.y} - origin_.y);
@@ -64,8 +64,8 @@ class Circumcircle {
   }
 
   std::int64_t x_ = 0, y_ = 0, area2_ = 0;
-  // The default lies beyond the lattice, so that no point is near the circle of too large a
-  // triangle.
+  // The default is far outside the lattice, so that no point is near the circle of a triangle that
+  // is too large.
   LatticePoint origin_{std::numeric_limits<std::int32_t>::max(),
                        std::numeric_limits<std::int32_t>::max()};
 };
@@ -100,7 +100,7 @@ class InsertionCavity {
   /// The new triangle on edge k of the boundary, after fill_cavity().
   std::uint32_t fresh_triangle(std::size_t k) const { return triangle_of(entries_[k]); }
   int bad_triangles() const { return bad_; }
-  /// Does the boundary lie within kMaxBoundaryOffset of the origin?
+  /// Returns true if the boundary lies within kMaxBoundaryOffset of the origin.
   bool is_near_origin() const { return is_near_origin_; }
 
   LatticePoint origin;  ///< the new point
@@ -179,15 +179,15 @@ class RefinementMesh {
     return triangles[triangle_of(e)].v[previous_corner(index_of(e))];
   }
 
-  /// Is p strictly inside the circumcircle of triangle t? Exact.
+  /// Returns true if p is strictly inside the circumcircle of triangle t. Exact.
   bool circumcircle_contains(std::uint32_t t, LatticePoint p) const {
     const WorkingTriangle& tri = triangles[t];
     return tri.circle.is_near(p) ? tri.circle.contains(p) != 0 : far_circle_contains(tri, p);
   }
 
   static constexpr std::uint32_t kNone = 0xffffffff;
-  /// The triangle that contains p, found by a walk from `start`; kNone if the outline blocks the
-  /// walk.
+  /// Returns the triangle that contains p, found by a walk from `start`, or kNone if the outline
+  /// blocks the walk.
   std::uint32_t find(std::uint32_t start, LatticePoint p) const {
     std::uint32_t t = start;
     for (int step = 0; step < 64; ++step) {
@@ -203,8 +203,8 @@ class RefinementMesh {
   }
 
   /// Finds the cavity of p: `start`, all triangles connected with it whose circumcircles contain p,
-  /// and the edges around them. p lies in `start` or in its circumcircle. Whether a neighbour
-  /// belongs to the cavity is unpredictable, so no branch depends on it.
+  /// and the edges around them. p must lie in `start` or in its circumcircle. Whether a neighbour
+  /// belongs to the cavity is unpredictable, so no branch depends on this.
   void find_cavity(std::uint32_t start, LatticePoint p, InsertionCavity& cavity) {
     find<false>(start, kNoEdge, p, cavity);
   }
@@ -249,7 +249,7 @@ class RefinementMesh {
       sides[edges] = std::uint64_t{beyond} << 32 | edge_id(t, i);
       reached += is_in & static_cast<std::uint32_t>(next.visit != visit);
       edges += (is_in ^ 1) | is_outline;
-      next.visit = visit;  // a triangle outside the cavity is marked too: its test is repeated
+      next.visit = visit;  // a triangle outside the cavity is marked too; its test is then repeated
     };
     all[start].visit = visit;
     entries[0] = kIsSplit ? split : edge_id(start, 0);

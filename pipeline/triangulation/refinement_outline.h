@@ -29,14 +29,15 @@ class RefinementOutline {
     return twins_.empty() ? kNoTwin : twins_[segment];
   }
 
-  /// Finds the loops that the segments form. If regions share borders, each part of a loop with the
-  /// same material, or void, beyond it counts as a loop of its own.
+  /// Finds the loops that the segments form. If regions share borders, a loop is divided: each part
+  /// with the same material, or void, beyond it is a loop of its own.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
-  /// Can no other part of the outline meet this segment even if each point of both moves up to one
-  /// step to the void's side and up to three to the material's? Valid after start_clearance(). It is
-  /// decided when it is asked for the first time, because most segments are never split.
+  /// Returns true if no other part of the outline can meet this segment even if each point of both
+  /// moves up to one step to the void's side and up to three to the material's. Valid after
+  /// start_clearance(). The answer is computed when it is needed for the first time, because most
+  /// segments are never split.
   bool has_clearance(std::uint32_t segment) {
     if (clearance_[segment] == Clearance::kUnknown) [[unlikely]]
       find_clearance(segment);
@@ -56,14 +57,14 @@ class RefinementOutline {
     return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
   }
 
-  /// Does a segment end in an acute corner (kAcuteCorner_deg), so that its splits belong on shells?
-  /// For a shared segment, a corner that is acute on one of the two sides suffices.
+  /// Returns true if a segment ends in an acute corner (kAcuteCorner_deg), so that its splits must
+  /// lie on shells. For a shared segment, a corner that is acute on one of the two sides suffices.
   bool has_shells(std::uint32_t segment) const {
     return is_acute_from(segment) || is_acute_to(segment);
   }
   /// The position, as a fraction of the way from a to b, at which to split the edge ab of a segment
-  /// that has shells: edges of the two segments that meet in the nearer acute corner then end at
-  /// equal distances from it.
+  /// that has shells. It is chosen so that edges of the two segments that meet in the nearer acute
+  /// corner end at equal distances from that corner.
   double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                         const std::vector<LatticePoint>& points) const;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles to be improved, ordered by the square of their shortest edge in buckets of a
-// quarter of a power of two; within a bucket the newest comes first. Entries whose triangles have
-// been replaced since are dropped when they are popped.
+// The triangles to be improved. They are ordered by the square of their shortest edge, in buckets
+// of a quarter of a power of two. Within a bucket the newest comes first. When an entry is popped
+// whose triangle has been replaced, the entry is dropped.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -35,7 +35,7 @@ class RefinementQueue {
     used_[k / 64] |= std::uint64_t{1} << (k % 64);
   }
 
-  /// Puts the first entry for which is_valid() holds into `out`; false if there is none.
+  /// Puts the first entry for which is_valid() holds into `out`. Returns false if there is none.
   template <typename IsValid>
   bool pop(Entry& out, IsValid is_valid) {
     for (std::size_t word = 0; word < used_.size(); ++word) {

@@ -13,20 +13,21 @@
 
 namespace trocar::pipeline {
 
-/// triangulate() for each region. The outlines, proved by check_shared_borders(regions, regions)
-/// (formats/geometry/shared_borders.h), share edges; apart from that they only touch in vertices.
+/// Calls triangulate() for each region. The outlines must be proved by
+/// check_shared_borders(regions, regions) (formats/geometry/shared_borders.h). They may share
+/// edges; otherwise they only touch at vertices.
 Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> regions);
 
-/// refine() for all regions together: an edge that two of them share is split in both at the same
-/// lattice point, or in neither. That point lies less than three steps from the segment, on either
-/// side, and both regions keep their area along each border except for about one rounding, even
-/// without options.keep_area. Each result has the properties stated at refine(); `outcome`, the
-/// bounds that were used and `bad_at_lattice_step` are those of all regions together.
-/// options.max_vertices also counts all regions together and may be exceeded by one. One region
-/// gives the same result as refine(). Above 30 degrees, borders of a few pixels between acute nodes
-/// are divided down to the lattice step more often than by refine() alone. The regions'
-/// refined_rings() pass check_shared_borders() with their outlines. options.shared_borders is
-/// ignored.
+/// Refines all regions together, like refine(). An edge that two regions share is split in both at
+/// the same lattice point, or in neither. That point lies less than three steps from the segment,
+/// on either side, and both regions keep their area along each border except for about one
+/// rounding, even without options.keep_area. Each result has the properties stated at refine().
+/// `outcome`, the bounds that were used and `bad_at_lattice_step` are those of all regions
+/// together. options.max_vertices also applies to all regions together; a single region may exceed
+/// it. One region gives the same result as refine(). Above 30 degrees, borders of a few pixels
+/// between acute nodes are divided down to the lattice step more often than by refine() alone. The
+/// regions' refined_rings() pass check_shared_borders() with their outlines.
+/// options.shared_borders is ignored.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 

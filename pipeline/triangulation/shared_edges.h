@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The edges that two regions share during refinement. Each region has its own vertices, so an edge
-// is found from the other side by the copy of its end.
+// The edges that two regions share during refinement. Each region has its own vertices. The same
+// edge on the other side is found by the other region's copy of its end.
 // Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
@@ -15,15 +15,16 @@
 namespace trocar::pipeline {
 
 /// The positions at which to split a shared edge ab, with the triangles abc and bad on its sides,
-/// at this fraction: the nearest lattice point on each side, the one that better keeps the areas
-/// first. `lost` is twice the area that the side of c has lost along this border so far. There may
-/// be none, one or two positions.
+/// at this fraction. These are the nearest lattice point on each side, the one that better keeps
+/// the areas first. `lost` is twice the area that the side of c has lost along this border so far.
+/// There may be none, one or two positions.
 std::array<std::optional<LatticePoint>, 2> shared_split_points(LatticePoint a, LatticePoint b,
                                                                LatticePoint c, LatticePoint d,
                                                                double fraction, std::int64_t lost);
 
-/// May the edge on the outline be split at p, which may lie on its inner side or beyond it? If p
-/// lies beyond it, its triangle's circumcircle must contain p, so that the mesh stays Delaunay.
+/// Returns true if the edge on the outline may be split at p, which may lie on its inner side or
+/// beyond it. If p lies beyond it, the circumcircle of the edge's triangle must contain p, so that
+/// the mesh stays Delaunay.
 bool may_split_either_way(const RefinementMesh& mesh, EdgeId edge, LatticePoint p);
 
 class SharedEdges {

@@ -9,8 +9,8 @@ namespace trocar::pipeline {
 
 /// Numbers the vertices along the rows of a grid, from cell to cell, and the triangles by their
 /// least vertex. The mesh is otherwise unchanged, including the order of corners within each
-/// triangle. Refinement numbers points as it inserts them; without this sort, later stages spend
-/// their time on cache misses in a large mesh. O(n).
+/// triangle. Refinement numbers points in the order of insertion. Without this sort, later stages
+/// spend their time on cache misses in a large mesh. O(n).
 void sort_by_position(Refined& refined);
 
 }  // namespace trocar::pipeline

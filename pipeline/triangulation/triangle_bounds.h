@@ -14,7 +14,7 @@
 
 namespace trocar::pipeline {
 
-/// The bounds on angle and area that refinement is to meet, in lattice steps. Areas are doubled.
+/// The bounds on angle and area that refinement must meet, in lattice steps. Areas are doubled.
 class TriangleBounds {
  public:
   /// `options` must outlive this object.
@@ -27,7 +27,7 @@ class TriangleBounds {
     least_doubled_area_ = options.min_area_mm2 * doubled_per_mm2_;
   }
 
-  /// Does the bound on the area depend on the position?
+  /// Returns true if the bound on the area depends on the position.
   bool has_area_at() const { return has_area_at_; }
   const ShapeLimits& everywhere() const { return everywhere_; }
   /// Triangles within these limits are within the bounds at any position.
