@@ -14,7 +14,7 @@ struct LocalEnvironment {
   // The sheet in contact acts along z. The sum of its spring and damper never pulls.
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
-  // Friction acts on the shaft in all of its holes, along `axis`. This is a unit vector up the shaft.
+  // Friction acts on the shaft in all of its holes, along the unit vector `axis`, which points up the shaft.
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;
   /// Sum of the stiffnesses of the friction springs that do not slide yet: if the shaft moves inwards, and

@@ -28,12 +28,12 @@
 //  6. The tool's outline in a sheet is the section of the tool's prism with the undeformed sheet. So a tool
 //     that moves along its own axis keeps its outline, however much it is tilted.
 //  7. A sheet remembers its last kMaxHoles holes. If the tool misses the sheet or slides off it, the tool's
-//     outline is compared with the nearest remembered holes, at most kMaxPendingHoles of them. If the part
-//     of the outline outside of all these holes is less than `min_coverage`, the shaft has returned to the
-//     nearest hole. The force of this hole then acts from the next tick on, as after a puncture. Each hole
-//     has a coverage, by which its forces are multiplied. It is the tool's coverage at the puncture plus,
-//     if the outline then overlapped older holes, the overlapping part times the coverage of the nearest of
-//     these holes. It is at most 1.
+//     outline is compared with the remembered holes nearest to the tool, at most kMaxPendingHoles of them.
+//     If the part of the outline outside of all these holes is less than `min_coverage`, the shaft has
+//     returned to the nearest hole. The force of this hole then acts from the next tick on, as after a
+//     puncture. The forces of a hole are multiplied by the hole's coverage. This coverage is the tool's
+//     coverage at the puncture plus, if the outline then overlapped older holes, the overlapping part times
+//     the coverage of the nearest of these holes. It is at most 1.
 // Tests: tests/runtime/contact/contact_test.cpp
 #pragma once
 

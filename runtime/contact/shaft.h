@@ -4,9 +4,10 @@
 // tissue, IEEE TBME 51(10), 2004) and the resistance of the rim to being pushed aside.
 //
 // Contract (tests/runtime/contact/shaft_test.cpp):
-//  1. Dry friction is a spring between shaft and hole. Its force rises linearly with its deflection up to
-//     `presliding_m` and is dry_friction_N there. From then on the spring slides (after P. Dahl, 1968, with a
-//     linear rise). It opposes the motion. Its work on the shaft over a closed motion is never positive.
+//  1. Dry friction is a spring between shaft and hole. Its force opposes the motion. It rises linearly with
+//     the spring's deflection up to `presliding_m` and is dry_friction_N there. From then on the spring
+//     slides (after P. Dahl, 1968, with a linear rise). The work of the force on the shaft over a closed
+//     motion is never positive.
 //  2. The rim's force lies in the sheet's plane. It opposes the displacement of the shaft's axis from the
 //     position at which the shaft entered the hole, either at the puncture or when it returned. Entering a
 //     hole therefore neither stores nor releases energy.

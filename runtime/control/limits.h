@@ -4,9 +4,9 @@
 // by its implementation of HandDevice.
 //
 // Contract (limits_test.cpp in tests/runtime/control/):
-//  1. A check returns kNone within its limit. Beyond it, it returns its own fault, with the quantity, its value and the limit. A
-//     value that is not finite exceeds every limit. A limit of nan is always exceeded, and so is a negative limit of a quantity
-//     that cannot be negative.
+//  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the quantity, its value and the
+//     limit. A value that is not finite exceeds every limit. A limit of nan is always exceeded, and so is a negative limit of a
+//     quantity that cannot be negative.
 //  2. Speeds go through a first-order low-pass filter with the time constant `speed_window_s`, so that a step of one encoder
 //     count does not appear as a speed.
 #pragma once

@@ -6,10 +6,11 @@
 //  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request for recovery
 //     leaves the state `fault`. The operator's emergency stop leads to `fault` from every state, and replaces the fault
 //     that was kept.
-//  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the fault is found. They are
-//     the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks and is already below 1 in the first
-//     of them. At 250 Hz and more this takes at most kRampMax_s. At lower rates torques are zero at once. After
-//     kEnergyLimit they are also zero at once, because a ramp would continue to release energy to the hand.
+//  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the fault is found. The
+//     ramped torques are the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks and is
+//     already below 1 in the first of these ticks. At 250 Hz and more this takes at most kRampMax_s. At lower rates
+//     torques are zero at once. After kEnergyLimit they are also zero at once, because a ramp would continue to
+//     release energy to the hand.
 //  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free space. A fault
 //     restarts this time. In `recovering`, torques are zero.
 //  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`. With

@@ -4,11 +4,12 @@
 //
 // If encoders have a coarse resolution and are read at a high rate, the angle changes by only a few
 // counts per sample, so the velocity is noisy. A longer interval reduces the noise, but lags behind
-// an accelerating tool. The window is therefore extended only while the motion is steady (F.
-// Janabi-Sharifi, V. Hayward, C. Chen, Discrete-time adaptive windowing for velocity estimation,
-// IEEE TCST 8(6), 2000). It is the longest interval in which all readings of each encoder are
-// within one count of the straight line from the first to the last reading. Each reading is within
-// half a count of the true angle, so a motion of constant velocity never ends a window.
+// an accelerating tool. The interval, called the window, is therefore extended only while the
+// motion is steady (F. Janabi-Sharifi, V. Hayward, C. Chen, Discrete-time adaptive windowing for
+// velocity estimation, IEEE TCST 8(6), 2000). The window is the longest interval in which all
+// readings of each encoder are within one count of the straight line from the first to the last
+// reading. Each reading is within half a count of the true angle, so a motion of constant velocity
+// never ends a window.
 //
 // Contract (tests/runtime/control/velocity_window_test.cpp):
 //  1. With exact encoders and device states on time, velocities are computed from the
