@@ -20,10 +20,10 @@ struct HuSampling {
   int columns_each = 1, rows_each = 1;
 };
 
-/// The sampling of the (cropped) slices of a stack. If pixels are finer than 0.57 mm, the pitch is between 0.57 and
-/// 1.15 mm. The margin allows means over a needle's cross-section at the border of bone. It is 1.5 mm, or one pitch
-/// if that is larger. The step is 72 HU at a pitch of 1 mm and inversely proportional to it, from 8 to 96 HU, so
-/// that the rounding errors of a mean over 3 mm are 2 to 5 HU whatever the pitch.
+/// The sampling of the (cropped) slices of a stack. For pixels of up to 1.15 mm the pitch is between 0.57 and 1.15 mm;
+/// every coarser pixel is a sample. The margin allows means over a needle's cross-section at the border of bone. It is
+/// 1.5 mm, or one pitch if that is larger. The step is 72 HU at a pitch of 1 mm and inversely proportional to the pitch,
+/// from 8 to 96 HU. The rounding errors of a mean over 3 mm are then 2 to 5 HU, whatever the pitch.
 HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options);
 
 /// The samples of an image of HU inside the box, row by row. Between samples HU are bilinear. If the grid is

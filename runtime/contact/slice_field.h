@@ -34,7 +34,7 @@ class SliceField {
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
   double dense_hu() const noexcept {
     return dense_hu_;
-  }  ///< 90th percentile of HU, which stands for the cortex
+  }  ///< 90th percentile of HU, an estimate for the cortex
   std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {

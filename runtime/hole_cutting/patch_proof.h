@@ -28,7 +28,7 @@ struct ProofSpace {
   struct Segment {
     LatticePoint a, b;
   };
-  std::vector<Segment> fresh, old;  ///< new edges and former edges of the new boundary
+  std::vector<Segment> fresh, old;  ///< edges of the new boundary: new ones, existing ones
   FlatTable rim_at;       ///< shared rim edges, keyed by kept triangle and edge; 1: matched
   FlatTable boundary_at;  ///< rim edges on the sheet's boundary, keyed by overlay points
 

@@ -34,7 +34,7 @@ struct StitchSpace {
   FlatTable taken;                    ///< vertices of the rim that keep their slots
   std::vector<NewVertex> fresh;
   std::vector<std::uint32_t> created;   ///< result: the patch's triangles, as slots of the sheet
-  std::vector<TriangleEdge> rim_edges;  ///< result: their edges shared with kept triangles
+  std::vector<TriangleEdge> rim_edges;  ///< result: patch edges shared with kept triangles
 
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };

@@ -23,7 +23,7 @@ namespace trocar::runtime {
 
 inline constexpr double kSlopeWindow_m = 2.6e-3;
 inline constexpr int kMaxSlopeSheets =
-    6;  ///< sheets that are read above and below the surface, each
+    6;  ///< largest number of sheets that are read on each side of the surface
 inline constexpr double kMostSteeper = 1.5;
 
 /// Returns the gradient of the surface's depth by x and y; its length is at most kMaxSlope. None: bone surrounds the

@@ -123,7 +123,7 @@ struct CuttingSlab {
   /// Only for a slab of thickness 0: its embedded length once the tip is below it. The values per length below are multiplied by
   /// this length.
   double hole_m = 0;
-  double friction_N_per_m = 0;                          ///< per embedded length
+  double friction_N_per_m = 0;                          ///< shaft's friction per embedded length
   double viscous_N_s_per_m2 = 0;                        ///< along the shaft, per embedded length
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;  ///< lateral, per embedded depth
   double clearance_m = 0;  ///< clearance of a new hole around the shaft
