@@ -9,8 +9,7 @@
 // planes in which it merges with other regions or in which the ring of bone is open. A tube is a
 // canal if both ends reach an opening, which is the volume's border or a plane that does not enclose
 // the section. One opening is enough for a tube longer than a vertebra. A canal takes the free
-// pixels near its sections. If another section is nearer to such a pixel along paths between the
-// bone, the pixel belongs to that section.
+// pixels near its sections, except those that are nearer to another section along paths between bone.
 #pragma once
 
 #include <array>

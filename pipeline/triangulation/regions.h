@@ -23,10 +23,10 @@ Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> reg
 /// on either side, and both regions keep their area along each border except for about one
 /// rounding, even without options.keep_area. Each result has the properties stated at refine().
 /// `outcome`, the bounds that were used and `bad_at_lattice_step` are those of all regions
-/// together. options.max_vertices also applies to all regions together; a single region may exceed
-/// it. One region gives the same result as refine(). Above 30 degrees, borders of a few pixels
-/// between acute nodes are divided down to the lattice step more often than by refine() alone. The
-/// regions' refined_rings() pass check_shared_borders() with their outlines.
+/// together. options.max_vertices also limits the vertices of all regions together, which may
+/// exceed it by one. One region gives the same result as refine(). Above 30 degrees, borders of a
+/// few pixels between acute nodes are divided down to the lattice step more often than by refine()
+/// alone. The regions' refined_rings() pass check_shared_borders() with their outlines.
 /// options.shared_borders is ignored.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
