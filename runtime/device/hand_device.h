@@ -126,7 +126,7 @@ struct PlatePose {
   double residual_m = 0;  ///< how well redundant sensors agree on the pose; 0 if there are none
 };
 
-/// The device's own forces that the loop cancels, so that the hand does not feel them.
+/// The device's own forces that render() cancels, so that the hand does not feel them.
 struct CompensationOptions {
   bool friction = false;
   bool gravity = false;  ///< compensate the plate's weight, by the gravity of the description
