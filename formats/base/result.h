@@ -23,6 +23,11 @@ enum class ExitCode : int {
 struct Error {
   ExitCode code = ExitCode::kBug;
   std::string message;  ///< one line: file, slice, position, reason
+  /// The cause lies outside the input, for example in a lack of memory. Another try with the same
+  /// input may succeed.
+  bool is_temporary = false;
+  /// The same error with `prefix` before its message.
+  Error after(const std::string& prefix) const { return {code, prefix + message, is_temporary}; }
 };
 
 /// Holds a T or an Error. Accessing the one that is absent is a bug (assert).
@@ -59,6 +64,9 @@ class [[nodiscard]] Result<void> {
 
 inline Error refused(std::string message) {
   return {ExitCode::kRefused, std::move(message)};
+}
+inline Error refused_for_now(std::string message) {
+  return {ExitCode::kRefused, std::move(message), true};
 }
 inline Error usage(std::string message) {
   return {ExitCode::kUsage, std::move(message)};

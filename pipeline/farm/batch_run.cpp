@@ -46,6 +46,14 @@ json journal_line(const std::string& scan, const Outcome& outcome) {
   return out;
 }
 
+Outcome known_failure(const ScanState& state) {
+  Outcome out;
+  out.kind = Outcome::Kind::kKnownFailure;
+  out.reason = state.why.at(0).at("reason").get<std::string>();
+  out.exit_code = state.why.at(0).at("exit_code").get<int>();
+  return out;
+}
+
 // One run: its queue, its processes and its summary.
 class Run {
  public:
@@ -61,7 +69,7 @@ class Run {
     const auto start = Clock::now();
     find_work();
     total_ = todo_.size();
-    while (!todo_.empty() || !waiting_.empty() || processes_.running() > 0) {
+    while (processes_.running() > 0 || (has_work() && !has_enough_failures())) {
       if (is_stopped()) break;
       if (auto ok = start_more(); !ok) return ok.error();
       if (auto ended = processes_.wait(patience()); ended) finish(*ended);
@@ -74,8 +82,10 @@ class Run {
     summary_.left += todo_.size() + waiting_.size();
     std::sort(failed_.begin(), failed_.end(),
               [](const auto& a, const auto& b) { return a.first < b.first; });
-    for (auto& [scan, outcome] : failed_)
-      summary_.failed.push_back({wanted_[scan].scan->name, std::move(outcome)});
+    for (auto& [scan, outcome] : failed_) {
+      auto& list = outcome.kind == Outcome::Kind::kFailed ? summary_.failed : summary_.known;
+      list.push_back({wanted_[scan].scan->name, std::move(outcome)});
+    }
     summary_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
     return std::move(summary_);
   }
@@ -83,26 +93,39 @@ class Run {
  private:
   bool is_stopped() const { return settings_.stop != nullptr && settings_.stop->load(); }
 
+  bool has_work() const { return !todo_.empty() || !waiting_.empty(); }
+
+  bool has_enough_failures() const {
+    return settings_.max_failures > 0 && new_failures_ >= settings_.max_failures;
+  }
+
   void find_work() {
+    using Kind = ScanState::Kind;
     for (std::size_t k = 0; k < wanted_.size(); ++k) {
-      const bool is_stale = !causes(wanted_[k], store_, {}).empty();
+      ScanState state = state_of(wanted_[k], program_, store_, {false, false, settings_.retry});
       // Because of --rehash, unchanged scans get a process too: digests are then computed
       // concurrently.
-      if (is_stale || settings_.rehash || settings_.verify) {
-        todo_.push_back({k, is_stale});
-      } else {
+      const bool is_read =
+          settings_.rehash || (settings_.verify && state.kind != Kind::kKnownFailure);
+      if (state.kind == Kind::kStale || is_read) {
+        todo_.push_back({k, state.kind == Kind::kStale});
+      } else if (state.kind == Kind::kDone) {
         ++summary_.unchanged;
+        summary_.asset_bytes += state.asset_bytes;
+      } else {
+        failed_.emplace_back(k, known_failure(state));
       }
     }
   }
 
   Work work_of(const Todo& todo, int threads) const {
-    return {wanted_[todo.scan], settings_.rehash, settings_.verify, threads, settings_.stop};
+    return {wanted_[todo.scan], settings_.rehash, settings_.verify,
+            settings_.retry,    threads,          settings_.stop};
   }
 
   Result<void> start_more() {
     const auto jobs = static_cast<std::size_t>(settings_.jobs);
-    while (!todo_.empty() && processes_.running() < jobs) {
+    while (!todo_.empty() && processes_.running() < jobs && !has_enough_failures()) {
       // The last scans share the cores that finished scans have freed.
       const std::size_t at_once = std::min(jobs, todo_.size() + processes_.running());
       const Todo todo = todo_.front();
@@ -144,6 +167,7 @@ class Run {
     const std::string& name = wanted_[todo.scan].scan->name;
     const bool is_same = !todo.is_stale && outcome.kind == Outcome::Kind::kFound;
     if (!is_same) summary_.has_journal &= journal_.add(journal_line(name, outcome));
+    summary_.asset_bytes += outcome.bytes;
     switch (outcome.kind) {
       case Outcome::Kind::kMade:
         ++summary_.made;
@@ -156,12 +180,15 @@ class Run {
         ++summary_.left;
         break;
       case Outcome::Kind::kFailed:
+        ++new_failures_;
+        [[fallthrough]];
+      case Outcome::Kind::kKnownFailure:
         summary_.has_unrecorded |= !outcome.is_recorded;
         failed_.emplace_back(todo.scan, std::move(outcome));
         break;
     }
     ++done_;
-    if (settings_.progress) settings_.progress(done_, failed_.size(), total_);
+    if (settings_.progress) settings_.progress(done_, new_failures_, total_);
   }
 
   // If a key no longer has a valid lease, its outputs are finished or its process is dead. In both
@@ -209,7 +236,8 @@ class Run {
   std::deque<Todo> todo_;
   std::vector<Todo> started_;  // indexed by the processes' task numbers
   std::vector<Waiting> waiting_;
-  std::vector<std::pair<std::size_t, Outcome>> failed_;
+  std::vector<std::pair<std::size_t, Outcome>> failed_;  // also the known failures
+  std::size_t new_failures_ = 0;
   BatchSummary summary_;
   std::size_t total_ = 0, done_ = 0;
   bool has_killed_ = false;
@@ -252,23 +280,23 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
   return out;
 }
 
-Result<std::vector<StaleScan>> Batch::dry_run() const {
+Result<std::vector<NamedState>> Batch::dry_run() const {
   const auto store = Store::open_for_reading(settings_.store);
   if (!store) return store.error();
-  std::vector<StaleScan> out;
-  for (const WantedScan& one : wanted_) {
-    auto why = causes(one, *store, {settings_.rehash, false});
-    if (!why.empty()) out.push_back({one.scan->name, std::move(why)});
-  }
+  std::vector<NamedState> out;
+  for (const WantedScan& one : wanted_)
+    out.push_back({one.scan->name,
+                   state_of(one, *program_, *store, {settings_.rehash, false, settings_.retry})});
   return out;
 }
 
-Result<std::vector<json>> Batch::explain(const std::string& scan) const {
+Result<ScanState> Batch::explain(const std::string& scan) const {
   const auto store = Store::open_for_reading(settings_.store);
   if (!store) return store.error();
   std::vector<std::string> names;
   for (const WantedScan& one : wanted_) {
-    if (one.scan->name == scan) return causes(one, *store, {settings_.rehash, true});
+    if (one.scan->name == scan)
+      return state_of(one, *program_, *store, {settings_.rehash, true, settings_.retry});
     names.push_back(one.scan->name);
   }
   return usage("--explain " + scan + ": the collection has no such scan" +
@@ -279,12 +307,21 @@ Result<BatchSummary> Batch::run() const {
   const auto store = Store::open_for_writing(settings_.store);
   if (!store) {
     // A store that cannot be written suffices if no scan is stale.
-    const auto stale = dry_run();
+    const auto states = dry_run();
     if (store.error().code != ExitCode::kUnwritable || settings_.rehash || settings_.verify ||
-        !stale || !stale->empty())
+        !states)
       return store.error();
     BatchSummary out;
-    out.scans = out.unchanged = wanted_.size();
+    out.scans = wanted_.size();
+    for (const auto& [scan, state] : *states) {
+      if (state.kind == ScanState::Kind::kStale) return store.error();
+      out.asset_bytes += state.asset_bytes;
+      if (state.kind == ScanState::Kind::kKnownFailure) {
+        out.known.push_back({scan, known_failure(state)});
+      } else {
+        ++out.unchanged;
+      }
+    }
     return out;
   }
   return Run(wanted_, settings_, *program_, *store)();

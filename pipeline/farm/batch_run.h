@@ -21,6 +21,7 @@
 #include "pipeline/farm/garbage.h"
 #include "pipeline/farm/scan_program.h"
 #include "pipeline/farm/scan_worker.h"
+#include "pipeline/farm/staleness.h"
 #include "pipeline/farm/store.h"
 
 namespace trocar::farm {
@@ -31,6 +32,9 @@ struct BatchSettings {
   std::optional<std::set<std::string>> only;  ///< names of the scans to work on
   int jobs = 1;                               ///< number of concurrent scans, at least 1
   bool rehash = false, verify = false;
+  bool retry = false;  ///< known failures are tried again
+  /// No further scan is started after this number of failures that are not known; 0: no limit.
+  std::size_t max_failures = 0;
   /// A flag that a signal handler sets; may be null. Once it is set, no further scan is started,
   /// and running scans end.
   const std::atomic<bool>* stop = nullptr;
@@ -44,18 +48,25 @@ struct FailedScan {
   Outcome outcome;
 };
 
+/// Each scan of the run is in one class: unchanged, made, found, failed, known or left.
 struct BatchSummary {
-  std::size_t scans = 0, unchanged = 0, made = 0, found = 0, left = 0;
-  std::vector<FailedScan> failed;  ///< in the collection's order
-  bool has_unrecorded = false;     ///< true: a failure could not be written to the index
-  bool has_journal = true;         ///< false if a line could not be written
+  std::size_t scans = 0;
+  std::size_t unchanged = 0;       ///< done by an earlier run
+  std::size_t made = 0;            ///< computed by this run
+  std::size_t found = 0;           ///< changed, but the store had the outputs under the new key
+  std::size_t left = 0;            ///< not tried, because of a signal or of `max_failures`
+  std::vector<FailedScan> failed;  ///< by this run, in the collection's order
+  /// Failed in an earlier run for a reason that lasts; not tried again. In the collection's order.
+  std::vector<FailedScan> known;
+  std::uint64_t asset_bytes = 0;  ///< size of the assets of all scans that are done
+  bool has_unrecorded = false;    ///< true: a failure could not be written to the index
+  bool has_journal = true;        ///< false if a line could not be written
   double seconds = 0;
 };
 
-/// A stale scan and the causes of its staleness.
-struct StaleScan {
+struct NamedState {
   std::string scan;
-  std::vector<nlohmann::json> why;
+  ScanState state;
 };
 
 /// The scans of the collection that this run selects. All parameters are checked before the first
@@ -68,11 +79,12 @@ class Batch {
                             const std::string& digest, BatchSettings settings);
 
   std::size_t scans() const { return wanted_.size(); }
-  /// The scans that a run would work on. Errors: those of opening the store.
-  Result<std::vector<StaleScan>> dry_run() const;
-  /// Reasons why a scan is stale; empty if it is not. Errors: (usage) no such scan; those of
-  /// opening the store.
-  Result<std::vector<nlohmann::json>> explain(const std::string& scan) const;
+  /// The states of the selected scans, of which a run would work on the stale ones. Errors: those
+  /// of opening the store.
+  Result<std::vector<NamedState>> dry_run() const;
+  /// The state of one scan; reads files whose time has changed. Errors: (usage) no such scan; those
+  /// of opening the store.
+  Result<ScanState> explain(const std::string& scan) const;
   /// Works on the stale scans. Call it before the process has other threads. Errors: those of
   /// opening the store.
   Result<BatchSummary> run() const;

@@ -26,8 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr std::array<const char*, 5> kOutcomes = {"made", "found", "failed", "leased",
-                                                  "interrupted"};
+constexpr std::array<const char*, 6> kOutcomes = {"made",          "found",  "failed",
+                                                  "known_failure", "leased", "interrupted"};
 
 std::span<const std::uint8_t> bytes_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
@@ -88,29 +88,73 @@ class Worker {
     entry_.parameters = work_.wanted.parameters->canonical;
     const auto inputs = inputs_of(scan_);
     if (!inputs) return inputs.error();
-    const std::vector<NamedFile> paths = all_paths(*inputs, *work_.wanted.parameters);
-    auto listed = list_files(paths);
+    paths_ = all_paths(*inputs, *work_.wanted.parameters);
+    auto listed = list_files(paths_);
     if (!listed) return listed.error();
     entry_.files = std::move(*listed);
+    is_listed_ = true;
     let_times_settle(entry_.files);
     if (known_ && !work_.rehash) reuse_digests(known_->files, entry_.files);
-    std::vector<NamedFile> wanted = paths;
+    std::vector<NamedFile> wanted = paths_;
     if (program_.opens_first(*inputs, *work_.wanted.parameters)) {
       if (auto ok = open(*inputs); !ok) return ok.error();
       wanted = opened_->files();
     }
     if (auto ok = digest_files(wanted, entry_.files); !ok) return ok.error();
     failpoint("digested");
-    if (auto ok = check_unchanged(paths); !ok) return ok.error();
+    if (auto ok = check_unchanged(); !ok) return ok.error();
     action_ = action_of(entry_.program, entry_.parameters, wanted, entry_.files);
     entry_.key = key_of(action_);
-    return find_or_make(*inputs, paths);
+    if (known_ && known_->is_lasting && known_->key == entry_.key && !work_.retry)
+      return put_known_failure();
+    return find_or_make(*inputs);
   }
 
-  ScanEntry& entry() { return entry_; }
+  // Writes a failure to the entry and to the index. Returns whether it is new.
+  Outcome fail(const Error& error) {
+    entry_.reason = error.message;
+    entry_.exit_code = static_cast<int>(error.code);
+    entry_.outputs.reset();
+    entry_.is_lasting = is_lasting(error);
+    const bool is_known = entry_.is_lasting && !work_.retry && known_ && known_->is_lasting &&
+                          known_->key == entry_.key && known_->program == entry_.program &&
+                          known_->parameters == entry_.parameters &&
+                          known_->reason == entry_.reason;
+    Outcome out;
+    out.kind = is_known ? Outcome::Kind::kKnownFailure : Outcome::Kind::kFailed;
+    out.reason = entry_.reason;
+    out.exit_code = entry_.exit_code;
+    out.is_recorded = static_cast<bool>(put_changed_entry());
+    return out;
+  }
+
+  const ScanEntry& entry() const { return entry_; }
   const json& warnings() const { return warnings_; }
 
  private:
+  // Does the same scan always fail for this reason, and can state_of() see that it is the same? It
+  // lists the files itself, so that it needs no key for a scan whose files cannot be listed. The
+  // key of any other failure is that of all files of the scan, if the scan could not be opened.
+  bool is_lasting(const Error& error) {
+    if (error.is_temporary || (error.code != ExitCode::kUsage && error.code != ExitCode::kRefused))
+      return false;
+    if (!is_listed_ || !entry_.key.empty()) return true;
+    std::vector<NamedFile> all;
+    for (const ScanFile& file : entry_.files)
+      all.push_back({file.of, file.path});
+    if (!digest_files(all, entry_.files) || !check_unchanged()) return false;
+    entry_.key = key_of(action_of(entry_.program, entry_.parameters, all, entry_.files));
+    return true;
+  }
+
+  Result<Outcome::Kind> put_known_failure() {
+    entry_.reason = known_->reason;
+    entry_.exit_code = known_->exit_code;
+    entry_.is_lasting = true;
+    if (auto ok = put_changed_entry(); !ok) return ok.error();
+    return Outcome::Kind::kKnownFailure;
+  }
+
   Result<void> open(const std::vector<fs::path>& inputs) {
     auto opened = program_.open(scan_.parameters, inputs, scan_.series, work_.threads);
     if (!opened) return opened.error();
@@ -120,9 +164,10 @@ class Worker {
 
   // Refuses a scan whose files changed after they were listed: its digests and its mesh would be
   // those of different states.
-  Result<void> check_unchanged(const std::vector<NamedFile>& paths) const {
-    const auto now = list_files(paths);
-    if (!now) return refused(now.error().message + "; it existed when the work on this scan began");
+  Result<void> check_unchanged() const {
+    const auto now = list_files(paths_);
+    if (!now)
+      return refused_for_now(now.error().message + "; it existed when the work on this scan began");
     if (same_state(*now, entry_.files)) return {};
     std::string changed = "a file was added or removed";
     for (std::size_t k = 0; k < std::min(now->size(), entry_.files.size()); ++k) {
@@ -130,11 +175,11 @@ class Worker {
       changed = entry_.files[k].path;
       break;
     }
-    return refused(changed + ": changed while the scan was read; run again when it is complete");
+    return refused_for_now(changed +
+                           ": changed while the scan was read; run again when it is complete");
   }
 
-  Result<Outcome::Kind> find_or_make(const std::vector<fs::path>& inputs,
-                                     const std::vector<NamedFile>& paths) {
+  Result<Outcome::Kind> find_or_make(const std::vector<fs::path>& inputs) {
     // A concurrent --gc can remove found outputs before the index refers to them.
     for (int attempt = 0; attempt < 3; ++attempt) {
       auto found = store_.find(entry_.key);
@@ -151,7 +196,7 @@ class Worker {
         // The previous holder of the lease may have finished.
         found = store_.find(entry_.key);
         if (!found || !store_.renew(entry_.key, *found)) {
-          auto made = make(inputs, paths);
+          auto made = make(inputs);
           if (!made) return made.error();
           found = *made;
           kind = Outcome::Kind::kMade;
@@ -169,24 +214,28 @@ class Worker {
 
   Result<void> put_entry(const Outputs& outputs) {
     entry_.outputs = outputs;
-    // An entry with the same contents stays untouched.
+    return put_changed_entry();
+  }
+
+  // An entry with the same contents stays untouched.
+  Result<void> put_changed_entry() const {
     if (known_ && store_.links_fit(entry_) && entry_json(*known_) == entry_json(entry_)) return {};
     return store_.put_entry(entry_);
   }
 
-  Result<Outputs> make(const std::vector<fs::path>& inputs, const std::vector<NamedFile>& paths) {
+  Result<Outputs> make(const std::vector<fs::path>& inputs) {
     if (!opened_) {
       if (auto ok = open(inputs); !ok) {
         // A file that is still being written is often refused. Then the reported reason is that the
         // file changed.
-        if (auto same = check_unchanged(paths); !same) return same.error();
+        if (auto same = check_unchanged(); !same) return same.error();
         return ok.error();
       }
     }
     failpoint("opened");
     auto product = opened_->mesh();
     failpoint("meshed");
-    if (auto ok = check_unchanged(paths); !ok) return ok.error();
+    if (auto ok = check_unchanged(); !ok) return ok.error();
     if (!product) return product.error();
     opened_.reset();
     warnings_ = std::move(product->warnings);
@@ -210,6 +259,8 @@ class Worker {
   const ScanProgram& program_;
   ScanEntry entry_;
   std::optional<ScanEntry> known_;  // the entry in the index before this run
+  std::vector<NamedFile> paths_;    // of all inputs and of the files that options name
+  bool is_listed_ = false;          // true: the entry has the files of all paths
   json action_, warnings_ = json::array();
   std::unique_ptr<OpenedScan> opened_;
 };
@@ -252,28 +303,24 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
   try {
     done = worker.run();
   } catch (const std::bad_alloc&) {
-    done = refused("not enough memory for this input");
+    done = refused_for_now("not enough memory for this input");
   } catch (const std::exception& failure) {
     done = bug(std::string("internal error: ") + failure.what());
   }
-  ScanEntry& entry = worker.entry();
   Outcome out;
-  out.key = entry.key;
-  out.input_bytes = bytes_read(entry.files);
-  out.warnings = worker.warnings();
-  if (done) {
-    out.kind = *done;
-    if (entry.outputs) out.bytes = entry.outputs->asset.bytes;
-    return out;
-  }
-  if (work.stop != nullptr && work.stop->load()) {
+  if (!done && work.stop != nullptr && work.stop->load()) {
     out.kind = Outcome::Kind::kInterrupted;
-    return out;
+  } else if (!done) {
+    out = worker.fail(done.error());
+  } else {
+    out.kind = *done;
+    out.reason = worker.entry().reason;
+    out.exit_code = worker.entry().exit_code;
+    if (worker.entry().outputs) out.bytes = worker.entry().outputs->asset.bytes;
   }
-  out.reason = entry.reason = done.error().message;
-  out.exit_code = entry.exit_code = static_cast<int>(done.error().code);
-  entry.outputs.reset();
-  out.is_recorded = static_cast<bool>(store.put_entry(entry));
+  out.key = worker.entry().key;
+  out.input_bytes = bytes_read(worker.entry().files);
+  out.warnings = worker.warnings();
   return out;
 }
 

@@ -18,6 +18,7 @@ struct Work {
   WantedScan wanted;
   bool rehash = false;
   bool verify = false;  ///< verify the stored outputs, and make damaged ones again
+  bool retry = false;   ///< try a known failure again, and count it as a failure of this run
   int threads = 1;
   const std::atomic<bool>* stop =
       nullptr;  ///< set by a signal handler; an error is then not counted as a failure
@@ -29,8 +30,9 @@ struct Outcome {
     kMade,   ///< this run computed the outputs
     kFound,  ///< the store already had the outputs under the scan's key
     kFailed,
-    kLeased,       ///< another process is computing the outputs
-    kInterrupted,  ///< a signal ended the batch
+    kKnownFailure,  ///< the scan is the same as in an earlier run, in which it failed
+    kLeased,        ///< another process is computing the outputs
+    kInterrupted,   ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
   std::string key, reason;

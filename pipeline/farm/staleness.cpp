@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/farm/staleness.h"
 
+#include <iterator>
 #include <map>
 #include <set>
 #include <utility>
@@ -73,39 +74,61 @@ void compare_input(const WantedScan& wanted, const ScanEntry& entry, const Compa
                    {"what", "series"},
                    {"old", entry.series},
                    {"new", wanted.scan->series}});
+  // An input that still cannot be listed, for the reason of the recorded failure, is unchanged.
+  const auto add_error = [&](const Error& error) {
+    if (entry.is_done() || entry.reason != error.message)
+      out.push_back({{"cause", "input"}, {"what", error.message}});
+  };
   const auto inputs = inputs_of(*wanted.scan);
-  if (!inputs) return out.push_back({{"cause", "input"}, {"what", inputs.error().message}});
+  if (!inputs) return add_error(inputs.error());
   std::vector<NamedFile> paths;
   for (const auto& path : *inputs)
     paths.push_back({"input", path});
   paths.insert(paths.end(), wanted.parameters->files.begin(), wanted.parameters->files.end());
   const auto now = list_files(paths);
-  if (!now) return out.push_back({{"cause", "input"}, {"what", now.error().message}});
+  if (!now) return add_error(now.error());
   compare_files(entry.files, *now, how, out);
+}
+
+// What differs from the run that wrote the entry.
+std::vector<json> changes_of(const WantedScan& wanted, const ScanProgram& program,
+                             const Store& store, const ScanEntry& entry, const Comparison& how) {
+  std::vector<json> out;
+  if (entry.program != *wanted.program)
+    out.push_back({{"cause", "program"}, {"old", entry.program}, {"new", *wanted.program}});
+  if (wanted.parameters == nullptr) {
+    const auto refused = program.parameters(wanted.scan->parameters);
+    if (refused || entry.is_done() || entry.reason != refused.error().message)
+      out.push_back({{"cause", "input"}, {"what", "a file that a parameter names cannot be read"}});
+    return out;
+  }
+  compare_parameters(entry.parameters, wanted.parameters->canonical, out);
+  compare_input(wanted, entry, how, out);
+  if (entry.is_done() && !store.has(*entry.outputs))
+    out.push_back({{"cause", "store"}, {"what", "asset or report is missing or damaged"}});
+  if (!store.links_fit(entry)) out.push_back({{"cause", "store"}, {"what", "link"}});
+  return out;
 }
 
 }  // namespace
 
-std::vector<json> causes(const WantedScan& wanted, const Store& store, const Comparison& how) {
+ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
+                   const Comparison& how) {
   const auto entry = store.entry(wanted.scan->name);
-  if (!entry) return {{{"cause", "new"}}};
-  std::vector<json> out;
-  if (!entry->is_done()) {
-    out.push_back(
-        {{"cause", "failed"}, {"reason", entry->reason}, {"exit_code", entry->exit_code}});
-    if (entry->signal != 0) out.back()["signal"] = entry->signal;
+  if (!entry) return {ScanState::Kind::kStale, {{{"cause", "new"}}}};
+  std::vector<json> changes = changes_of(wanted, program, store, *entry, how);
+  ScanState out;
+  if (entry->is_done()) {
+    out.kind = changes.empty() ? ScanState::Kind::kDone : ScanState::Kind::kStale;
+    out.asset_bytes = entry->outputs->asset.bytes;
+  } else {
+    out.why = {{{"cause", "failed"}, {"reason", entry->reason}, {"exit_code", entry->exit_code}}};
+    if (entry->signal != 0) out.why[0]["signal"] = entry->signal;
+    if (entry->is_lasting && changes.empty() && !how.retry)
+      out.kind = ScanState::Kind::kKnownFailure;
   }
-  if (entry->program != *wanted.program)
-    out.push_back({{"cause", "program"}, {"old", entry->program}, {"new", *wanted.program}});
-  if (wanted.parameters == nullptr) {
-    out.push_back({{"cause", "input"}, {"what", "a file that a parameter names cannot be read"}});
-    return out;
-  }
-  compare_parameters(entry->parameters, wanted.parameters->canonical, out);
-  compare_input(wanted, *entry, how, out);
-  if (entry->is_done() && !store.has(*entry->outputs))
-    out.push_back({{"cause", "store"}, {"what", "asset or report is missing or damaged"}});
-  if (!store.links_fit(*entry)) out.push_back({{"cause", "store"}, {"what", "link"}});
+  out.why.insert(out.why.end(), std::make_move_iterator(changes.begin()),
+                 std::make_move_iterator(changes.end()));
   return out;
 }
 

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reasons why a scan is stale: changed program, parameters, input or store.
+// The state of a scan: done, known to fail, or stale, and why: changed program, parameters, input
+// or store.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -24,12 +26,27 @@ struct Comparison {
   bool rehash = false;  ///< true: reads all inputs
   /// Reads inputs whose state changed; such an input is then a cause only if its bytes differ.
   bool compare_bytes = false;
+  bool retry = false;  ///< true: a scan that has failed is always stale
 };
 
-/// The causes of staleness as --json shows them (store.md). The list is empty if the scan is done
-/// and unchanged.
-std::vector<nlohmann::json> causes(const WantedScan& wanted, const Store& store,
-                                   const Comparison& how);
+/// What a run has to do about a scan.
+struct ScanState {
+  enum class Kind {
+    kDone,          ///< nothing: the scan is done and unchanged
+    kKnownFailure,  ///< nothing: the scan has failed for a lasting reason, and is unchanged
+    kStale,         ///< make it
+  };
+  Kind kind = Kind::kStale;
+  /// The causes of staleness as --json shows them (store.md); none if the scan is done. A known
+  /// failure has one, the failure.
+  std::vector<nlohmann::json> why;
+  std::uint64_t asset_bytes = 0;  ///< size of the asset, if the scan is done
+};
+
+/// The state of a scan, from the index and the states of its files. Without `how.rehash` and
+/// `how.compare_bytes`, no file of the scan is read.
+ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
+                   const Comparison& how);
 
 /// A cause as a line: "parameter tolerance: 0.2 -> 0.1".
 std::string cause_text(const nlohmann::json& cause);

@@ -118,6 +118,7 @@ json entry_json(const ScanEntry& entry) {
     out["reason"] = entry.reason;
     out["exit_code"] = entry.exit_code;
     if (entry.signal != 0) out["signal"] = entry.signal;
+    if (entry.is_lasting) out["lasting"] = true;
   }
   return out;
 }
@@ -145,6 +146,7 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
       out.reason = value.at("reason").get<std::string>();
       out.exit_code = value.at("exit_code").get<int>();
       out.signal = value.value("signal", 0);
+      out.is_lasting = value.value("lasting", false);
     }
     return out;
   } catch (const json::exception&) {

@@ -46,6 +46,8 @@ struct ScanEntry {
   std::string reason = {};
   int exit_code = 0;
   int signal = 0;  ///< signal that killed the scan's process; 0: none
+  /// True: the same program, parameters and input always fail, so that another try is of no use.
+  bool is_lasting = false;
   bool is_done() const { return outputs.has_value(); }
 };
 nlohmann::json entry_json(const ScanEntry& entry);

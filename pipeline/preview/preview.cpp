@@ -115,7 +115,7 @@ class Maker {
       try {
         done[static_cast<std::size_t>(i)] = work(i);
       } catch (const std::bad_alloc&) {
-        done[static_cast<std::size_t>(i)] = refused("not enough memory for these slices");
+        done[static_cast<std::size_t>(i)] = refused_for_now("not enough memory for these slices");
       }
     });
     if (options_.stop != nullptr && options_.stop->load())

@@ -21,7 +21,7 @@ Result<std::vector<std::uint8_t>> png_of(const Picture& picture) {
     void operator()(spng_ctx* c) const { spng_ctx_free(c); }
   };
   const std::unique_ptr<spng_ctx, Free> png(spng_ctx_new(SPNG_CTX_ENCODER));
-  if (!png) return refused("not enough memory for the preview");
+  if (!png) return refused_for_now("not enough memory for the preview");
   const auto failed = [](int error) {
     return bug(std::string("the preview's PNG: ") + spng_strerror(error));
   };

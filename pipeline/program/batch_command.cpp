@@ -23,6 +23,7 @@
 #include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/garbage.h"
+#include "pipeline/farm/metrics.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/farm/staleness.h"
 #include "pipeline/program/farm_scans.h"
@@ -101,9 +102,9 @@ std::function<void(std::size_t, std::size_t, std::size_t)> progress_bar() {
   };
 }
 
-json failures_json(const farm::BatchSummary& summary) {
+json failures_json(const std::vector<farm::FailedScan>& failed) {
   json out = json::array();
-  for (const auto& [scan, outcome] : summary.failed) {
+  for (const auto& [scan, outcome] : failed) {
     out.push_back({{"scan", scan},
                    {"status", "failed"},
                    {"reason", outcome.reason},
@@ -125,45 +126,65 @@ void print_failures(const farm::BatchSummary& summary) {
   }
 }
 
-json dry_run_json(const std::vector<farm::StaleScan>& stale) {
-  json out = json::array();
-  for (const farm::StaleScan& one : stale)
-    out.push_back({{"scan", one.scan}, {"why", one.why}});
-  return out;
+const char* name_of(farm::ScanState::Kind kind) {
+  using Kind = farm::ScanState::Kind;
+  return kind == Kind::kDone ? "unchanged" : kind == Kind::kStale ? "stale" : "known_failure";
 }
 
 int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
-  const auto stale = batch.dry_run();
-  if (!stale) return fail(stale.error());
-  head["scans"] = batch.scans();
-  head["unchanged"] = batch.scans() - stale->size();
+  using Kind = farm::ScanState::Kind;
+  const auto states = batch.dry_run();
+  if (!states) return fail(states.error());
+  json stale = json::array(), known = json::array();
+  std::uint64_t asset_bytes = 0;
+  for (const auto& [scan, state] : *states) {
+    asset_bytes += state.asset_bytes;
+    if (state.kind == Kind::kStale) stale.push_back({{"scan", scan}, {"why", state.why}});
+    if (state.kind == Kind::kKnownFailure)
+      known.push_back({{"scan", scan},
+                       {"reason", state.why[0]["reason"]},
+                       {"exit_code", state.why[0]["exit_code"]}});
+  }
   if (a.as_json) {
-    head["stale"] = dry_run_json(*stale);
+    head["scans"] = batch.scans();
+    head["unchanged"] = batch.scans() - stale.size() - known.size();
+    head["known"] = known.size();
+    head["asset_bytes"] = asset_bytes;
+    head["stale"] = std::move(stale);
+    head["known_failures"] = std::move(known);
     std::cout << json_text(head, 1) << '\n';
     return 0;
   }
-  for (const farm::StaleScan& one : *stale) {
+  for (const auto& [scan, state] : *states) {
+    if (state.kind == Kind::kDone) continue;
     std::string why;
-    for (const json& cause : one.why)
+    for (const json& cause : state.why)
       why += (why.empty() ? "" : "; ") + farm::cause_text(cause);
-    std::cout << one.scan << ": " << why << '\n';
+    std::cout << scan << (state.kind == Kind::kKnownFailure ? ": known failure: " : ": ") << why
+              << '\n';
   }
-  std::cout << stale->size() << " of " << batch.scans() << " scans are stale\n";
+  std::cout << stale.size() << " of " << batch.scans() << " scans are stale";
+  if (!known.empty()) std::cout << ", " << known.size() << " are known failures";
+  std::cout << '\n';
   return 0;
 }
 
 int explain(const BatchArguments& a, const farm::Batch& batch, json head) {
-  const auto why = batch.explain(a.explain);
-  if (!why) return fail(why.error());
+  using Kind = farm::ScanState::Kind;
+  const auto state = batch.explain(a.explain);
+  if (!state) return fail(state.error());
   if (a.as_json) {
     head["scan"] = a.explain;
-    head["status"] = why->empty() ? "unchanged" : "stale";
-    head["why"] = *why;
+    head["status"] = name_of(state->kind);
+    head["why"] = state->why;
     std::cout << json_text(head, 1) << '\n';
     return 0;
   }
-  std::cout << a.explain << ": " << (why->empty() ? "is done and unchanged\n" : "is stale\n");
-  for (const json& cause : *why)
+  std::cout << a.explain << ": "
+            << (state->kind == Kind::kDone    ? "is done and unchanged\n"
+                : state->kind == Kind::kStale ? "is stale\n"
+                                              : "is a known failure and unchanged\n");
+  for (const json& cause : state->why)
     std::cout << "  " << farm::cause_text(cause) << '\n';
   return 0;
 }
@@ -197,9 +218,18 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
   if (!a.quiet) {
     std::printf("%zu scans: %zu unchanged, %zu made, %zu found in the store, %zu failed", s.scans,
                 s.unchanged, s.made, s.found, s.failed.size());
+    if (!s.known.empty())
+      std::printf(", %zu known failure%s", s.known.size(), s.known.size() == 1 ? "" : "s");
     if (s.left > 0) std::printf(", %zu left", s.left);
     std::printf("; %.1f s\n", s.seconds);
   }
+}
+
+Result<void> write_metrics(const BatchArguments& a, const fs::path& store,
+                           const farm::BatchSummary& summary) {
+  if (a.metrics.empty()) return {};
+  return write_file_atomically(
+      a.metrics, farm::metrics_text(summary, store.string(), std::chrono::system_clock::now()));
 }
 
 int run(const BatchArguments& a, const farm::Collection& collection, const farm::Batch& batch,
@@ -213,9 +243,12 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"made", summary->made},
                {"found", summary->found},
                {"failed", summary->failed.size()},
+               {"known", summary->known.size()},
                {"left", summary->left},
+               {"asset_bytes", summary->asset_bytes},
                {"seconds", summary->seconds},
-               {"failures", failures_json(*summary)}});
+               {"failures", failures_json(summary->failed)},
+               {"known_failures", failures_json(summary->known)}});
   std::optional<Error> wrong;
   if (summary->has_unrecorded)
     wrong = unwritable(a.store.string() + ": some failures could not be recorded");
@@ -230,9 +263,15 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
       head["gc"] = std::move(*cleaned);
     }
   }
+  if (auto ok = write_metrics(a, store, *summary); !ok) wrong = ok.error();
   if (a.as_json) std::cout << json_text(head, 1) << '\n';
   if (wrong) return fail(*wrong);
-  return summary->failed.empty() ? 0 : static_cast<int>(ExitCode::kRefused);
+  if (a.max_failures > 0 && summary->failed.size() >= a.max_failures && summary->left > 0)
+    return fail(refused("stopped after " + std::to_string(summary->failed.size()) +
+                        " failures (--max-failures " + std::to_string(a.max_failures) + "); " +
+                        std::to_string(summary->left) + " scans are left for the next run"));
+  const bool has_failed = !summary->failed.empty() || (a.strict && !summary->known.empty());
+  return has_failed ? static_cast<int>(ExitCode::kRefused) : 0;
 }
 
 Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path& store) {
@@ -241,6 +280,8 @@ Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path&
   out.jobs = a.jobs > 0 ? a.jobs : cores();
   out.rehash = a.rehash;
   out.verify = a.verify;
+  out.retry = a.retry;
+  out.max_failures = a.max_failures;
   out.stop = &stop_requested;
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) out.progress = progress_bar();
   if (!a.shard.empty()) {
@@ -261,6 +302,8 @@ Result<void> check(const BatchArguments& a) {
   if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
   if (a.gc && (a.dry_run || !a.explain.empty()))
     return usage("--gc changes the store; --dry-run and --explain do not");
+  if (!a.metrics.empty() && (a.dry_run || !a.explain.empty()))
+    return usage("--metrics states the numbers of a run; --dry-run and --explain are none");
   return {};
 }
 
@@ -280,6 +323,13 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_flag("--dry-run", a.dry_run, "print which scans are stale, and why; write nothing");
   app.add_option("--explain", a.explain,
                  "print whether this scan is stale, and why; write nothing");
+  app.add_flag("--retry", a.retry,
+               "try scans again that failed before, although nothing of them has changed");
+  app.add_option("--max-failures", a.max_failures,
+                 "start no further scan after N failures that are not known; 0: no limit")
+      ->capture_default_str()
+      ->check(option_range(0, 1000000));
+  app.add_flag("--strict", a.strict, "exit code 3 also if all failures are known");
   app.add_flag("--rehash", a.rehash,
                "read all inputs, also those with unchanged size, time and inode");
   app.add_flag("--verify", a.verify,
@@ -290,13 +340,17 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
       ->capture_default_str()
       ->check(option_range(0.0, 1e6));
   app.add_flag("--json", a.as_json, "print the summary as JSON");
+  app.add_option("--metrics", a.metrics,
+                 "write the numbers of the run to this file, in the text format of Prometheus");
   app.add_flag("--quiet", a.quiet, "print errors only");
 }
 
-int run_batch(const BatchArguments& a) {
-  if (auto ok = check(a); !ok) return fail(ok.error());
+int run_batch(const BatchArguments& given) {
+  if (auto ok = check(given); !ok) return fail(ok.error());
   std::error_code error;
-  const fs::path store = fs::absolute(a.store, error);
+  const fs::path store = fs::absolute(given.store, error);
+  BatchArguments a = given;
+  if (!a.metrics.empty()) a.metrics = fs::absolute(a.metrics, error);
   const auto settings = settings_of(a, store);
   if (!settings) return fail(settings.error());
   const auto collection = farm::read_collection(a.collection);

@@ -10,19 +10,20 @@
 namespace trocar::pipeline {
 
 struct BatchArguments {
-  std::filesystem::path collection, store, only;
+  std::filesystem::path collection, store, only, metrics;
   std::string shard, explain;
   int jobs = 0;
+  std::size_t max_failures = 0;
   double grace_minutes = 60;
   bool dry_run = false, as_json = false, rehash = false, verify = false, gc = false, prune = false,
-       quiet = false;
+       retry = false, strict = false, quiet = false;
 };
 
 /// Declares the options; `a` must outlive the app.
 void add_batch_options(CLI::App& app, BatchArguments& a);
 
 /// Runs the batch and returns the exit code: 0; 2 for wrong options or a wrong collection; 3 if a
-/// scan failed; 4 if the store could not be written or a signal interrupted the run.
+/// scan failed that is no known failure, or is one with --strict; 4 if the store could not be written or a signal interrupted the run.
 int run_batch(const BatchArguments& a);
 
 }  // namespace trocar::pipeline

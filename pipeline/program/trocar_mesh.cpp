@@ -177,7 +177,7 @@ int run(int argc, char** argv) {
   try {
     return line.run();
   } catch (const std::bad_alloc&) {
-    return fail(refused("not enough memory for this input"));
+    return fail(refused_for_now("not enough memory for this input"));
   }
 }
 

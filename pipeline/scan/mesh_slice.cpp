@@ -174,9 +174,7 @@ double MeshedSlice::area_mm2() const {
 
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
   const SlicePlane& plane = stack.plane(slice);
-  const auto fail = [&](const Error& e) {
-    return Error{e.code, stack.name(slice) + ": " + e.message};
-  };
+  const auto fail = [&](const Error& e) { return e.after(stack.name(slice) + ": "); };
   if (auto ok = check_lattice(stack, slice, options.lattice); !ok) return ok.error();
 
   MeshedSlice out;

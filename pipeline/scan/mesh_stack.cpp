@@ -97,7 +97,7 @@ Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<Dr
   auto meshed = mesh_slice(stack, index, options.mesh);
   if (!meshed) return meshed.error();
   Stopwatch watch;
-  if (!grid) return Error{grid.error().code, stack.name(index) + ": " + grid.error().message};
+  if (!grid) return grid.error().after(stack.name(index) + ": ");
   const SlicePlane& plane = stack.plane(index);
   FinishedSlice out;
   if (options.dump_slice == index)
@@ -197,7 +197,7 @@ Result<Finished> digest_and_mesh(Run& run, const Result<DracoGrid>& grid) {
     try {
       out.slices[k] = mesh_and_encode(run, index, grid);
     } catch (const std::bad_alloc&) {
-      out.slices[k] = refused(run.stack.name(index) + ": not enough memory");
+      out.slices[k] = refused_for_now(run.stack.name(index) + ": not enough memory");
     }
     if (run.options.progress) {
       const std::lock_guard lock(mutex);

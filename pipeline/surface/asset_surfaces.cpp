@@ -64,7 +64,7 @@ Result<json> add_surface(const SliceStack& stack, int first, int last,
   }
   const double read_ms = watch.lap_ms();
   auto made = make_display_surface(*volume, wanted);
-  if (!made) return Error{made.error().code, input_name(stack) + ": " + made.error().message};
+  if (!made) return made.error().after(input_name(stack) + ": ");
   warn_of_surface(*made, wanted, warnings);
   out.update({{"triangles", made->surface.triangles.size()},
               {"vertices", made->surface.vertices.size()},

@@ -50,16 +50,19 @@ def schema_of(name):
 def batch(collection, store, *options, expect=0, program=MESH, **keys):
     """The summary."""
     done = run(program, "batch", collection, "-o", store, "--json", *options, expect=expect, **keys)
-    return json.loads(done.stdout) if done.stdout else {}
+    summary = json.loads(done.stdout) if done.stdout else {}
+    if "made" in summary:
+        check(sum(counts(summary)) + summary["left"] == summary["scans"], f"a scan is in no class, or in two: {summary}")
+    return summary
 
 
 def counts(summary):
-    return tuple(summary[key] for key in ("unchanged", "made", "found", "failed"))
+    return tuple(summary[key] for key in ("unchanged", "made", "found", "failed", "known"))
 
 
-def expect_counts(summary, unchanged, made, found, failed, what):
-    check(counts(summary) == (unchanged, made, found, failed),
-          f"{what}: unchanged, made, found, failed {counts(summary)}, not {(unchanged, made, found, failed)}")
+def expect_counts(summary, unchanged, made, found, failed, what, known=0):
+    wanted = (unchanged, made, found, failed, known)
+    check(counts(summary) == wanted, f"{what}: unchanged, made, found, failed, known {counts(summary)}, not {wanted}")
 
 
 def expect_equal(store, reference, what):
@@ -89,6 +92,32 @@ def change_scan(file, name, change):
     value = json.loads(file.read_text())
     change(next(scan for scan in value["scans"] if scan["name"] == name))
     file.write_text(json.dumps(value))
+
+
+def check_known_failures(collection, store, codes):
+    """What a run, a dry run and --explain say of a store in which the scans `codes` have failed; --strict, --retry, --max-failures."""
+    done = run(MESH, "batch", collection, "-o", store)
+    check("10 known failures" in done.stdout and not done.stderr, f"known failures: {done.stdout} {done.stderr}")
+    summary = batch(collection, store, "--strict", expect=3)
+    check({one["scan"]: one["exit_code"] for one in summary["known_failures"]} == codes and not summary["failures"], f"--strict: {summary}")
+    dry = batch(collection, store, "--dry-run")
+    check(not dry["stale"] and {one["scan"]: one["exit_code"] for one in dry["known_failures"]} == codes, f"--dry-run: {dry}")
+    status = json.loads(run(MESH, "batch", collection, "-o", store, "--json", "--explain", "bad_text").stdout)["status"]
+    check(status == "known_failure", f"--explain: {status}")
+    check(len(batch(collection, store, "--dry-run", "--retry")["stale"]) == 10, "--dry-run --retry")
+    metrics = WORK / "metrics.prom"
+    expect_counts(batch(collection, store, "--retry", "--metrics", metrics, expect=3), 190, 0, 0, 10, "--retry")
+    assets = sum(file.stat().st_size for file in (store / "assets").iterdir())
+    lines = metrics.read_text().splitlines()
+    for wanted in (f'trocar_batch_scans{{store="{store}",class="failed"}} 10', f'trocar_batch_asset_bytes{{store="{store}"}} {assets}'):
+        check(wanted in lines, f"--metrics: no line {wanted}: {lines}")
+    age_s = time.time() - float(lines[-1].split()[1])
+    check(0 <= age_s < 60, f"--metrics: the age of the run is {age_s} s")
+    done = run(MESH, "batch", collection, "-o", WORK / "few", "--only", "-", "--jobs", "1", "--max-failures", "3", "--json", expect=3, input="\n".join(codes))
+    few = json.loads(done.stdout)
+    check((few["failed"], few["left"]) == (3, 7) and "stopped after 3 failures" in done.stderr, f"--max-failures: {few} {done.stderr}")
+    done = run(MESH, "batch", collection, "-o", store, "--metrics", WORK / "no" / "such", expect=4)
+    check(done.stderr.count("\n") == 1, f"--metrics: {done.stderr}")
 
 
 def part_results():
@@ -140,12 +169,13 @@ def part_results():
 
     # A second run, and another store by other processes.
     before = {path: (store / path).lstat().st_mtime_ns for path in reference}
-    expect_counts(batch(collection, store, expect=3), 190, 0, 0, 10, "second run")
-    check(all((store / path).lstat().st_mtime_ns == time_ns for path, time_ns in before.items()
-              if not pathlib.Path(path).name.startswith("bad_")), "a second run wrote something")
+    expect_counts(batch(collection, store), 190, 0, 0, 0, "second run", known=10)
+    check(all((store / path).lstat().st_mtime_ns == time_ns for path, time_ns in before.items()), "a second run wrote something")
     expect_equal(store, reference, "second run")
-    expect_counts(batch(collection, store, "--rehash", expect=3), 190, 0, 0, 10, "--rehash")
-    expect_counts(batch(collection, store, "--verify", expect=3), 190, 0, 0, 10, "--verify")
+    expect_counts(batch(collection, store, "--rehash"), 190, 0, 0, 0, "--rehash", known=10)
+    expect_counts(batch(collection, store, "--verify"), 190, 0, 0, 0, "--verify", known=10)
+    check_known_failures(collection, store, codes)
+    expect_equal(store, reference, "known failures")
     for shard in range(3):
         batch(collection, WORK / "shards", "--shard", f"{shard}/3", "--jobs", shard + 1, expect=3)
     expect_equal(WORK / "shards", reference, "three shards")
@@ -155,19 +185,19 @@ def part_results():
 
     # A default that is said, a scan, a parameter, the program.
     change_scan(collection, "crop_0", lambda scan: scan["parameters"].update({"tolerance": 0.2, "contour": "subpixel"}))
-    expect_counts(batch(collection, store, expect=3), 190, 0, 0, 10, "a default that is said")
+    expect_counts(batch(collection, store), 190, 0, 0, 0, "a default that is said", known=10)
     change_scan(collection, "crop_1", lambda scan: scan["parameters"].update({"tolerance": 0.15}))
     check(explain(collection, store, "crop_1") == [{"cause": "parameter", "name": "tolerance", "old": 0.2, "new": 0.15}],
           f"--explain of a parameter: {explain(collection, store, 'crop_1')}")
-    expect_counts(batch(collection, store, expect=3), 189, 1, 0, 10, "a parameter")
-    expect_counts(batch(collection, store, expect=3), 190, 0, 0, 10, "after a parameter")
+    expect_counts(batch(collection, store), 189, 1, 0, 0, "a parameter", known=10)
+    expect_counts(batch(collection, store), 190, 0, 0, 0, "after a parameter", known=10)
     change_scan(collection, "crop_1", lambda scan: scan["parameters"].pop("tolerance"))
-    expect_counts(batch(collection, store, expect=3), 189, 0, 1, 10, "a parameter as it was: found")
+    expect_counts(batch(collection, store), 189, 0, 1, 0, "a parameter as it was: found", known=10)
 
     labels = folder / "labels.nii.gz"
     copy = labels.read_bytes()
     os.utime(labels)
-    expect_counts(batch(collection, store, expect=3), 170, 0, 20, 10, "a file that was touched: read, and found")
+    expect_counts(batch(collection, store), 170, 0, 20, 0, "a file that was touched: read, and found", known=10)
     label_map(labels, folder / "phantom/sample.nii.gz", slice(None))
     value = json.loads(collection.read_text())
     of_labels = [s["name"] for s in value["scans"] if s["input"] == "labels.nii.gz"]
@@ -177,7 +207,7 @@ def part_results():
     labels.unlink()
     label_map(labels, folder / "phantom/sample.nii.gz", slice(None))
     changed = labels.read_bytes() != copy
-    result = batch(collection, store, expect=3)
+    result = batch(collection, store)
     check(result["unchanged"] == 170 and result["made"] + result["found"] == 20 and (result["made"] > 0) == changed, f"labels: {counts(result)}")
 
     program = WORK / "other-trocar-mesh"
@@ -185,16 +215,16 @@ def part_results():
     program.chmod(0o755)
     why = explain(collection, store, "crop_0", program=program)
     check([w["cause"] for w in why] == ["program"] and len(why[0]["new"]) == SHA256_DIGITS, f"--explain of the program: {why}")
-    again = batch(collection, store, expect=3, program=program)
+    again = batch(collection, store, expect=3, program=program)  # the failures of another program are not known
     check(again["unchanged"] == 0 and again["made"] > 0 and again["failed"] == 10, f"the program: {counts(again)}")
-    expect_counts(batch(collection, store, expect=3, program=program), 190, 0, 0, 10, "second run of the other program")
+    expect_counts(batch(collection, store, program=program), 190, 0, 0, 0, "second run of the other program", known=10)
     check([w["cause"] for w in explain(collection, store, "bad_text", program=program)] == ["failed"], "--explain of a failure")
     check(run(MESH, "batch", collection, "-o", store, "--explain", "crop_0", "--quiet").stdout.count("program:") == 1, "--explain as text")
 
     # Another file in the folder of a series: opened again, and found.
     shutil.copy(folder / "phantom/sample.json", folder / "phantom/dicom/notes.json")
-    result = batch(collection, store, expect=3, program=program)
-    expect_counts(result, 170, 0, 20, 10, "another file beside a series")
+    result = batch(collection, store, program=program)
+    expect_counts(result, 170, 0, 20, 0, "another file beside a series", known=10)
 
     # A first collection.
     listed = run(MESH, "list", "scans/phantom", "--manifest", cwd=WORK).stdout

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""farm_test.py SOURCE PROGRAMS SCAN WORK [--scans N] [--kills N] [--seed N] [PART...]: scripts/farm on a real slurmctld with three slurmd,
+"""farm_test.py SOURCE PROGRAMS SCAN WORK [--scans N] [--bad N] [--kills N] [--seed N] [PART...]: scripts/farm on a real slurmctld with three slurmd,
 which it starts itself. Skipped without Slurm (scripts/setup farm).
 
 The parts: same (the store of a local run, byte by byte; a second run does nothing), kills (kill -9 of daemons, workers and tasks at
-random moments), foreign (a cluster that is not its own is not repaired), stops (interrupted or killed, it leaves no process), wrong."""
+random moments), foreign (a cluster that is not its own is not repaired), stops (interrupted or killed, it leaves no process), wrong; and only if it is named: plan (the time that --plan predicts for clusters
+of 1, 3 and 6 nodes here, beside the measured one)."""
 import argparse
 import json
 import os
@@ -111,10 +112,25 @@ class Farm:
         return self.process.returncode, out, errors
 
 
-def farm(store, *options, expect):
+def farm(store, *options, expect=3, nodes=NODES):
     """The summary of a finished run on a cluster of its own."""
-    done = run(FARM, COLLECTION, "-o", store, "--local-cluster", NODES, "--program", MESH, "--json", *options, expect=expect, timeout=RUN_MAX_S)
-    return json.loads(done.stdout)
+    done = run(FARM, COLLECTION, "-o", store, "--local-cluster", nodes, "--program", MESH, "--json", *options, expect=expect, timeout=RUN_MAX_S)
+    numbers = json.loads(done.stdout)
+    check_classes(numbers, f"farm {store.name}")
+    return numbers
+
+
+def check_classes(numbers, what):
+    of_classes = [numbers["unchanged"], numbers["done"], *(len(numbers[name]) for name in ("failed", "known_failures", "not_finished"))]
+    check(sum(of_classes) == numbers["scans"], f"{what}: {of_classes} of {numbers['scans']} scans")
+
+
+def check_known(store, what):
+    """A second run knows all failures, tries none of them again, and ends well."""
+    again = farm(store, expect=0)
+    check(sorted(row["scan"] for row in again["known_failures"]) == BROKEN, f"{what}: known failures {again['known_failures'][:3]}")
+    check(again["unchanged"] == SCANS - len(BROKEN) and not again["stale_at_start"], f"{what}: a second run found {again['stale_at_start']} stale")
+    return again
 
 
 def check_same(store, what):
@@ -134,9 +150,16 @@ def same():
     check(sum(one["chunks"] for one in first["rounds"]) > 2 * NODES, f"same: only the chunks {first['rounds']}")
     check_same(store, "same")
     before = content_of(store)
-    again = farm(store, expect=3)  # failed scans are tried again, nothing else
-    check(again["stale_at_start"] == len(BROKEN) and again["done"] == 0, f"same: a second run made {again['done']} of {again['stale_at_start']}")
+    check_known(store, "same")
+    said = run(FARM, COLLECTION, "-o", store, "--local-cluster", NODES, "--program", MESH, "--strict", expect=3).stdout
+    check(f"{len(BROKEN)} known failures" in said, f"same: --strict says {said}")
+    retried = farm(store, "--retry", "--metrics", WORK / "farm.prom")
+    check(sorted(row["scan"] for row in retried["failed"]) == BROKEN and not retried["done"], f"same: --retry: {retried['failed']}")
+    check(f'trocar_batch_scans{{store="{store}",class="failed"}} {len(BROKEN)}' in (WORK / "farm.prom").read_text(), "same: --metrics")
     check(content_of(store) == before, "same: a second run changed the store")
+    few = farm(WORK / "few", "--max-failures", 1, "--chunk", 1)
+    check(0 < len(few["failed"]) < len(BROKEN) and few["not_finished"], f"same: --max-failures: {len(few['failed'])} failed")
+    check(all("--max-failures" in row["reason"] for row in few["not_finished"]), f"same: --max-failures: {few['not_finished'][:2]}")
     check(not made_again(store), "same: a finished key was computed again")
 
 
@@ -170,8 +193,13 @@ def kills():
         numbers_of = json.loads(out) if out.startswith("{") else {"not_finished": [out]}
         check(not numbers_of["not_finished"], f"kills, run {run_number}: not finished: {numbers_of['not_finished'][:3]}")
         if code == 4 or numbers_of["not_finished"]:
-            farm(store, expect=3)  # a rerun finishes
+            farm(store, expect=None)  # a rerun finishes
+        else:
+            check_classes(numbers_of, f"kills, run {run_number}")
+            failed = sorted(row["scan"] for row in numbers_of["failed"])
+            check(failed == BROKEN and numbers_of["done"] == SCANS - len(BROKEN), f"kills, run {run_number}: {numbers_of['done']} done, failed {failed[:5]}")
         check_same(store, f"kills, run {run_number}")
+        check_known(store, f"kills, run {run_number}")
         check(not made_again(store), f"kills, run {run_number}: finished keys were computed again: {made_again(store)[:3]}")
         print(f"run {run_number}: {killed} kills so far, {numbers_of.get('seconds')} s, {numbers_of.get('resubmitted')} chunks submitted again, "
               f"{numbers_of.get('repairs')} repairs", flush=True)
@@ -204,7 +232,7 @@ def stops():
             check(not one.left(), f"stops: after signal {sign} still running: {one.left(0)}")
             check(wait_for(f"stops: {cluster} removed", lambda cluster=cluster: not os.path.exists(cluster), 10), "stops: the cluster's folder stays")
         if sign == signal.SIGKILL:
-            farm(store, expect=3)
+            farm(store, expect=None)
             check_same(store, "stops: rerun")
 
 
@@ -232,6 +260,16 @@ def foreign():
     check_same(store, "foreign")
 
 
+def plans():
+    for nodes in (1, 3, 6):
+        planned = json.loads(run(FARM, "--plan", COLLECTION, "--local-cluster", nodes, "--program", MESH, "--json", timeout=RUN_MAX_S).stdout)["plans"][0]
+        measured = farm(WORK / f"plan{nodes}", nodes=nodes)
+        ratio = measured["seconds"] / planned["seconds"]
+        print(f"plan: {SCANS} scans on {nodes} nodes: planned {planned['seconds']:.1f} s, measured {measured['seconds']:.1f} s, ratio {ratio:.2f}; "
+              f"at most {planned['useful_slots']} slots are of use, because of {planned['limits'][0]['what']}", flush=True)
+        check(1 / 1.5 <= ratio <= 1.5, f"plan: on {nodes} nodes the run took {ratio:.2f} of the planned time")
+
+
 def wrong():
     for words, said in ((["x.json"], "-o STORE"), (["--local-cluster", "0"], "1 to"), (["--plan", "x.json"], "--nodes"), ([], "COLLECTION.json"),
                         ([WORK / "no.json", "-o", WORK / "no", "--program", MESH], "no.json"), (["x.json", "-o", "y", "--program", "/no/where"], "/no/where")):
@@ -250,12 +288,12 @@ def main():
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
     global COLLECTION, BROKEN  # pylint: disable=global-statement
-    COLLECTION, BROKEN = make_collection(WORK / "collection", GIVEN.scan.resolve(), SCANS, max(3, SCANS // 20))
+    COLLECTION, BROKEN = make_collection(WORK / "collection", GIVEN.scan.resolve(), SCANS, GIVEN.bad or max(3, SCANS // 20))
     time.sleep(3)  # an input younger than its index entry by less than 2 s is read again
     run(MESH, "batch", COLLECTION, "-o", LOCAL, "--quiet", expect=3)
     for part in GIVEN.parts or PARTS:
         start = time.monotonic()
-        globals()[part]()
+        {"wrong": wrong, "same": same, "stops": stops, "foreign": foreign, "kills": kills, "plan": plans}[part]()
         print(f"{part}: {time.monotonic() - start:.1f} s", flush=True)
     return outcome()
 
@@ -265,9 +303,10 @@ if __name__ == "__main__":
     for name in ("source", "programs", "scan", "work"):
         parser.add_argument(name, type=pathlib.Path)
     parser.add_argument("--scans", type=int, default=80)
+    parser.add_argument("--bad", type=int, help="number of scans that cannot be meshed")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("parts", nargs="*", choices=[*PARTS, []])
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, "plan", []])
     GIVEN = parser.parse_args()
     WORK, MESH, SCANS = GIVEN.work.resolve(), GIVEN.programs.resolve() / "trocar-mesh", GIVEN.scans
     FARM, LOCAL = GIVEN.source.resolve() / "scripts" / "farm", WORK / "local"

@@ -88,7 +88,7 @@ Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string
     void operator()(spng_ctx* c) const { spng_ctx_free(c); }
   };
   const std::unique_ptr<spng_ctx, Free> png(spng_ctx_new(0));
-  if (!png) return refused(name + ": not enough memory");
+  if (!png) return refused_for_now(name + ": not enough memory");
   const auto broken = [&name](int error) {
     return refused(name + ": broken PNG (" + spng_strerror(error) + ")");
   };
@@ -146,7 +146,7 @@ Result<Image> read_jpeg(const std::vector<std::uint8_t>& bytes, const std::strin
     void operator()(void* handle) const { tjDestroy(handle); }
   };
   const std::unique_ptr<void, Destroy> jpeg(tjInitDecompress());
-  if (!jpeg) return refused(name + ": not enough memory");
+  if (!jpeg) return refused_for_now(name + ": not enough memory");
   const auto broken = [&] {
     std::string why = tjGetErrorStr2(jpeg.get());
     for (char& c : why)
@@ -201,7 +201,7 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   const auto silent = [](TIFF*, void*, const char*, const char*, va_list) { return 1; };
   std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)> options(TIFFOpenOptionsAlloc(),
                                                                        TIFFOpenOptionsFree);
-  if (!options) return refused(name + ": not enough memory");
+  if (!options) return refused_for_now(name + ": not enough memory");
   TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), tmsize_t{1} << 29);
   TIFFOpenOptionsSetErrorHandlerExtR(options.get(), silent, nullptr);
   TIFFOpenOptionsSetWarningHandlerExtR(options.get(), silent, nullptr);
@@ -289,7 +289,7 @@ Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) 
   } catch (const cv::Exception& e) {
     return refused(name + ": " + e.err);
   } catch (const std::bad_alloc&) {
-    return refused(name + ": not enough memory to decode it");
+    return refused_for_now(name + ": not enough memory to decode it");
   }
 }
 

@@ -76,7 +76,7 @@ Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int w
   const std::unique_ptr<opj_codec_t, Deleter> codec(opj_create_decompress(OPJ_CODEC_J2K));
   Memory memory{codestream};
   const std::unique_ptr<opj_stream_t, StreamDeleter> stream(opj_stream_create(1 << 16, OPJ_TRUE));
-  if (!codec || !stream) return refused(name + ": not enough memory to decode JPEG 2000");
+  if (!codec || !stream) return refused_for_now(name + ": not enough memory to decode JPEG 2000");
   opj_stream_set_user_data(stream.get(), &memory, nullptr);
   opj_stream_set_user_data_length(stream.get(), codestream.size());
   opj_stream_set_read_function(stream.get(), read_bytes);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures the constants of a plan: on a sample of the collection's scans or from a store's journal, and on this machine's file system,
 program and Slurm. Each constant names its source."""
+import concurrent.futures
 import dataclasses
 import json
 import os
@@ -15,7 +16,10 @@ from cluster import PROGRAMS, LocalCluster
 from errors import BUG, GET_SLURM, REFUSED, USAGE, FarmError
 
 SAMPLE = 8  # scans
-ATOMIC_FILES = 40
+ATOMIC_FILES = 40  # of each writer
+WRITERS = (1, 4, 16)
+READERS = (1, 4)
+READ_MAX_S = 5  # for each number of readers
 COPIES = 200  # copies of a scan, to time the check of each
 ENTRIES = 20000  # entries of a collection, to time its reading
 TASKS, NODES = 24, 2
@@ -109,32 +113,17 @@ class Measurement:
     # --- the file system ---
 
     def of_files(self):
+        """The file system's rates. More writers than one share its syncs, so that the rate of one says nothing about that of many."""
         self.say("reading and writing files")
         files = [file for file in self.inputs() if file.stat().st_size > 0][:200]
-        size, start = 0, time.monotonic()
-        for file in files:
-            with open(file, "rb", buffering=0) as stream:
-                os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-                while block := stream.read(1 << 20):
-                    size += len(block)
-            if time.monotonic() - start > 5:
-                break
-        spent = time.monotonic() - start
-        if size:
-            self.keep("read_bytes_per_s", "reading inputs", size / spent, "bytes/s", f"{size / 1e6:.1f} MB of them, not from memory, one reader")
-        folder, start = self.scratch / "atomic", time.monotonic()
-        folder.mkdir()
-        handle = os.open(folder, os.O_RDONLY)
-        for k in range(ATOMIC_FILES):
-            with open(folder / "new", "wb") as stream:
-                stream.write(b"x" * 20000)
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.rename(folder / "new", folder / str(k))
-            os.fsync(handle)
-        os.close(handle)
-        self.keep("whole_file_s", "an atomic file (create, sync, rename, sync)", (time.monotonic() - start) / ATOMIC_FILES, "s",
-                  f"{ATOMIC_FILES} files of 20 kB in {self.scratch.parent}, one writer")
+        for readers in READERS if files else ():
+            read, spent = in_parallel(readers, lambda k, n=readers: read_files(files[k::n]))
+            self.keep(f"read_bytes_per_s.{readers}", f"reading inputs, {count_of(readers, 'reader')}", read / spent, "bytes/s",
+                      f"{read / 1e6:.1f} MB of them, not from memory, by threads of this machine")
+        for writers in WRITERS:
+            written, spent = in_parallel(writers, lambda k, n=writers: write_files(self.scratch / f"atomic{n}.{k}"))
+            self.keep(f"files_per_s.{writers}", f"atomic files (create, sync, rename, sync), {count_of(writers, 'writer')}", written / spent, "files/s",
+                      f"{written} files of 20 kB in {self.scratch.parent}, by threads of this machine")
 
     def inputs(self):
         """The files that the collection names, or that lie in folders that it names."""
@@ -189,7 +178,9 @@ class Measurement:
             self.keep("controller_s", "slurmctld, of a task", 0.01, "s", f"assumed; Slurm is not installed here ({GET_SLURM})")
             return
         self.say("dispatching empty tasks on a separate cluster")
+        start = time.monotonic()
         with LocalCluster(NODES) as cluster:
+            self.keep("cluster_s", "start of a local cluster", time.monotonic() - start, "s", f"{NODES} nodes here, now")
             controller = int((cluster.folder / "run" / "slurmctld.pid").read_text())
             before, start = processor_s(controller), time.monotonic()
             slurm.submit("#!/bin/sh\nexit 0\n", "--job-name=trocar-plan", f"--array=0-{TASKS - 1}", "--output=/dev/null")
@@ -201,6 +192,45 @@ class Measurement:
         source = f"{TASKS} empty tasks on a cluster of {NODES} nodes here, now"
         self.keep("dispatch_s", "dispatch of a task", spent * NODES / TASKS, "s", source)
         self.keep("controller_s", "slurmctld, of a task", max(used / TASKS, 1e-4), "s", source)
+
+
+def count_of(count, what):
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def in_parallel(count, work):
+    """Calls work(k) for k from 0 to count - 1 in a thread each. Returns the sum of the results, and the seconds that all took."""
+    start = time.monotonic()
+    with concurrent.futures.ThreadPoolExecutor(count) as pool:
+        return sum(pool.map(work, range(count))), time.monotonic() - start
+
+
+def read_files(files):
+    """Reads files that are not in memory, and returns the number of bytes."""
+    size, start = 0, time.monotonic()
+    for file in files:
+        with open(file, "rb", buffering=0) as stream:
+            os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+            while block := stream.read(1 << 20):
+                size += len(block)
+        if time.monotonic() - start > READ_MAX_S:
+            break
+    return size
+
+
+def write_files(folder):
+    """Writes files as the store does, each complete or not at all, and returns their number."""
+    folder.mkdir()
+    handle = os.open(folder, os.O_RDONLY)
+    for k in range(ATOMIC_FILES):
+        with open(folder / "new", "wb") as stream:
+            stream.write(b"x" * 20000)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.rename(folder / "new", folder / str(k))
+        os.fsync(handle)
+    os.close(handle)
+    return ATOMIC_FILES
 
 
 def processor_s(pid):

@@ -5,8 +5,6 @@ import dataclasses
 import json
 import pathlib
 
-from errors import REFUSED, USAGE
-
 LINE_MAX = 1 << 16
 
 
@@ -17,13 +15,7 @@ class Entry:
     seconds: float
     bytes: int
     input_bytes: int
-    exit_code: int
     reason: str
-
-    @property
-    def is_refused(self):
-        """Whether the scan itself is wrong, so that another try would end the same way. A killed process or a write error is no refusal."""
-        return self.outcome == "failed" and self.exit_code in (USAGE, REFUSED)
 
 
 def entry_of(line):
@@ -40,8 +32,7 @@ def entry_of(line):
         value = row.get(name)
         return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else 0
 
-    return Entry(scan, outcome, seconds, number("bytes"), number("input_bytes"),
-                 number("exit_code"), str(row.get("reason") or ""))
+    return Entry(scan, outcome, seconds, number("bytes"), number("input_bytes"), str(row.get("reason") or ""))
 
 
 class Journal:

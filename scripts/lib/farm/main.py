@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 
+import metrics
 import plan
 import program
 import run
@@ -56,7 +57,8 @@ examples:
   {NAME} --local-cluster 3                         only the cluster, until Ctrl-C
   {NAME} --plan scans.json --nodes 20 --scans 1e6  how long, how many bytes, what saturates first
 COLLECTION, STORE and the program must have the same paths on every node. STORE.farm beside the store holds a run's state.
-exit codes: 0 done; 2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the cluster
+exit codes: 0 done, but for scans that failed in an earlier run and have not changed since (known failures);
+2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the cluster
 did not answer: run it again; 1 a bug.""")
     parser.add_argument("collection", nargs="?", metavar="COLLECTION.json", help="as for trocar-mesh batch")
     parser.add_argument("-o", dest="store", metavar="STORE", help="the store's folder")
@@ -72,7 +74,11 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word: --sbatch='--account=x --qos=y'")
     parser.add_argument("--patience", type=number(float, 1, 1e6), default=600, metavar="S",
                         help="how long to wait for a cluster that does not answer, seconds (600)")
-    parser.add_argument("--plan", metavar="COLLECTION.json", help="measure, and say what the collection takes on --nodes nodes; with -o, from that store's journal")
+    parser.add_argument("--retry", action="store_true", help="try known failures again")
+    parser.add_argument("--strict", action="store_true", help="exit code 3 also if there are only known failures")
+    parser.add_argument("--max-failures", type=number(int, 1, 10**9), default=0, metavar="N", help="end the run after N new failures (no limit)")
+    parser.add_argument("--metrics", metavar="FILE", help="write the numbers of the run to this file, in the text format of Prometheus")
+    parser.add_argument("--plan", metavar="COLLECTION.json", help="measure, and say what the collection takes on --nodes nodes or on --local-cluster; with -o, from that store's journal")
     parser.add_argument("--nodes", type=number(int, 1, 100000), metavar="N", help="for --plan")
     parser.add_argument("--slots", type=number(int, 1, 1024), default=1, metavar="N", help="for --plan: tasks at once on a node (1)")
     parser.add_argument("--scans", type=numbers(lambda text: int(float(text)), 1, 10**9), default=[], metavar="M[,M]",
@@ -80,8 +86,8 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("--json", action="store_true", help="the summary, or the plan, as JSON")
     given = parser.parse_args(words)
     if given.plan:
-        if given.collection or not given.nodes:
-            raise FarmError(USAGE, "--plan COLLECTION.json wants --nodes N and no other collection")
+        if given.collection or bool(given.nodes) == bool(given.local):
+            raise FarmError(USAGE, "--plan COLLECTION.json wants --nodes N or --local-cluster N, and no other collection")
     elif bool(given.collection) != bool(given.store):
         raise FarmError(USAGE, "a run wants COLLECTION.json and -o STORE")
     elif not given.collection and not given.local:
@@ -93,10 +99,13 @@ def farm(given):
     own = LocalCluster(given.local) if given.local else None
     tool = program.Program(program.find(given.program, ROOT), os.path.abspath(given.collection), os.path.abspath(given.store))
     options = watch.Options(given.partition, given.throttle, given.jobs, OWN_POLL_S if own else POLL_S, given.patience,
-                            [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)])
-    numbers = run.Run(tool, options, own, given.chunk, given.limit, say).all()
+                            [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)],
+                            [*(["--retry"] if given.retry else []), *(["--max-failures", str(given.max_failures)] if given.max_failures else [])])
+    numbers = run.Run(tool, options, own, given.chunk, given.limit, given.max_failures, say).all()
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
-    return REFUSED if numbers["failed"] or numbers["not_finished"] else DONE
+    if given.metrics:
+        metrics.write(pathlib.Path(given.metrics), numbers, tool.store)
+    return REFUSED if numbers["failed"] or numbers["not_finished"] or (given.strict and numbers["known_failures"]) else DONE
 
 
 def only_cluster(given):

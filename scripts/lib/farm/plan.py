@@ -3,7 +3,8 @@
 
 The model: chunks of `chunk_s` of work on nodes * slots slots. A task also waits for its dispatch, starts the program and lets it read
 the collection. Before, between and after the rounds one process checks every scan once. Resources that all slots share (the
-file system, slurmctld) have a rate, and more slots than use it up do not help."""
+file system, slurmctld) have a rate, and more slots than use it up do not help. The rates of the file system are measured with several
+numbers of readers and writers, all on this machine; other nodes may add to them, so that the plan's limit is a lower bound."""
 import json
 import math
 import os
@@ -19,8 +20,31 @@ COST_MAX, COST_WANTED = 0.05, 0.02  # shares of a chunk's time: above the first,
 CHECKS = 3  # checks of all scans: before the first, after the measuring and after the main round
 
 
-def work_out(scans, nodes, slots_a_node, chunk_s, of):
-    """Returns the numbers of a plan. `of`: the constants' values by name."""
+def rates(of, name):
+    """The measured rates of a resource, by the number of its users."""
+    return {int(key.rpartition(".")[2]): value for key, value in of.items() if key.startswith(f"{name}.")}
+
+
+def rate_of(measured, users):
+    """The rate for a number of users: linear between measured numbers, and beyond the largest the rate of that."""
+    known = sorted(measured)
+    for low, high in zip(known, known[1:]):
+        if low <= users <= high:
+            return measured[low] + (measured[high] - measured[low]) * (users - low) / (high - low)
+    return measured[known[0] if users < known[0] else known[-1]]
+
+
+def limit_of(measured, each):
+    """The largest number of slots that a resource serves, if each slot uses `each` of its rate in a second; at least 1."""
+    largest = max(measured)
+    if largest * each <= measured[largest]:
+        return math.floor(measured[largest] / each)
+    return max(1, *(users for users in range(1, largest + 1) if users * each <= rate_of(measured, users)), 1)
+
+
+def work_out(scans, nodes, slots_a_node, chunk_s, of, processors=0):
+    """Returns the numbers of a plan. `of`: the constants' values by name. `processors`: those that all slots share if the nodes are
+    processes of one machine, whose cluster has to be started first; 0: each slot has its own."""
     slots = nodes * slots_a_node
     work_s = scans * of["scan_s"]
     chunks = max(1, math.ceil(work_s / chunk_s), min(scans, slots))
@@ -29,19 +53,24 @@ def work_out(scans, nodes, slots_a_node, chunk_s, of):
     looks_s = CHECKS * (of["start_s"] + scans * (of["entry_s"] + of["look_s"]))
     made = scans * of["made_share"]
 
-    # How many seconds of each shared resource a second of one slot uses.
+    # How much of each shared resource a slot uses in a second, and the rate of the resource for a number of slots.
     scans_a_s = scans / chunks / task_s  # of a slot
-    use = {"slurmctld": of["controller_s"] / task_s, "writing atomic files, one at a time": constants.FILES_PER_SCAN * of["whole_file_s"] * scans_a_s}
-    if of.get("read_bytes_per_s"):
-        use["reading inputs"] = constants.READS_PER_SCAN * of["input_bytes"] * scans_a_s / of["read_bytes_per_s"]
-    limits = sorted(({"what": name, "slots": max(1, math.floor(1 / share)), "used_share": share * slots} for name, share in use.items() if share > 0),
-                    key=lambda row: row["slots"])
+    shared = [("slurmctld", of["controller_s"] / task_s, {1: 1}),
+              ("writing atomic files", constants.FILES_PER_SCAN * scans_a_s, rates(of, "files_per_s"))]
+    if rates(of, "read_bytes_per_s"):
+        shared.append(("reading inputs", constants.READS_PER_SCAN * of["input_bytes"] * scans_a_s, rates(of, "read_bytes_per_s")))
+    if processors:
+        shared.append(("processors of this machine", 1, {1: processors}))
+    limits = sorted(({"what": name, "slots": max(1, limit_of(measured, each)), "used_share": slots * each / rate_of(measured, slots)}
+                     for name, each, measured in shared if each > 0), key=lambda row: row["slots"])
     useful = min([slots, *(row["slots"] for row in limits)])
     waves_s = math.ceil(chunks / useful) * task_s
+    start_s = of["cluster_s"] if processors else 0
+    seconds = start_s + waves_s + looks_s
     return {
         "scans": scans, "nodes": nodes, "slots": slots, "useful_slots": useful, "chunks": chunks, "work_s": work_s, "task_s": task_s,
-        "chunk_cost_s": cost_s, "chunk_cost_share": cost_s / task_s, "looks_s": looks_s, "seconds": waves_s + looks_s,
-        "own_cost_share": 1 - work_s / useful / (waves_s + looks_s), "asset_bytes": made * of["asset_bytes"],
+        "chunk_cost_s": cost_s, "chunk_cost_share": cost_s / task_s, "looks_s": looks_s, "start_s": start_s, "seconds": seconds,
+        "own_cost_share": 1 - work_s / useful / seconds, "asset_bytes": made * of["asset_bytes"],
         "beside_bytes": scans * of["beside_bytes"], "files": round(made * 6 + (scans - made)), "read_bytes": constants.READS_PER_SCAN * scans * of["input_bytes"],
         "limits": limits,
     }
@@ -104,7 +133,8 @@ def main(given, root, say):
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     values = {name: one.value for name, one in found.items()}
-    plans = [work_out(count, given.nodes, given.slots, given.chunk, values) for count in given.scans or [scans]]
+    processors = len(os.sched_getaffinity(0)) if given.local else 0
+    plans = [work_out(count, given.nodes or given.local, given.slots, given.chunk, values, processors) for count in given.scans or [scans]]
     if given.json:
         print(json.dumps({"plans": plans, "constants": {name: {"what": one.what, "value": one.value, "unit": one.unit, "source": one.source}
                                                        for name, one in found.items()}}, indent=1))

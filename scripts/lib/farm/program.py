@@ -10,6 +10,18 @@ from errors import BUG, NAME, REFUSED, USAGE, WRITE, FarmError
 
 
 @dataclasses.dataclass(frozen=True)
+class State:
+    scans: int
+    stale: dict  # name: why its last try failed; "" if it did not fail
+    known: dict  # name: reason, of the scans that have failed and are not tried again
+    asset_bytes: int  # of the scans that are done
+
+
+def failure_of(why):
+    return next((str(cause["reason"]) for cause in why if cause["cause"] == "failed"), "")
+
+
+@dataclasses.dataclass(frozen=True)
 class Program:
     path: str
     collection: str
@@ -18,9 +30,9 @@ class Program:
     def command(self, *options):
         return [self.path, "batch", self.collection, "-o", self.store, *options]
 
-    def stale(self):
-        """The number of scans in the collection, and the names of the stale ones."""
-        done = subprocess.run(self.command("--dry-run", "--json", "--quiet"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    def state(self, *options):
+        """The state of the collection's scans in the store. `options`: further options of the dry run."""
+        done = subprocess.run(self.command("--dry-run", "--json", "--quiet", *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                               check=False)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines()
@@ -28,7 +40,8 @@ class Program:
             raise FarmError(code, lines[-1].removeprefix("trocar-mesh: ") if lines else f"{self.path} ended with {done.returncode}")
         try:
             found = json.loads(done.stdout)
-            return int(found["scans"]), [str(scan["scan"]) for scan in found["stale"]]
+            return State(int(found["scans"]), {str(one["scan"]): failure_of(one["why"]) for one in found["stale"]},
+                         {str(one["scan"]): str(one["reason"]) for one in found["known_failures"]}, int(found["asset_bytes"]))
         except (ValueError, KeyError, TypeError) as error:
             raise FarmError(BUG, f"{self.path} batch --dry-run --json: not what this version of {NAME} reads ({error!r})") from None
 

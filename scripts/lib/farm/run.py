@@ -61,32 +61,33 @@ class Progress:
 class Run:
     """`own`: the context of a cluster that is started for this run and may be repaired; None: the cluster of SLURM_CONF."""
 
-    def __init__(self, program, options, own, chunk_s, time_limit_minutes, say):
+    def __init__(self, program, options, own, chunk_s, time_limit_minutes, max_failures, say):
         self.program, self.options, self.own, self.chunk_s, self.time_limit_minutes = program, options, own, chunk_s, time_limit_minutes
-        self.say = say
+        self.max_failures, self.say = max_failures, say
         self.repair = Repair(own is not None, options.partition, say)
         self.rounds = []
         self.slots = 0
         self.resubmitted = 0
-        self.given_up = {}  # scan: reason
+        self.unfinished = {}  # scan: reason, of scans that no task has finished
 
     def all(self):
         """Runs all rounds and returns the numbers of summary.py. However the run ends, only the store remains of it."""
         start = time.monotonic()
         if self.own is None:
             slurm.require()
-        scans, stale = self.program.stale()
+        before = after = self.program.state(*self.options.batch)
         log = journal.Journal(self.program.store)
         known = log.new_entries()
-        progress = Progress(log, len(stale))
-        if stale:
+        progress = Progress(log, len(before.stale))
+        if before.stale:
             with RunFolder(self.program.store) as folder:
                 with self.own or contextlib.nullcontext():
-                    self.on_cluster(stale, folder, progress, known)
+                    self.on_cluster(list(before.stale), folder, progress, known)
                 if self.own and (self.repair.count or self.resubmitted):
                     self.program.tidy()
-        return summary.Summary(scans, len(stale), progress.entries, time.monotonic() - start, self.slots, self.rounds, self.repair.count,
-                               self.resubmitted, self.given_up).numbers()
+            after = self.program.state()
+        return summary.Summary(before, after, self.unfinished, progress.entries, time.monotonic() - start, self.slots, self.rounds,
+                               self.repair.count, self.resubmitted).numbers()
 
     def on_cluster(self, stale, folder, progress, known):
         if earlier := watch.cancel_all(folder.prefix):
@@ -116,17 +117,21 @@ class Run:
             longest = max(sum(estimates[name] for name in names) for names in cut)
             minutes = (self.time_limit_minutes or limit_minutes(longest)) * 2 ** tries
             one = watch.Round(self.program, folder, self.options, self.repair, self.say, len(self.rounds), cut, minutes)
-            one.run_all(progress)
+            one.run_all(progress, lambda: self.has_enough_failures(progress))
             progress.collect()
             self.resubmitted += one.resubmitted
             self.rounds.append({"chunks": len(cut), "measuring": measuring, "estimated_s": round(sum(estimates.values()), 1),
                                 "time_limit_min": minutes, "ended": ends(one.chunks)})
-            refused = {entry.scan for entry in progress.entries if entry.is_refused}
-            todo = [name for name in self.program.stale()[1] if name not in refused]
-            why = {name: chunk.end for chunk in one.chunks.values() for name in chunk.names}
-            failed = {entry.scan for entry in progress.entries if entry.outcome == "failed"}
-            self.given_up = {name: why.get(name, "became stale during the run") for name in todo if name not in failed}
+            if self.has_enough_failures(progress):
+                self.unfinished = {name: f"not tried, because of --max-failures {self.max_failures}" for name in todo}
+                return
+            # A scan that was refused is a known failure now.
+            todo = list(self.program.state().stale)
+            self.unfinished = {name: chunk.end for chunk in one.chunks.values() if chunk.end != watch.DONE for name in chunk.names}
             tries += 0 if measuring else 1
+
+    def has_enough_failures(self, progress):
+        return self.max_failures and len({entry.scan for entry in progress.entries if entry.outcome == "failed"}) >= self.max_failures
 
 
 def ends(chunks_by_number):

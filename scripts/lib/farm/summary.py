@@ -2,45 +2,66 @@
 """The summary of a run of scripts/farm: throughput, the slowest scans, failures, and the farm's own cost."""
 import dataclasses
 
+import program
+
 SLOWEST = 5
 ROWS_MAX = 50
 
 
 @dataclasses.dataclass
 class Summary:
-    scans: int
-    stale_at_start: int
+    """The states of the scans before and after a run put each scan into one class. The journal, which may lack lines of killed tasks, only
+    says how long the work took."""
+    before: program.State
+    after: program.State
+    unfinished: dict  # scan: reason, of the scans that no task has finished
     entries: list  # the journal's entries of this run
     seconds: float  # duration of the run
     slots: int
     rounds: list
     repairs: int
     resubmitted: int
-    not_finished: dict  # scan: reason
+
+    def classes(self):
+        """The names of the scans in each class but `unchanged`, with the reasons of those that are not done."""
+        done, failed, not_finished = [], {}, {}
+        for name in self.before.stale:
+            if name in self.after.known:
+                failed[name] = self.after.known[name]
+            elif name not in self.after.stale:
+                done.append(name)
+            elif name not in self.unfinished and self.after.stale[name]:
+                failed[name] = self.after.stale[name]
+            else:
+                not_finished[name] = self.unfinished.get(name, "became stale during the run")
+        return done, failed, not_finished
 
     def numbers(self):
-        done = [entry for entry in self.entries if entry.outcome != "failed"]
-        failed = {entry.scan: entry for entry in self.entries if entry.outcome == "failed"}
-        for entry in done:
-            failed.pop(entry.scan, None)
+        done, failed, not_finished = self.classes()
+        finished = [entry for entry in self.entries if entry.outcome != "failed"]
         work = sum(entry.seconds for entry in self.entries)
-        slowest = sorted(done, key=lambda entry: (-entry.seconds, entry.scan))[:SLOWEST]
+        slowest = sorted(finished, key=lambda entry: (-entry.seconds, entry.scan))[:SLOWEST]
         return {
-            "scans": self.scans, "stale_at_start": self.stale_at_start, "done": len({entry.scan for entry in done}),
-            "failed": [{"scan": name, "reason": failed[name].reason} for name in sorted(failed)],
-            "not_finished": [{"scan": name, "reason": reason} for name, reason in sorted(self.not_finished.items())],
+            "scans": self.before.scans, "stale_at_start": len(self.before.stale),
+            "unchanged": self.before.scans - len(self.before.stale) - len(self.before.known), "done": len(done),
+            "failed": rows(failed), "known_failures": rows(self.before.known), "not_finished": rows(not_finished),
             "seconds": round(self.seconds, 3), "slots": self.slots, "work_s": round(work, 3),
             "scans_per_s": round(len(self.entries) / self.seconds, 3) if self.seconds else 0,
-            "bytes": sum(entry.bytes for entry in done),
+            "bytes": sum(entry.bytes for entry in finished), "asset_bytes": self.after.asset_bytes,
             "busy_share": round(work / (self.slots * self.seconds), 4) if self.slots else 0,
             "slowest": [{"scan": entry.scan, "seconds": entry.seconds} for entry in slowest],
             "rounds": self.rounds, "repairs": self.repairs, "resubmitted": self.resubmitted,
         }
 
 
+def rows(reasons):
+    return [{"scan": name, "reason": reasons[name]} for name in sorted(reasons)]
+
+
 def text(numbers):
-    lines = [f"{numbers['scans']} scans, {numbers['stale_at_start']} of them to be made: {numbers['done']} made, "
-             f"{len(numbers['failed'])} failed, {len(numbers['not_finished'])} not finished"]
+    known = len(numbers["known_failures"])
+    lines = [f"{numbers['scans']} scans: {numbers['unchanged']} unchanged, {numbers['done']} made, {len(numbers['failed'])} failed, "
+             f"{known} known failure{'' if known == 1 else 's'}, {len(numbers['not_finished'])} not finished"]
     if numbers["stale_at_start"]:
         lines.append(f"{numbers['seconds']:.1f} s on {numbers['slots']} slots, {numbers['scans_per_s']:.2f} scans/s, "
                      f"{numbers['bytes'] / 1e6:.1f} MB; slots busy {100 * numbers['busy_share']:.0f} % of the time")

@@ -26,6 +26,7 @@ class Options:
     poll_s: float
     patience_s: float
     sbatch: list
+    batch: list  # further options of trocar-mesh batch
 
 
 @dataclasses.dataclass
@@ -50,8 +51,8 @@ class Round:
         self.resubmitted = 0
         run.write_chunks(number, cut)
 
-    def run_all(self, show):
-        """`show` is called after each poll. Fails (4) if the cluster did not answer, or took no tasks, for `patience_s`."""
+    def run_all(self, show, is_enough):
+        """`show` is called after each poll, and the round ends if `is_enough` returns true. Fails (4) if the cluster did not answer, or took no tasks, for `patience_s`."""
         stuck_since, silent = None, False
         while True:
             try:
@@ -65,7 +66,7 @@ class Round:
                     self.say(f"{reason}; waiting for it")
                 silent = True
             show()
-            if all(chunk.end for chunk in self.chunks.values()):
+            if all(chunk.end for chunk in self.chunks.values()) or is_enough():
                 return
             now = time.monotonic()
             stuck_since = None if can_run else (stuck_since or now)
@@ -124,7 +125,7 @@ class Round:
         room = self.limits["MaxJobCount"] // 2 - len(active)
         throttle = f"%{self.options.throttle}" if self.options.throttle else ""
         for offset, indices in chunks.arrays(self.waiting, self.limits["MaxArraySize"], room):
-            script = chunk_script.text(self.program.command(), self.run.path, self.number, offset, self.options.jobs)
+            script = chunk_script.text(self.program.command(*self.options.batch), self.run.path, self.number, offset, self.options.jobs)
             try:
                 slurm.submit(script, f"--job-name={self.job_name}{offset}", f"--array={chunks.index_text(indices)}{throttle}",
                              f"--time={self.minutes}", f"--cpus-per-task={self.options.jobs}", "--nodes=1", "--ntasks=1", "--requeue",

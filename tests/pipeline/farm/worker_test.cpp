@@ -65,11 +65,16 @@ class TestProgram : public ScanProgram {
  public:
   Result<Parameters> parameters(const json& given) const override {
     if (given.contains("wrong")) return usage("wrong");
+    if (given.contains("mask") && !fs::exists(given["mask"].get<std::string>()))
+      return refused("no mask");
     return Parameters{given, {}};
   }
-  bool opens_first(const std::vector<fs::path>&, const Parameters&) const override { return false; }
+  bool opens_first(const std::vector<fs::path>&, const Parameters& parameters) const override {
+    return parameters.canonical.value("do", "") == "unopenable";
+  }
   Result<std::unique_ptr<OpenedScan>> open(const json& given, const std::vector<fs::path>& inputs,
                                            const std::string&, int) const override {
+    if (given.value("do", "") == "unopenable") return refused("no image");
     return std::unique_ptr<OpenedScan>(std::make_unique<TestScan>(given, inputs));
   }
 };
@@ -87,11 +92,22 @@ class BatchTest : public testing::Test {
     settings.store = folder_ / store;
     settings.jobs = jobs;
     settings.verify = verify;
+    return run(settings);
+  }
+  BatchSummary run(const BatchSettings& settings) {
     const auto batch = Batch::plan(collection_, program_, digest_, settings);
     if (!batch) throw std::runtime_error(batch.error().message);
     const auto summary = batch->run();
     if (!summary) throw std::runtime_error(summary.error().message);
+    EXPECT_EQ(summary->scans, summary->unchanged + summary->made + summary->found +
+                                  summary->failed.size() + summary->known.size() + summary->left);
     return *summary;
+  }
+  BatchSummary retry() {
+    BatchSettings settings;
+    settings.store = folder_ / "store";
+    settings.retry = true;
+    return run(settings);
   }
 
   test::TemporaryFolder folder_;
@@ -143,6 +159,98 @@ TEST_F(BatchTest, EachWayToFailIsAnEntryAndTheOthersAreDone) {
   EXPECT_EQ(fs::directory_iterator(folder_ / "store/claims"), fs::directory_iterator());
 }
 
+std::vector<std::string> names_of(const std::vector<FailedScan>& failed) {
+  std::vector<std::string> out;
+  for (const FailedScan& one : failed)
+    out.push_back(one.scan);
+  return out;
+}
+
+using Names = std::vector<std::string>;
+
+TEST_F(BatchTest, AFailureThatTheScanExplainsIsKnownUntilTheScanChanges) {
+  const std::string input = add("refused", {{"do", "refuse"}});
+  add("done", {{"n", 1}});
+  EXPECT_EQ(names_of(run().failed), Names{"refused"});
+  const BatchSummary second = run();
+  EXPECT_EQ(names_of(second.known), Names{"refused"});
+  EXPECT_TRUE(second.failed.empty());
+  EXPECT_EQ(second.known[0].outcome.reason, input + ": no");
+  EXPECT_EQ(second.known[0].outcome.exit_code, 3);
+  EXPECT_EQ(second.unchanged, 1u);
+
+  std::ofstream(input) << "other bytes";
+  EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "input";
+  EXPECT_EQ(names_of(run().known), Names{"refused"});
+  collection_.scans[0].parameters["n"] = 2;
+  EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "parameters";
+  EXPECT_EQ(names_of(run().known), Names{"refused"});
+  digest_ = "another program";
+  EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "program";
+  EXPECT_EQ(names_of(run().known), Names{"refused"});
+  EXPECT_EQ(names_of(retry().failed), Names{"refused"}) << "retry";
+  EXPECT_EQ(names_of(run().known), Names{"refused"});
+
+  collection_.scans[0].parameters.erase("do");
+  EXPECT_EQ(run().made, 1u);
+  EXPECT_EQ(run().unchanged, 2u);
+}
+
+TEST_F(BatchTest, ATouchedInputWithTheSameBytesIsTheSameFailure) {
+  const std::string refused_input = add("refused", {{"do", "refuse"}});
+  const std::string unopenable = add("unopenable", {{"do", "unopenable"}});
+  EXPECT_EQ(run().failed.size(), 2u);
+  for (const std::string& file : {refused_input, unopenable})
+    fs::last_write_time(file, fs::last_write_time(file) - std::chrono::hours(1));
+  EXPECT_EQ(names_of(run().known), (Names{"refused", "unopenable"}));
+  // The index has the new times, so that the files are not read again.
+  BatchSettings settings;
+  settings.store = folder_ / "store";
+  const auto states = Batch::plan(collection_, program_, digest_, settings)->dry_run();
+  for (const NamedState& one : *states)
+    EXPECT_EQ(one.state.kind, ScanState::Kind::kKnownFailure) << one.scan;
+  settings.rehash = true;
+  EXPECT_EQ(run(settings).known.size(), 2u);
+}
+
+TEST_F(BatchTest, WhatIsMissingIsAKnownFailureUntilItIsThere) {
+  const std::string input = add("input", {{"n", 1}});
+  const std::string mask = (folder_ / "mask").string();
+  add("mask", {{"mask", mask}});
+  fs::remove(input);
+  EXPECT_EQ(names_of(run().failed), (Names{"input", "mask"}));
+  EXPECT_EQ(names_of(run().known), (Names{"input", "mask"}));
+  digest_ = "another program";
+  EXPECT_EQ(names_of(run().failed), (Names{"input", "mask"}));
+  EXPECT_EQ(names_of(run().known), (Names{"input", "mask"}));
+  std::ofstream(input) << "x";
+  std::ofstream(mask) << "x";
+  EXPECT_EQ(run().made, 2u);
+}
+
+TEST_F(BatchTest, AFailureThatTheScanDoesNotExplainIsTriedAgain) {
+  for (const char* what : {"abort", "exit", "throw", "memory", "change"})
+    add(what, {{"do", what}});
+  const Names all = {"abort", "exit", "throw", "memory", "change"};
+  EXPECT_EQ(names_of(run().failed), all);
+  EXPECT_EQ(names_of(run().failed), all);
+}
+
+TEST_F(BatchTest, AfterMaxFailuresNoFurtherScanIsStarted) {
+  for (int k = 0; k < 10; ++k)
+    add("bad" + std::to_string(k), {{"do", "refuse"}, {"n", k}});
+  BatchSettings settings;
+  settings.store = folder_ / "store";
+  settings.max_failures = 3;
+  const BatchSummary first = run(settings);
+  EXPECT_EQ(first.failed.size(), 3u);
+  EXPECT_EQ(first.left, 7u);
+  const BatchSummary second = run(settings);  // known failures do not count
+  EXPECT_EQ(second.known.size(), 3u);
+  EXPECT_EQ(second.failed.size(), 3u);
+  EXPECT_EQ(second.left, 4u);
+}
+
 TEST_F(BatchTest, ASecondRunDoesNothingAndTheSameBytesAreFound) {
   add("a", {{"n", 1}});
   add("b", {{"n", 1}});  // the same bytes and parameters under another name
@@ -164,7 +272,7 @@ TEST_F(BatchTest, WhatTookPartIsKnownByNameSoThatExplainCanSayIt) {
   BatchSettings settings;
   settings.store = folder_ / "store";
   const auto why = [&] {
-    return *Batch::plan(collection_, program_, digest_, settings)->explain("a");
+    return Batch::plan(collection_, program_, digest_, settings)->explain("a")->why;
   };
   EXPECT_TRUE(why().empty());
   collection_.scans[0].parameters = {{"n", 3}, {"k", 4}};

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The numbers of a run for a monitoring system, in the text format of Prometheus, version 0.0.4
+// (https://prometheus.io/docs/instrumenting/exposition_formats).
+// Tests: tests/pipeline/farm/metrics_test.cpp
+#pragma once
+
+#include <chrono>
+#include <string>
+
+#include "pipeline/farm/batch_run.h"
+
+namespace trocar::farm {
+
+/// All metrics are gauges with the label `store`: the number of scans in each class, the size of
+/// the assets of all scans that are done, the run's duration, and the time at which it ended, from
+/// which the monitoring system computes its age.
+std::string metrics_text(const BatchSummary& summary, const std::string& store,
+                         std::chrono::system_clock::time_point end);
+
+}  // namespace trocar::farm
