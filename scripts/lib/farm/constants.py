@@ -15,7 +15,8 @@ import slurm
 from cluster import PROGRAMS, LocalCluster
 from errors import BUG, GET_SLURM, REFUSED, USAGE, FarmError
 
-SAMPLE = 8  # scans
+SAMPLE = 8  # scans in a batch of the sample
+SAMPLE_BATCHES, SAMPLE_S = 5, 10  # at most this number of batches, until they have taken this time
 ATOMIC_FILES = 40  # of each writer
 WRITERS = (1, 4, 16)
 READERS = (1, 4)
@@ -37,10 +38,12 @@ class Constant:
 
 
 class Measurement:
-    """`say` is called with the next step. Files are made in `scratch`, a folder on the store's file system."""
+    """`say` is called with the next step. Files are made in `scratch`, a folder on the store's file system. `nodes`: of the cluster on which
+    Slurm is measured."""
 
-    def __init__(self, program, collection, store, scratch, say):
+    def __init__(self, program, collection, store, scratch, nodes, say):
         self.program, self.collection, self.store, self.scratch, self.say = program, pathlib.Path(collection), store, scratch, say
+        self.nodes = nodes
         self.out = {}
         self.scans = self.read_collection()
 
@@ -78,11 +81,14 @@ class Measurement:
         if self.store and (entries := journal.Journal(self.store).new_entries()):
             store, source = pathlib.Path(self.store), f"journal of {self.store}"
         else:
-            names = [scan["name"] for scan in self.scans]
-            names = names[::max(1, len(names) // SAMPLE)][:SAMPLE]
-            self.say(f"meshing {len(names)} scans of the collection")
-            store, source = self.scratch / "sample", f"{len(names)} scans, made now with one thread"
-            self.batch(self.collection, store, *self.only(names))
+            store, spent, count = self.scratch / "sample", 0, 0
+            for names in self.samples():
+                self.say(f"meshing {len(names)} scans of the collection")
+                spent += self.batch(self.collection, store, *self.only(names))[0]
+                count += len(names)
+                if spent > SAMPLE_S:
+                    break
+            source = f"{count} scans, made now with one thread"
             entries = journal.Journal(store).new_entries()
         last = {entry.scan: entry for entry in entries if entry.outcome != "found"}
         made = {name: entry for name, entry in last.items() if entry.outcome == "made"}
@@ -109,6 +115,14 @@ class Measurement:
         beside = sum(file.stat().st_size for folder in ("actions", "scans", "reports") for file in (store / folder).rglob("*") if file.is_file())
         kept = sum(1 for _ in (store / "scans").glob("*.json")) or 1
         self.keep("beside_bytes", "report, action and index entry", beside / kept, "bytes", f"files of {store}" if store == self.store else source)
+
+    def samples(self):
+        """Names of different scans in batches, each batch from all parts of the collection."""
+        names = [scan["name"] for scan in self.scans]
+        step = max(1, len(names) // SAMPLE)
+        batches = min(SAMPLE_BATCHES, step)
+        for k in range(batches):
+            yield names[k * step // batches::step][:SAMPLE]
 
     # --- the file system ---
 
@@ -179,8 +193,8 @@ class Measurement:
             return
         self.say("dispatching empty tasks on a separate cluster")
         start = time.monotonic()
-        with LocalCluster(NODES) as cluster:
-            self.keep("cluster_s", "start of a local cluster", time.monotonic() - start, "s", f"{NODES} nodes here, now")
+        with LocalCluster(self.nodes) as cluster:
+            self.keep("cluster_s", "start of a local cluster", time.monotonic() - start, "s", f"{self.nodes} nodes here, now")
             controller = int((cluster.folder / "run" / "slurmctld.pid").read_text())
             before, start = processor_s(controller), time.monotonic()
             slurm.submit("#!/bin/sh\nexit 0\n", "--job-name=trocar-plan", f"--array=0-{TASKS - 1}", "--output=/dev/null")
@@ -189,8 +203,8 @@ class Measurement:
                 if time.monotonic() - start > 120:
                     raise FarmError(BUG, "empty tasks did not end within 120 s")
             spent, used = time.monotonic() - start, processor_s(controller) - before
-        source = f"{TASKS} empty tasks on a cluster of {NODES} nodes here, now"
-        self.keep("dispatch_s", "dispatch of a task", spent * NODES / TASKS, "s", source)
+        source = f"{TASKS} empty tasks on a cluster of {self.nodes} nodes here, now"
+        self.keep("dispatch_s", "dispatch of a task", spent * self.nodes / TASKS, "s", source)
         self.keep("controller_s", "slurmctld, of a task", max(used / TASKS, 1e-4), "s", source)
 
 
@@ -238,9 +252,9 @@ def processor_s(pid):
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def measure(program, collection, store, scratch, say):
-    """Returns the number of scans of the collection, and the constants by name."""
-    one = Measurement(program, collection, store, scratch, say)
+def measure(program, collection, store, scratch, nodes, say):
+    """Returns the number of scans of the collection, and the constants by name. `nodes`: of a local cluster that is planned; None: of another."""
+    one = Measurement(program, collection, store, scratch, nodes or NODES, say)
     for step in (one.of_scans, one.of_files, one.of_collection, one.of_slurm):
         step()
     return len(one.scans), one.out

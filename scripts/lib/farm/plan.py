@@ -129,7 +129,7 @@ def main(given, root, say):
     except OSError as error:
         raise FarmError(WRITE, f"{parent or tempfile.gettempdir()}: {error.strerror}") from None
     try:
-        scans, found = constants.measure(tool, os.path.abspath(given.plan), given.store, scratch, say)
+        scans, found = constants.measure(tool, os.path.abspath(given.plan), given.store, scratch, given.local, say)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     values = {name: one.value for name, one in found.items()}
