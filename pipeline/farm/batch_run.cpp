@@ -41,6 +41,7 @@ json journal_line(const std::string& scan, const Outcome& outcome) {
               {"input_bytes", outcome.input_bytes},
               {"exit_code", outcome.exit_code}};
   if (outcome.signal != 0) out["signal"] = outcome.signal;
+  if (outcome.products_made > 0) out["products_made"] = outcome.products_made;
   if (!outcome.reason.empty()) out["reason"] = outcome.reason;
   if (!outcome.warnings.empty()) out["warnings"] = outcome.warnings;
   return out;
@@ -113,6 +114,7 @@ class Run {
         ++summary_.unchanged;
         summary_.asset_bytes += state.asset_bytes;
       } else {
+        summary_.asset_bytes += state.asset_bytes;
         failed_.emplace_back(k, known_failure(state));
       }
     }
@@ -168,6 +170,7 @@ class Run {
     const bool is_same = !todo.is_stale && outcome.kind == Outcome::Kind::kFound;
     if (!is_same) summary_.has_journal &= journal_.add(journal_line(name, outcome));
     summary_.asset_bytes += outcome.bytes;
+    summary_.products_made += outcome.products_made;
     switch (outcome.kind) {
       case Outcome::Kind::kMade:
         ++summary_.made;
@@ -247,7 +250,7 @@ class Run {
 }  // namespace
 
 Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& program,
-                          const std::string& digest, BatchSettings settings) {
+                          const ProductPrograms& programs, BatchSettings settings) {
   Batch out(program);
   out.settings_ = std::move(settings);
   std::set<std::string> unknown = out.settings_.only.value_or(std::set<std::string>());
@@ -273,7 +276,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
         shard &&
         k % static_cast<std::size_t>(shard->second) != static_cast<std::size_t>(shard->first))
       continue;
-    out.wanted_.push_back({&scan, at->second, &digest});
+    out.wanted_.push_back({&scan, at->second, &programs});
   }
   if (!unknown.empty())
     return usage("--only: " + *unknown.begin() + ": the collection has no such scan");

@@ -61,6 +61,7 @@ struct BatchSummary {
   std::uint64_t asset_bytes = 0;  ///< size of the assets of all scans that are done
   bool has_unrecorded = false;    ///< true: a failure could not be written to the index
   bool has_journal = true;        ///< false if a line could not be written
+  std::size_t products_made = 0;
   double seconds = 0;
 };
 
@@ -73,10 +74,9 @@ struct NamedState {
 /// scan starts. The collection's folder must be the working directory.
 class Batch {
  public:
-  /// `digest` is the program's SHA-256. `collection`, `program` and `digest` must outlive the
-  /// batch. Errors: (usage) a scan has wrong parameters; the collection lacks a name of `only`.
+  /// `collection`, `program` and `programs` must outlive the batch. Errors: (usage) a scan has wrong parameters; the collection lacks a name of `only`.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
-                            const std::string& digest, BatchSettings settings);
+                            const ProductPrograms& programs, BatchSettings settings);
 
   std::size_t scans() const { return wanted_.size(); }
   /// The states of the selected scans, of which a run would work on the stale ones. Errors: those

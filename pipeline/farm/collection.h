@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "pipeline/farm/product.h"
 
 namespace trocar::farm {
 
@@ -20,6 +21,7 @@ struct CollectionScan {
                                    ///< --series
   /// The collection's defaults overridden by the scan's own, without those set to false or null.
   nlohmann::json parameters = nlohmann::json::object();
+  std::vector<WantedProduct> products = {};  ///< in the order of kProductKinds
 };
 
 struct Collection {

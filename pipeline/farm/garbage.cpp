@@ -38,7 +38,10 @@ std::set<std::string> live_keys(const Store& store) {
   std::set<std::string> out;
   for (const std::string& name : store.names()) {
     const auto entry = store.entry(name);
-    if (entry && !entry->key.empty()) out.insert(entry->key);
+    if (!entry) continue;
+    if (!entry->key.empty()) out.insert(entry->key);
+    for (const auto& [product, stored] : entry->products)
+      if (!stored.key.empty()) out.insert(stored.key);
   }
   return out;
 }
@@ -48,7 +51,7 @@ void keep_outputs(const fs::path& action, std::set<std::string>& digests) {
   if (!bytes) return;
   const json value = json::parse(bytes->begin(), bytes->end(), nullptr, false);
   if (!value.is_object() || !value.contains("outputs")) return;
-  for (const char* of : {"asset", "report"}) {
+  for (const char* of : {"asset", "report", "file"}) {
     const json output = value["outputs"].value(of, json::object());
     if (output.is_object() && output.contains("sha256") && output["sha256"].is_string())
       digests.insert(output["sha256"].get<std::string>());

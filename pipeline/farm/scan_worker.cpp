@@ -73,7 +73,7 @@ class Worker {
   Worker(const Work& work, const Store& store, const ScanProgram& program)
       : work_(work), scan_(*work.wanted.scan), store_(store), program_(program) {
     entry_.name = scan_.name;
-    entry_.program = *work.wanted.program;
+    entry_.program = work.wanted.programs->mesh_digest;
     entry_.series = scan_.series;
     entry_.parameters = json::object();
   }
@@ -107,11 +107,16 @@ class Worker {
     entry_.key = key_of(action_);
     if (known_ && known_->is_lasting && known_->key == entry_.key && !work_.retry)
       return put_known_failure();
-    return find_or_make(*inputs);
+    // Products belong to the key: those of another asset are made again.
+    if (known_ && known_->key == entry_.key) entry_.products = known_->products;
+    auto kind = find_or_make(*inputs);
+    if (!kind || *kind == Outcome::Kind::kLeased) return kind;
+    return with_products(*inputs, *kind);
   }
 
-  // Writes a failure to the entry and to the index. Returns whether it is new.
+  // Writes a failure to the entry and to the index.
   Outcome fail(const Error& error) {
+    entry_.products.clear();
     entry_.reason = error.message;
     entry_.exit_code = static_cast<int>(error.code);
     entry_.outputs.reset();
@@ -129,6 +134,7 @@ class Worker {
   }
 
   const ScanEntry& entry() const { return entry_; }
+  const ProductsDone& products() const { return products_; }
   const json& warnings() const { return warnings_; }
 
  private:
@@ -153,6 +159,23 @@ class Worker {
     entry_.is_lasting = true;
     if (auto ok = put_changed_entry(); !ok) return ok.error();
     return Outcome::Kind::kKnownFailure;
+  }
+
+  // Makes the products of a scan whose asset is done.
+  Result<Outcome::Kind> with_products(const std::vector<fs::path>& inputs, Outcome::Kind kind) {
+    const json before = entry_json(entry_);
+    if (work_.verify)
+      for (const auto& [name, product] : entry_.products)
+        if (product.file) remove_damaged(store_, *product.file, false);
+    auto done = make_products(
+        {scan_, inputs, action_, *work_.wanted.programs, store_, work_.retry, work_.stop}, entry_);
+    if (!done) return done.error();
+    products_ = std::move(*done);
+    if (entry_json(entry_) != before || !store_.links_fit(entry_))
+      if (auto ok = store_.put_entry(entry_); !ok) return ok.error();
+    if (products_.failure)
+      return products_.is_known ? Outcome::Kind::kKnownFailure : Outcome::Kind::kFailed;
+    return products_.made > 0 ? Outcome::Kind::kMade : kind;
   }
 
   Result<void> open(const std::vector<fs::path>& inputs) {
@@ -261,6 +284,7 @@ class Worker {
   std::optional<ScanEntry> known_;  // the entry in the index before this run
   std::vector<NamedFile> paths_;    // of all inputs and of the files that options name
   bool is_listed_ = false;          // true: the entry has the files of all paths
+  ProductsDone products_;
   json action_, warnings_ = json::array();
   std::unique_ptr<OpenedScan> opened_;
 };
@@ -272,10 +296,15 @@ const char* outcome_name(Outcome::Kind kind) {
 }
 
 json outcome_json(const Outcome& o) {
-  return {
-      {"kind", static_cast<int>(o.kind)}, {"key", o.key},          {"reason", o.reason},
-      {"exit_code", o.exit_code},         {"bytes", o.bytes},      {"input_bytes", o.input_bytes},
-      {"is_recorded", o.is_recorded},     {"warnings", o.warnings}};
+  return {{"kind", static_cast<int>(o.kind)},
+          {"key", o.key},
+          {"reason", o.reason},
+          {"exit_code", o.exit_code},
+          {"bytes", o.bytes},
+          {"input_bytes", o.input_bytes},
+          {"is_recorded", o.is_recorded},
+          {"warnings", o.warnings},
+          {"products_made", o.products_made}};
 }
 
 Outcome outcome_from(const json& value) {
@@ -288,6 +317,7 @@ Outcome outcome_from(const json& value) {
   out.input_bytes = value.at("input_bytes").get<std::uint64_t>();
   out.is_recorded = value.at("is_recorded").get<bool>();
   out.warnings = value.at("warnings");
+  out.products_made = value.at("products_made").get<std::size_t>();
   return out;
 }
 
@@ -314,8 +344,10 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
     out = worker.fail(done.error());
   } else {
     out.kind = *done;
-    out.reason = worker.entry().reason;
-    out.exit_code = worker.entry().exit_code;
+    const auto& failed = worker.products().failure;
+    out.reason = failed ? failed->message : worker.entry().reason;
+    out.exit_code = failed ? static_cast<int>(failed->code) : worker.entry().exit_code;
+    out.products_made = worker.products().made;
     if (worker.entry().outputs) out.bytes = worker.entry().outputs->asset.bytes;
   }
   out.key = worker.entry().key;
@@ -327,7 +359,7 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code) {
   ScanEntry entry;
   entry.name = work.wanted.scan->name;
-  entry.program = *work.wanted.program;
+  entry.program = work.wanted.programs->mesh_digest;
   entry.series = work.wanted.scan->series;
   entry.parameters =
       work.wanted.parameters == nullptr ? json::object() : work.wanted.parameters->canonical;

@@ -27,7 +27,7 @@ struct Work {
 /// The outcome of the work on a scan.
 struct Outcome {
   enum class Kind {
-    kMade,   ///< this run computed the outputs
+    kMade,   ///< this run computed the outputs, or a product
     kFound,  ///< the store already had the outputs under the scan's key
     kFailed,
     kKnownFailure,  ///< the scan is the same as in an earlier run, in which it failed
@@ -38,6 +38,7 @@ struct Outcome {
   std::string key, reason;
   int exit_code = 0, signal = 0;
   std::uint64_t bytes = 0, input_bytes = 0;
+  std::size_t products_made = 0;
   double seconds = 0;
   bool is_recorded = true;  ///< true: the index has the outcome
   nlohmann::json warnings = nlohmann::json::array();

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "pipeline/farm/collection.h"
+#include "pipeline/farm/product_maker.h"
 #include "pipeline/farm/scan_program.h"
 #include "pipeline/farm/store.h"
 
@@ -18,8 +19,8 @@ namespace trocar::farm {
 /// A scan as the collection gives it now.
 struct WantedScan {
   const CollectionScan* scan = nullptr;
-  const Parameters* parameters = nullptr;  ///< null if a file that they name was refused
-  const std::string* program = nullptr;    ///< digest of the program
+  const Parameters* parameters = nullptr;     ///< null if a file that they name was refused
+  const ProductPrograms* programs = nullptr;  ///< with the digest of the program
 };
 
 struct Comparison {

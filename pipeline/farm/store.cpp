@@ -29,8 +29,8 @@ using std::chrono::nanoseconds;
 
 constexpr const char* kMark = "trocar-store.json";
 constexpr const char* kSchema = "trocar.store/1";
-constexpr std::array<const char*, 8> kFolders = {"actions", "content", "scans",  "assets",
-                                                 "reports", "journal", "claims", "tmp"};
+constexpr std::array<const char*, 9> kFolders = {
+    "actions", "content", "scans", "assets", "reports", "products", "journal", "claims", "tmp"};
 constexpr std::uint64_t kMaxJsonBytes = std::uint64_t{1} << 28;
 constexpr mode_t kPrivate = 0600;
 
@@ -102,6 +102,41 @@ std::optional<nanoseconds> time_of(const fs::path& file) {
   return std::chrono::seconds(status.st_mtim.tv_sec) + nanoseconds(status.st_mtim.tv_nsec);
 }
 
+namespace {
+
+json product_json(const StoredProduct& product) {
+  json out = {{"key", product.key.empty() ? json() : json(product.key)},
+              {"program", product.program},
+              {"parameters", product.parameters}};
+  if (product.file) {
+    out["file"] = object_json(*product.file);
+  } else {
+    out["reason"] = product.reason;
+    out["exit_code"] = product.exit_code;
+    if (product.is_lasting) out["lasting"] = true;
+  }
+  return out;
+}
+
+StoredProduct product_from(const json& value) {
+  StoredProduct out;
+  if (!value.at("key").is_null()) out.key = value.at("key").get<std::string>();
+  if (!out.key.empty() && !is_sha256(out.key))
+    throw json::other_error::create(501, "no key", &value);
+  out.program = value.at("program").get<std::string>();
+  out.parameters = value.at("parameters");
+  if (value.contains("file")) {
+    out.file = object_from(value.at("file"));
+  } else {
+    out.reason = value.at("reason").get<std::string>();
+    out.exit_code = value.at("exit_code").get<int>();
+    out.is_lasting = value.value("lasting", false);
+  }
+  return out;
+}
+
+}  // namespace
+
 json entry_json(const ScanEntry& entry) {
   json out = {{"schema", "trocar.scan/1"},
               {"name", entry.name},
@@ -120,6 +155,8 @@ json entry_json(const ScanEntry& entry) {
     if (entry.signal != 0) out["signal"] = entry.signal;
     if (entry.is_lasting) out["lasting"] = true;
   }
+  for (const auto& [name, product] : entry.products)
+    out["products"][name] = product_json(product);
   return out;
 }
 
@@ -147,6 +184,10 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
       out.exit_code = value.at("exit_code").get<int>();
       out.signal = value.value("signal", 0);
       out.is_lasting = value.value("lasting", false);
+    }
+    if (value.contains("products")) {
+      for (const auto& [name, product] : value.at("products").items())
+        if (product_kind(name)) out.products.emplace(name, product_from(product));
     }
     return out;
   } catch (const json::exception&) {
@@ -198,18 +239,51 @@ fs::path Store::lease_file(const std::string& key) const {
   return folder_ / "claims" / key;
 }
 
+bool Store::has(const Object& object) const {
+  return is_there(content_file(object.sha256), object.bytes);
+}
+
 bool Store::has(const Outputs& outputs) const {
-  return is_there(content_file(outputs.asset.sha256), outputs.asset.bytes) &&
-         is_there(content_file(outputs.report.sha256), outputs.report.bytes);
+  return has(outputs.asset) && has(outputs.report);
+}
+
+namespace {
+
+// The outputs that an action's file states; null if it is damaged or the file of another action.
+json outputs_in(const fs::path& file, const std::string& key) {
+  const auto text = text_of(file);
+  if (!text) return {};
+  const json value = json::parse(*text, nullptr, false);
+  try {
+    if (sha256_of(json_text(value.at("action"))) != key) return {};
+    return value.at("outputs");
+  } catch (const json::exception&) {
+    return {};
+  }
+}
+
+}  // namespace
+
+std::optional<Object> Store::find_product(const std::string& key) const {
+  try {
+    const Object out = object_from(outputs_in(action_file(key), key).at("file"));
+    if (!has(out) || !renew_time(action_file(key)) || !renew_time(content_file(out.sha256)))
+      return std::nullopt;
+    return out;
+  } catch (const json::exception&) {
+    return std::nullopt;
+  }
+}
+
+Result<void> Store::put_product(const std::string& key, const json& action,
+                                const Object& file) const {
+  const json value = {{"action", action}, {"outputs", {{"file", object_json(file)}}}};
+  return write_atomically({action_file(key), tmp(), kPrivate}, json_text(value, 1) + "\n");
 }
 
 std::optional<Outputs> Store::find(const std::string& key) const {
-  const auto text = text_of(action_file(key));
-  if (!text) return std::nullopt;
-  const json value = json::parse(*text, nullptr, false);
   try {
-    if (sha256_of(json_text(value.at("action"))) != key) return std::nullopt;
-    const json& outputs = value.at("outputs");
+    const json outputs = outputs_in(action_file(key), key);
     Outputs out{object_from(outputs.at("asset")), object_from(outputs.at("report"))};
     if (!has(out)) return std::nullopt;
     return out;
@@ -274,11 +348,27 @@ bool is_absent(const fs::path& link) {
 
 }  // namespace
 
+// Calls `look` with the link of each product of an entry, and the file that it should lead to; null
+// if there should be no link.
+void Store::for_product_links(
+    const ScanEntry& entry, const std::function<void(const fs::path&, const Object*)>& look) const {
+  for (const ProductKind kind : kProductKinds) {
+    const auto at = entry.products.find(product_name(kind));
+    const bool is_done = at != entry.products.end() && at->second.file;
+    look(folder_ / "products" / entry.name / product_file(kind),
+         is_done ? &*at->second.file : nullptr);
+  }
+}
+
 bool Store::links_fit(const ScanEntry& entry) const {
   const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
-  if (!entry.is_done()) return is_absent(asset) && is_absent(report);
-  return leads_to(asset, link_target(entry.outputs->asset)) &&
-         leads_to(report, link_target(entry.outputs->report));
+  bool fit = entry.is_done() ? leads_to(asset, link_target(entry.outputs->asset)) &&
+                                   leads_to(report, link_target(entry.outputs->report))
+                             : is_absent(asset) && is_absent(report);
+  for_product_links(entry, [&fit](const fs::path& link, const Object* file) {
+    fit = fit && (file != nullptr ? leads_to(link, ".." / link_target(*file)) : is_absent(link));
+  });
+  return fit;
 }
 
 Result<void> Store::put_entry(const ScanEntry& entry) const {
@@ -292,16 +382,36 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
   if (!entry.is_done()) {
     for (const fs::path& link : {asset, report})
       if (::unlink(link.c_str()) != 0 && errno != ENOENT) return cannot_write(link, errno);
-    return {};
+    return put_product_links(entry);
   }
   if (auto ok = link_atomically(link_target(entry.outputs->asset), asset, tmp()); !ok) return ok;
-  return link_atomically(link_target(entry.outputs->report), report, tmp());
+  if (auto ok = link_atomically(link_target(entry.outputs->report), report, tmp()); !ok) return ok;
+  return put_product_links(entry);
+}
+
+Result<void> Store::put_product_links(const ScanEntry& entry) const {
+  const fs::path folder = folder_ / "products" / entry.name;
+  if (!entry.products.empty() && ::mkdir(folder.c_str(), 0777) != 0 && errno != EEXIST)
+    return cannot_write(folder, errno);
+  Result<void> out;
+  for_product_links(entry, [&](const fs::path& link, const Object* file) {
+    if (!out) return;
+    if (file != nullptr) {
+      out = link_atomically(".." / link_target(*file), link, tmp());
+    } else if (::unlink(link.c_str()) != 0 && errno != ENOENT) {
+      out = cannot_write(link, errno);
+    }
+  });
+  if (entry.products.empty()) ::rmdir(folder.c_str());  // if it exists, and is empty
+  return out;
 }
 
 void Store::drop_entry(const std::string& name) const {
   // The entry is removed last, because links without an entry would not be found again.
   ::unlink(asset_link(folder_, name).c_str());
   ::unlink(report_link(folder_, name).c_str());
+  std::error_code ignored;
+  fs::remove_all(folder_ / "products" / name, ignored);
   ::unlink(entry_file(name).c_str());
 }
 
@@ -352,7 +462,8 @@ std::size_t Store::remove_strays() const {
             const auto time = time_of(file);
             if (!time || *now_here - *time < most) continue;
           }
-          if (::unlink(file.c_str()) == 0) ++removed;
+          // A product is made in a folder.
+          if (fs::remove_all(file, ignored) > 0 && !ignored) ++removed;
         }
       };
   sweep(tmp(), kStrayAge,

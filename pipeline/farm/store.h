@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -33,6 +34,18 @@ struct Outputs {
   bool operator==(const Outputs&) const = default;
 };
 
+/// A product of a scan (product.h), as the index has it.
+struct StoredProduct {
+  std::string key;  ///< empty if it could not be tried
+  std::string program;
+  nlohmann::json parameters;
+  std::optional<Object> file = {};  ///< present if the product is done
+  // If the product failed, as in ScanEntry:
+  std::string reason = {};
+  int exit_code = 0;
+  bool is_lasting = false;
+};
+
 /// The index's entry of a scan.
 struct ScanEntry {
   std::string name;
@@ -41,7 +54,8 @@ struct ScanEntry {
   nlohmann::json parameters;
   std::string series = {};
   std::vector<ScanFile> files = {};
-  std::optional<Outputs> outputs = {};  ///< present if the scan is done
+  std::optional<Outputs> outputs = {};                 ///< present if the scan is done
+  std::map<std::string, StoredProduct> products = {};  ///< by the name of the product
   // If the scan failed:
   std::string reason = {};
   int exit_code = 0;
@@ -73,6 +87,7 @@ class Store {
   /// The outputs of an action, if the action and its outputs exist and have the recorded sizes.
   std::optional<Outputs> find(const std::string& key) const;
   bool has(const Outputs& outputs) const;
+  bool has(const Object& object) const;
   /// Sets the files' modification times to now, so that --gc keeps them. Returns false if one no
   /// longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
@@ -82,13 +97,17 @@ class Store {
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
+  /// The same for a product and its file.
+  std::optional<Object> find_product(const std::string& key) const;
+  Result<void> put_product(const std::string& key, const nlohmann::json& action,
+                           const Object& file) const;
   Result<void> put_action(const std::string& key, const nlohmann::json& action,
                           const Outputs& outputs) const;
 
   /// The index entry of a scan; std::nullopt if it is missing or damaged.
   std::optional<ScanEntry> entry(const std::string& name) const;
-  /// Do the links in assets/ and reports/ lead to the entry's outputs? If it has no outputs: are
-  /// the links absent?
+  /// Do the links in assets/, reports/ and products/ lead to the entry's outputs and products? Are
+  /// the links of outputs and products that it does not have absent?
   bool links_fit(const ScanEntry& entry) const;
   /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;
@@ -104,6 +123,10 @@ class Store {
 
  private:
   explicit Store(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  void for_product_links(
+      const ScanEntry& entry,
+      const std::function<void(const std::filesystem::path&, const Object*)>& look) const;
+  Result<void> put_product_links(const ScanEntry& entry) const;
   std::filesystem::path folder_;
 };
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -221,6 +222,7 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
     if (!s.known.empty())
       std::printf(", %zu known failure%s", s.known.size(), s.known.size() == 1 ? "" : "s");
     if (s.left > 0) std::printf(", %zu left", s.left);
+    if (s.products_made > 0) std::printf("; %zu products made", s.products_made);
     std::printf("; %.1f s\n", s.seconds);
   }
 }
@@ -246,6 +248,7 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"known", summary->known.size()},
                {"left", summary->left},
                {"asset_bytes", summary->asset_bytes},
+               {"products_made", summary->products_made},
                {"seconds", summary->seconds},
                {"failures", failures_json(summary->failed)},
                {"known_failures", failures_json(summary->known)}});
@@ -297,6 +300,43 @@ Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path&
   return out;
 }
 
+// The programs that make the collection's products. trocar-run is looked for beside this program,
+// then in the folders of PATH, unless `run_program` gives it.
+Result<farm::ProductPrograms> product_programs(const fs::path& run_program,
+                                               const farm::Collection& collection) {
+  std::error_code error;
+  farm::ProductPrograms out;
+  const fs::path own = fs::read_symlink("/proc/self/exe", error);
+  out.mesh = own.string();
+  const auto digest = farm::sha256_of_file("/proc/self/exe");
+  if (!digest) return digest.error();
+  out.mesh_digest = *digest;
+  std::string wanted;
+  for (const farm::CollectionScan& scan : collection.scans)
+    for (const farm::WantedProduct& product : scan.products)
+      if (is_made_by_run(product.kind)) wanted = product_name(product.kind);
+  if (wanted.empty()) return out;
+  std::vector<fs::path> places = {run_program};
+  if (run_program.empty()) {
+    places = {own.parent_path() / "trocar-run"};
+    std::istringstream path(::getenv("PATH") == nullptr ? "" : ::getenv("PATH"));
+    for (std::string folder; std::getline(path, folder, ':');)
+      places.push_back(fs::path(folder) / "trocar-run");
+  }
+  for (const fs::path& place : places) {
+    if (::access(place.c_str(), X_OK) != 0) continue;
+    const auto run_digest = farm::sha256_of_file(place);
+    if (!run_digest) return run_digest.error();
+    out.run = fs::absolute(place, error).string();
+    out.run_digest = *run_digest;
+    return out;
+  }
+  return usage(run_program.empty() ? "the product " + wanted +
+                                         " is made by trocar-run, which is neither beside this "
+                                         "program nor in PATH; --run-program names it"
+                                   : "--run-program " + run_program.string() + ": cannot be run");
+}
+
 Result<void> check(const BatchArguments& a) {
   if (a.prune && !a.gc) return usage("--prune needs --gc");
   if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
@@ -330,6 +370,9 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
       ->capture_default_str()
       ->check(option_range(0, 1000000));
   app.add_flag("--strict", a.strict, "exit code 3 also if all failures are known");
+  app.add_option("--run-program", a.run_program,
+                 "trocar-run, which makes the products scene and check (default: the one beside "
+                 "this program, else that of PATH)");
   app.add_flag("--rehash", a.rehash,
                "read all inputs, also those with unchanged size, time and inode");
   app.add_flag("--verify", a.verify,
@@ -355,17 +398,18 @@ int run_batch(const BatchArguments& given) {
   if (!settings) return fail(settings.error());
   const auto collection = farm::read_collection(a.collection);
   if (!collection) return fail(collection.error());
-  const auto digest = farm::sha256_of_file("/proc/self/exe");
-  if (!digest) return fail(digest.error());
+  const auto programs = product_programs(given.run_program, *collection);
+  if (!programs) return fail(programs.error());
   // Paths in the collection are relative to its folder. So are paths in messages.
   fs::current_path(collection->folder, error);
   if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
   stop_on_signals();
   const FarmScans scans;
-  const auto batch = farm::Batch::plan(*collection, scans, *digest, *settings);
+  const auto batch = farm::Batch::plan(*collection, scans, *programs, *settings);
   if (!batch) return fail(usage(a.collection.string() + ": " + batch.error().message));
-  const json head = {
-      {"schema", "trocar.batch/1"}, {"program", *digest}, {"store", a.store.string()}};
+  const json head = {{"schema", "trocar.batch/1"},
+                     {"program", programs->mesh_digest},
+                     {"store", a.store.string()}};
   if (!a.explain.empty()) return explain(a, *batch, head);
   if (a.dry_run) return dry_run(a, *batch, head);
   return run(a, *collection, *batch, store, head);

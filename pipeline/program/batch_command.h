@@ -10,7 +10,7 @@
 namespace trocar::pipeline {
 
 struct BatchArguments {
-  std::filesystem::path collection, store, only, metrics;
+  std::filesystem::path collection, store, only, metrics, run_program;
   std::string shard, explain;
   int jobs = 0;
   std::size_t max_failures = 0;

@@ -95,7 +95,7 @@ class BatchTest : public testing::Test {
     return run(settings);
   }
   BatchSummary run(const BatchSettings& settings) {
-    const auto batch = Batch::plan(collection_, program_, digest_, settings);
+    const auto batch = Batch::plan(collection_, program_, programs_, settings);
     if (!batch) throw std::runtime_error(batch.error().message);
     const auto summary = batch->run();
     if (!summary) throw std::runtime_error(summary.error().message);
@@ -113,7 +113,7 @@ class BatchTest : public testing::Test {
   test::TemporaryFolder folder_;
   Collection collection_;
   TestProgram program_;
-  std::string digest_ = "program";
+  ProductPrograms programs_ = {"", "program", "", ""};
 };
 
 TEST_F(BatchTest, EachWayToFailIsAnEntryAndTheOthersAreDone) {
@@ -185,7 +185,7 @@ TEST_F(BatchTest, AFailureThatTheScanExplainsIsKnownUntilTheScanChanges) {
   collection_.scans[0].parameters["n"] = 2;
   EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "parameters";
   EXPECT_EQ(names_of(run().known), Names{"refused"});
-  digest_ = "another program";
+  programs_.mesh_digest = "another program";
   EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "program";
   EXPECT_EQ(names_of(run().known), Names{"refused"});
   EXPECT_EQ(names_of(retry().failed), Names{"refused"}) << "retry";
@@ -206,7 +206,7 @@ TEST_F(BatchTest, ATouchedInputWithTheSameBytesIsTheSameFailure) {
   // The index has the new times, so that the files are not read again.
   BatchSettings settings;
   settings.store = folder_ / "store";
-  const auto states = Batch::plan(collection_, program_, digest_, settings)->dry_run();
+  const auto states = Batch::plan(collection_, program_, programs_, settings)->dry_run();
   for (const NamedState& one : *states)
     EXPECT_EQ(one.state.kind, ScanState::Kind::kKnownFailure) << one.scan;
   settings.rehash = true;
@@ -220,7 +220,7 @@ TEST_F(BatchTest, WhatIsMissingIsAKnownFailureUntilItIsThere) {
   fs::remove(input);
   EXPECT_EQ(names_of(run().failed), (Names{"input", "mask"}));
   EXPECT_EQ(names_of(run().known), (Names{"input", "mask"}));
-  digest_ = "another program";
+  programs_.mesh_digest = "another program";
   EXPECT_EQ(names_of(run().failed), (Names{"input", "mask"}));
   EXPECT_EQ(names_of(run().known), (Names{"input", "mask"}));
   std::ofstream(input) << "x";
@@ -259,10 +259,10 @@ TEST_F(BatchTest, ASecondRunDoesNothingAndTheSameBytesAreFound) {
   EXPECT_EQ(first.made, 2u);
   EXPECT_EQ(first.found, 1u);
   EXPECT_EQ(run().unchanged, 3u);
-  digest_ = "another program";
+  programs_.mesh_digest = "another program";
   const BatchSummary other = run();
   EXPECT_EQ(other.made, 2u);
-  digest_ = "program";
+  programs_.mesh_digest = "program";
   EXPECT_EQ(run().found, 3u);
 }
 
@@ -272,12 +272,12 @@ TEST_F(BatchTest, WhatTookPartIsKnownByNameSoThatExplainCanSayIt) {
   BatchSettings settings;
   settings.store = folder_ / "store";
   const auto why = [&] {
-    return Batch::plan(collection_, program_, digest_, settings)->explain("a")->why;
+    return Batch::plan(collection_, program_, programs_, settings)->explain("a")->why;
   };
   EXPECT_TRUE(why().empty());
   collection_.scans[0].parameters = {{"n", 3}, {"k", 4}};
   std::ofstream(file) << "z";
-  digest_ = "new";
+  programs_.mesh_digest = "new";
   const std::vector<json> expected = {
       {{"cause", "program"}, {"old", "program"}, {"new", "new"}},
       {{"cause", "parameter"}, {"name", "k"}, {"old", nullptr}, {"new", 4}},
@@ -311,7 +311,7 @@ TEST_F(BatchTest, ShardsAreTheCollectionAndNoScanIsInTwo) {
     BatchSettings settings;
     settings.store = folder_ / "store";
     settings.shard = std::pair{shard, 3};
-    const auto summary = Batch::plan(collection_, program_, digest_, settings)->run();
+    const auto summary = Batch::plan(collection_, program_, programs_, settings)->run();
     EXPECT_EQ(summary->made, summary->scans);
     total += summary->made;
   }
@@ -322,7 +322,7 @@ TEST_F(BatchTest, ShardsAreTheCollectionAndNoScanIsInTwo) {
 TEST_F(BatchTest, WrongParametersRefuseTheCollectionBeforeAnythingIsDone) {
   add("a", {{"n", 1}});
   add("b", {{"wrong", 1}});
-  const auto refused = Batch::plan(collection_, program_, digest_, {});
+  const auto refused = Batch::plan(collection_, program_, programs_, {});
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ExitCode::kUsage);
   EXPECT_EQ(refused.error().message, "scan b: wrong");

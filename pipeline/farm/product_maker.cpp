@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/product_maker.h"
+
+#include <system_error>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "pipeline/farm/action_key.h"
+#include "pipeline/farm/atomic_file.h"
+#include "pipeline/farm/command.h"
+
+namespace trocar::farm {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// A folder in the store's tmp/ that looks like the store to a command: the scene states its asset's
+// path from its own folder.
+class WorkFolder {
+ public:
+  WorkFolder(const Store& store, const std::string& scan)
+      : path_(temporary_name(store.tmp())), product_(path_ / "products" / scan) {
+    fs::create_directories(product_, error_);
+    if (!error_) fs::create_directories(path_ / "assets", error_);
+  }
+  WorkFolder(const WorkFolder&) = delete;
+  WorkFolder& operator=(const WorkFolder&) = delete;
+  ~WorkFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+
+  // A copy, because trocar-run follows links before it states a path.
+  Result<void> add_copy(const fs::path& file, const fs::path& copy) {
+    if (!error_) fs::copy_file(file, copy, error_);
+    if (error_) return unwritable(copy.string() + ": " + error_.message());
+    return {};
+  }
+  fs::path asset(const std::string& scan) const { return path_ / "assets" / (scan + ".glb"); }
+  const fs::path& product() const { return product_; }
+
+ private:
+  fs::path path_, product_;
+  std::error_code error_;
+};
+
+void add_options(const json& parameters, std::vector<std::string>& words) {
+  for (const auto& [name, value] : parameters.items()) {
+    if (value.is_boolean()) {
+      words.push_back("--" + name);
+      continue;
+    }
+    for (const json& one : value.is_array() ? value : json::array({value}))
+      words.push_back("--" + name + "=" +
+                      (one.is_string() ? one.get<std::string>() : json_text(one)));
+  }
+}
+
+// The options of the scan, overridden by those of the product.
+json options_of(const CollectionScan& scan, const WantedProduct& product) {
+  json out = scan.parameters;
+  if (product.kind == ProductKind::kSurface) out["surface"] = true;
+  out.update(product.parameters);
+  return out;
+}
+
+std::vector<std::string> mesh_words(const ProductWork& work, const WantedProduct& product,
+                                    const fs::path& output) {
+  std::vector<std::string> words = {work.programs.mesh};
+  if (product.kind == ProductKind::kPreview) words.emplace_back("preview");
+  add_options(options_of(work.scan, product), words);
+  if (!work.scan.series.empty()) words.push_back("--series=" + work.scan.series);
+  words.insert(words.end(), {"--jobs=1", "--quiet", "-o", output.string(), "--"});
+  for (const fs::path& input : work.inputs)
+    words.push_back(input.string());
+  return words;
+}
+
+json action_of_product(const ProductWork& work, const WantedProduct& product,
+                       const ScanEntry& entry) {
+  json out = {{"schema", "trocar.action/1"},
+              {"product", product_name(product.kind)},
+              {"program", work.programs.digest_for(product.kind)},
+              {"parameters", product.parameters}};
+  if (!is_made_by_run(product.kind)) {
+    out["asset_action"] = work.action;
+    return out;
+  }
+  out["scan"] = work.scan.name;  // the scene has it
+  out["asset"] = entry.outputs->asset.sha256;
+  if (product.kind == ProductKind::kCheck)
+    out["scene"] = entry.products.at(product_name(ProductKind::kScene)).file->sha256;
+  return out;
+}
+
+Result<Object> make(const ProductWork& work, const WantedProduct& product, const ScanEntry& entry) {
+  WorkFolder folder(work.store, work.scan.name);
+  const fs::path output = fs::absolute(folder.product() / product_file(product.kind));
+  Command command;
+  command.output = output.string() + ".out";
+  command.errors = output.string() + ".err";
+  if (is_made_by_run(product.kind)) {
+    const auto asset = folder.asset(work.scan.name);
+    if (auto ok = folder.add_copy(work.store.content_file(entry.outputs->asset.sha256), asset); !ok)
+      return ok.error();
+    command.folder = output.parent_path();
+    const std::string relative = (fs::path("../../assets") / asset.filename()).string();
+    if (product.kind == ProductKind::kScene) {
+      command.words = {work.programs.run, "--new-scene", relative, "-o", output.filename()};
+    } else {
+      const Object& scene = *entry.products.at(product_name(ProductKind::kScene)).file;
+      const fs::path copy = folder.product() / product_file(ProductKind::kScene);
+      if (auto ok = folder.add_copy(work.store.content_file(scene.sha256), copy); !ok)
+        return ok.error();
+      command.words = {work.programs.run, copy.filename(), "--check"};
+      command.output = output;
+    }
+    add_options(product.parameters, command.words);
+  } else {
+    command.words = mesh_words(work, product, output);
+  }
+  if (auto ok = run_command(command, work.stop); !ok) return ok.error();
+  const auto bytes = read_file(output);
+  if (!bytes) return bug("it wrote no " + output.filename().string());
+  return work.store.put_content(*bytes,
+                                [](std::span<const std::uint8_t>) { return Result<void>(); });
+}
+
+}  // namespace
+
+Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry) {
+  const auto before = std::exchange(entry.products, {});
+  ProductsDone out;
+  bool has_new_failure = false;
+  const auto fail = [&](const char* name, const Error& error, bool is_known) {
+    if (!out.failure) out.failure = error.after(std::string(name) + ": ");
+    has_new_failure |= !is_known;
+  };
+  for (const WantedProduct& product : work.scan.products) {
+    const char* const name = product_name(product.kind);
+    if (work.stop != nullptr && work.stop->load()) return refused_for_now("interrupted");
+    StoredProduct now{"", work.programs.digest_for(product.kind), product.parameters};
+    const auto scene = entry.products.find(product_name(ProductKind::kScene));
+    if (product.kind == ProductKind::kCheck && !scene->second.file) {
+      now.reason = "there is no scene";
+      now.exit_code = scene->second.exit_code;
+      now.is_lasting = scene->second.is_lasting;
+      entry.products.emplace(name, std::move(now));
+      continue;
+    }
+    const json action = action_of_product(work, product, entry);
+    now.key = key_of(action);
+    const auto last = before.find(name);
+    const bool has_failed_before = last != before.end() && last->second.is_lasting &&
+                                   last->second.key == now.key && !work.retry;
+    if (has_failed_before) {
+      now = last->second;
+      fail(name, {static_cast<ExitCode>(now.exit_code), now.reason}, true);
+    } else if ((now.file = work.store.find_product(now.key))) {
+      // It is in the store.
+    } else if (auto made = make(work, product, entry); !made) {
+      now.reason = made.error().message;
+      now.exit_code = static_cast<int>(made.error().code);
+      now.is_lasting = !made.error().is_temporary && (made.error().code == ExitCode::kUsage ||
+                                                      made.error().code == ExitCode::kRefused);
+      fail(name, made.error(), false);
+    } else {
+      now.file = *made;
+      if (auto ok = work.store.put_product(now.key, action, *made); !ok) return ok.error();
+      ++out.made;
+    }
+    entry.products.emplace(name, std::move(now));
+  }
+  out.is_known = out.failure.has_value() && !has_new_failure;
+  return out;
+}
+
+}  // namespace trocar::farm

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Makes the products of a scan, each by a command of trocar-mesh or trocar-run, unless the store
+// has them already.
+// Tests: tests/pipeline/farm/product_test.cpp, tests/e2e/batch_products_test.py
+#pragma once
+
+#include <atomic>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/farm/collection.h"
+#include "pipeline/farm/product.h"
+#include "pipeline/farm/store.h"
+
+namespace trocar::farm {
+
+/// The programs that make products: their paths and SHA-256 digests. The texts of `run` are empty
+/// if no scan of the collection has a product that trocar-run makes.
+struct ProductPrograms {
+  std::string mesh, mesh_digest, run, run_digest;
+  const std::string& digest_for(ProductKind kind) const {
+    return is_made_by_run(kind) ? run_digest : mesh_digest;
+  }
+};
+
+struct ProductWork {
+  const CollectionScan& scan;
+  const std::vector<std::filesystem::path>& inputs;
+  const nlohmann::json& action;  ///< of the scan's asset
+  const ProductPrograms& programs;
+  const Store& store;
+  bool retry = false;                       ///< try known failures again
+  const std::atomic<bool>* stop = nullptr;  ///< as in Work
+};
+
+/// What became of a scan's products.
+struct ProductsDone {
+  std::size_t made = 0;
+  /// The first product that failed; its message begins with the product's name.
+  std::optional<Error> failure;
+  bool is_known = false;  ///< true: all failures are those of an earlier run
+};
+
+/// Replaces entry.products by the wanted ones. A product is made only if the store does not have it
+/// under its key: the digest of the program, the product's parameters, and the digests of what it
+/// is made of, which are the scan's files for preview and surface, the asset for the scene, and
+/// asset and scene for the check. Errors: (unwritable) a file of the store; (refused) a signal.
+Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry);
+
+}  // namespace trocar::farm
