@@ -39,6 +39,7 @@ json journal_line(const std::string& scan, const Outcome& outcome) {
               {"seconds", outcome.seconds},
               {"bytes", outcome.bytes},
               {"input_bytes", outcome.input_bytes},
+              {"memory_bytes", outcome.memory_bytes},
               {"exit_code", outcome.exit_code}};
   if (outcome.signal != 0) out["signal"] = outcome.signal;
   if (outcome.products_made > 0) out["products_made"] = outcome.products_made;
@@ -158,6 +159,7 @@ class Run {
       outcome = record_killed(work_of(todo, 1), store_, ended.signal, ended.exit_code);
     }
     outcome.seconds = ended.seconds;
+    outcome.memory_bytes = ended.memory_bytes;
     if (outcome.kind == Outcome::Kind::kLeased) {
       waiting_.push_back({todo, outcome.key});
       return;

@@ -66,6 +66,23 @@ void remove_expired(const Store& store, const fs::path& file, ino_t inode) {
   ::unlink(away.c_str());
 }
 
+// Errors of link() on a file system that has no hard links.
+bool is_without_links(int error) {
+  return error == EPERM || error == EOPNOTSUPP || error == ENOSYS || error == EMLINK;
+}
+
+// Makes the lease without a hard link: 0, or the error. Until its text is written it names no
+// process, so that other processes wait for as long as for one of another host.
+int create_lease(const fs::path& file, const std::string& text) {
+  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (fd < 0) return errno;
+  const ssize_t put = ::write(fd, text.data(), text.size());
+  const int error = put == static_cast<ssize_t>(text.size()) ? 0 : (put < 0 ? errno : ENOSPC);
+  ::close(fd);
+  if (error != 0) ::unlink(file.c_str());
+  return error;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Lease>> Lease::take(const Store& store, const std::string& key,
@@ -84,12 +101,13 @@ Result<std::unique_ptr<Lease>> Lease::take(const Store& store, const std::string
   failpoint("lease-made");
   Result<std::unique_ptr<Lease>> out = std::unique_ptr<Lease>();
   for (int attempt = 0; attempt < 3; ++attempt) {
-    const int linked = ::link(mine.c_str(), file.c_str());
-    const int error = errno;
+    int error = ::link(mine.c_str(), file.c_str()) == 0 ? 0 : errno;
     struct stat status {};
     // Over NFS the reply to a successful link() can be lost. The number of links then shows that it
     // succeeded.
-    if (linked == 0 || (::stat(mine.c_str(), &status) == 0 && status.st_nlink == 2)) {
+    if (error != 0 && ::stat(mine.c_str(), &status) == 0 && status.st_nlink == 2) error = 0;
+    if (is_without_links(error)) error = create_lease(file, text);
+    if (error == 0) {
       failpoint("lease-linked");
       out = std::unique_ptr<Lease>(new Lease(file));
       break;

@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -79,9 +80,11 @@ std::optional<Ended> Processes::wait(std::chrono::milliseconds most) {
     running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
     ::close(one.fd);
     int status = 0;
-    while (::waitpid(one.pid, &status, 0) < 0 && errno == EINTR) {
+    rusage used{};
+    while (::wait4(one.pid, &status, 0, &used) < 0 && errno == EINTR) {
     }
     Ended out;
+    out.memory_bytes = static_cast<std::uint64_t>(used.ru_maxrss) * 1024;
     out.task = one.task;
     out.text = one.text;
     if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);

@@ -39,6 +39,7 @@ struct Outcome {
   int exit_code = 0, signal = 0;
   std::uint64_t bytes = 0, input_bytes = 0;
   std::size_t products_made = 0;
+  std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process
   double seconds = 0;
   bool is_recorded = true;  ///< true: the index has the outcome
   nlohmann::json warnings = nlohmann::json::array();

@@ -10,7 +10,7 @@ import numpy
 
 from e2e import run
 
-COMPARED = ("actions", "content", "scans", "assets", "reports")
+COMPARED = ("actions", "content", "scans", "assets", "reports", "products")
 
 
 def label_map(file, source, crop):

@@ -8,7 +8,7 @@ import os
 import pathlib
 
 # What a store holds is a function of collection, files and program, the journal excepted; nothing is left under claims and tmp.
-COMPARED = ("trocar-store.json", "actions", "content", "scans", "assets", "reports")
+COMPARED = ("trocar-store.json", "actions", "content", "scans", "assets", "reports", "products")
 EMPTY = ("claims", "tmp")
 VARIANTS = ({"slices": "5:8"}, {"slices": "10:12"}, {"slices": "15:18", "tolerance": 0.1}, {"slices": "20:22", "threshold": 180},
             {"slices": "8:10", "simplify": "dp"}, {"slices": "24:26", "min-angle": 25})

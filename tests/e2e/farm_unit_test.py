@@ -267,7 +267,7 @@ def state(scans, stale, known=()):
 
 
 def entry(scan, outcome="made"):
-    return journal.Entry(scan, outcome, 2.0, 10, 100, "")
+    return journal.Entry(scan, outcome, 2.0, 10, 100, 5_000_000, "")
 
 
 def summary_of(before, after, unfinished, entries):
@@ -281,6 +281,7 @@ def test_each_scan_is_in_one_class():
     after = state(330, {"s9": "its process was killed by signal 9 (SIGKILL)", "s10": ""}, {"old": "damaged", **{f"s{k}": "no bone" for k in range(9)}})
     numbers = summary_of(before, after, {"s10": "time limit"}, [entry(name) for name in names[20:]])
     assert (numbers["unchanged"], numbers["done"], len(numbers["failed"]), len(numbers["known_failures"]), len(numbers["not_finished"])) == (9, 309, 10, 1, 1)
+    assert "memory of a scan: at most 5 MB" in summary.text(numbers)
     assert numbers["failed"][-1] == {"scan": "s9", "reason": "its process was killed by signal 9 (SIGKILL)"}
     assert numbers["not_finished"] == [{"scan": "s10", "reason": "time limit"}]
     assert summary.text(numbers).splitlines()[0] == "330 scans: 9 unchanged, 309 made, 10 failed, 1 known failure, 1 not finished"

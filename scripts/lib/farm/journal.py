@@ -15,6 +15,7 @@ class Entry:
     seconds: float
     bytes: int
     input_bytes: int
+    memory_bytes: int
     reason: str
 
 
@@ -32,7 +33,7 @@ def entry_of(line):
         value = row.get(name)
         return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else 0
 
-    return Entry(scan, outcome, seconds, number("bytes"), number("input_bytes"), str(row.get("reason") or ""))
+    return Entry(scan, outcome, seconds, number("bytes"), number("input_bytes"), number("memory_bytes"), str(row.get("reason") or ""))
 
 
 class Journal:

@@ -48,6 +48,7 @@ class Summary:
             "seconds": round(self.seconds, 3), "slots": self.slots, "work_s": round(work, 3),
             "scans_per_s": round(len(self.entries) / self.seconds, 3) if self.seconds else 0,
             "bytes": sum(entry.bytes for entry in finished), "asset_bytes": self.after.asset_bytes,
+            "memory_bytes": max((entry.memory_bytes for entry in self.entries), default=0),
             "busy_share": round(work / (self.slots * self.seconds), 4) if self.slots else 0,
             "slowest": [{"scan": entry.scan, "seconds": entry.seconds} for entry in slowest],
             "rounds": self.rounds, "repairs": self.repairs, "resubmitted": self.resubmitted,
@@ -65,6 +66,8 @@ def text(numbers):
     if numbers["stale_at_start"]:
         lines.append(f"{numbers['seconds']:.1f} s on {numbers['slots']} slots, {numbers['scans_per_s']:.2f} scans/s, "
                      f"{numbers['bytes'] / 1e6:.1f} MB; slots busy {100 * numbers['busy_share']:.0f} % of the time")
+    if numbers["memory_bytes"]:
+        lines.append(f"memory of a scan: at most {numbers['memory_bytes'] / 1e6:.0f} MB")
     if numbers["resubmitted"] or numbers["repairs"]:
         lines.append(f"{numbers['resubmitted']} chunks submitted again, {numbers['repairs']} nodes and tasks repaired")
     if numbers["slowest"]:

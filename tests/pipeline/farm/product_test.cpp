@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/product.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <thread>
+
+#include "pipeline/farm/command.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::farm {
+namespace {
+
+namespace fs = std::filesystem;
+
+TEST(Product, NamesAndKindsAreOneToOne) {
+  for (const ProductKind kind : kProductKinds)
+    EXPECT_EQ(product_kind(product_name(kind)), kind);
+  EXPECT_FALSE(product_kind("asset"));
+  EXPECT_FALSE(product_kind(""));
+}
+
+class CommandTest : public testing::Test {
+ protected:
+  Result<void> shell(const std::string& script) {
+    return run_command({{"/bin/sh", "-c", script}, folder_.path(), folder_ / "out", folder_ / "errors"},
+                       &stop_);
+  }
+  std::string text(const char* name) const {
+    std::ifstream in(folder_ / name);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+
+  test::TemporaryFolder folder_;
+  std::atomic<bool> stop_ = false;
+};
+
+TEST_F(CommandTest, RunsInItsFolderWithItsOutputInFiles) {
+  ASSERT_TRUE(shell("pwd; echo warning >&2"));
+  EXPECT_EQ(text("out"), fs::canonical(folder_.path()).string() + "\n");
+  EXPECT_EQ(text("errors"), "warning\n");
+}
+
+TEST_F(CommandTest, AnErrorHasTheLastLineAndTheCodeOfTheProgram) {
+  const auto of = [&](const std::string& script) { return shell(script).error(); };
+  const Error refusal = of("echo note >&2; echo 'sh: scan.nii: no bone' >&2; exit 3");
+  EXPECT_EQ(refusal.message, "scan.nii: no bone");
+  EXPECT_EQ(refusal.code, ExitCode::kRefused);
+  EXPECT_FALSE(refusal.is_temporary);
+  EXPECT_EQ(of("echo wrong >&2; exit 2").code, ExitCode::kUsage);
+  const Error full = of("echo full >&2; exit 4");
+  EXPECT_EQ(full.code, ExitCode::kUnwritable);
+  EXPECT_TRUE(full.is_temporary);
+  const Error silent = of("exit 7");
+  EXPECT_EQ(silent.message, "it ended with exit code 7");
+  EXPECT_EQ(silent.code, ExitCode::kBug);
+  EXPECT_TRUE(silent.is_temporary);
+  const Error killed = of("kill -9 $$");
+  EXPECT_EQ(killed.message, "it was killed by signal 9");
+  EXPECT_TRUE(killed.is_temporary);
+}
+
+TEST_F(CommandTest, AProgramThatIsNotThereIsAnError) {
+  const auto done =
+      run_command({{"/nowhere/program"}, folder_.path(), folder_ / "out", folder_ / "errors"}, nullptr);
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().message, "it ended with exit code 127");
+}
+
+TEST_F(CommandTest, StopKillsIt) {
+  std::thread stopper([this] {
+    while (!fs::exists(folder_ / "started"))
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    stop_ = true;
+  });
+  const auto done = shell("touch started; exec sleep 600");
+  stopper.join();
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().message, "it was killed by signal 9");
+}
+
+}  // namespace
+}  // namespace trocar::farm
