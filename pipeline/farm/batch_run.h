@@ -55,7 +55,7 @@ struct BatchSummary {
   std::size_t made = 0;            ///< computed by this run
   std::size_t found = 0;           ///< changed, but the store had the outputs under the new key
   std::size_t left = 0;            ///< not tried, because of a signal or of `max_failures`
-  std::vector<FailedScan> failed;  ///< by this run, in the collection's order
+  std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
   /// Failed in an earlier run for a reason that lasts; not tried again. In the collection's order.
   std::vector<FailedScan> known;
   std::uint64_t asset_bytes = 0;  ///< size of the assets of all scans that are done

@@ -29,14 +29,14 @@ struct ProductPrograms {
 struct ProductWork {
   const CollectionScan& scan;
   const std::vector<std::filesystem::path>& inputs;
-  const nlohmann::json& action;  ///< of the scan's asset
+  const nlohmann::json& action;  ///< the action of the scan's asset
   const ProductPrograms& programs;
   const Store& store;
   bool retry = false;                       ///< try known failures again
-  const std::atomic<bool>* stop = nullptr;  ///< as in Work
+  const std::atomic<bool>* stop = nullptr;  ///< a signal handler's flag, as in Work
 };
 
-/// What became of a scan's products.
+/// The result of making the products of a scan.
 struct ProductsDone {
   std::size_t made = 0;
   /// The first product that failed; its message begins with the product's name.

@@ -118,7 +118,7 @@ void compare_products(const WantedScan& wanted, const Store& store, const ScanEn
     out.push_back(product_cause(name, "no longer wanted"));
 }
 
-// What differs from the run that wrote the entry.
+// The differences from the run that wrote the entry.
 std::vector<json> changes_of(const WantedScan& wanted, const ScanProgram& program,
                              const Store& store, const ScanEntry& entry, const Comparison& how) {
   std::vector<json> out;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The state of a scan: done, known to fail, or stale, and why: changed program, parameters, input
-// or store.
+// The state of a scan: done, known to fail, or stale. A scan is stale because its program, its
+// parameters, its input, its products or its files in the store have changed.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -20,7 +20,7 @@ namespace trocar::farm {
 struct WantedScan {
   const CollectionScan* scan = nullptr;
   const Parameters* parameters = nullptr;     ///< null if a file that they name was refused
-  const ProductPrograms* programs = nullptr;  ///< with the digest of the program
+  const ProductPrograms* programs = nullptr;  ///< paths and digests of the programs
 };
 
 struct Comparison {
@@ -30,7 +30,7 @@ struct Comparison {
   bool retry = false;  ///< true: a scan that has failed is always stale
 };
 
-/// What a run has to do about a scan.
+/// Tells what a run has to do about a scan.
 struct ScanState {
   enum class Kind {
     kDone,          ///< nothing: the scan is done and unchanged

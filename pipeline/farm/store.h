@@ -55,7 +55,7 @@ struct ScanEntry {
   std::string series = {};
   std::vector<ScanFile> files = {};
   std::optional<Outputs> outputs = {};                 ///< present if the scan is done
-  std::map<std::string, StoredProduct> products = {};  ///< by the name of the product
+  std::map<std::string, StoredProduct> products = {};  ///< the key is the name of the product
   // If the scan failed:
   std::string reason = {};
   int exit_code = 0;
