@@ -24,6 +24,10 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
               numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
               numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
               numbers["pages"].size());
+  for (const auto& [kind, count] : numbers["products"].items()) {
+    const auto failed = count["failed"].get<std::size_t>();
+    if (failed > 0) std::printf("  failed products: %zu of kind %s\n", failed, kind.c_str());
+  }
   if (!numbers.contains("differences")) return;
   const json& differences = numbers["differences"];
   std::printf("against %s: %zu the same, %zu differ\n", a.against.c_str(),

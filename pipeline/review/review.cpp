@@ -2,10 +2,12 @@
 #include "pipeline/review/review.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <fstream>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -19,8 +21,11 @@
 #include "pipeline/farm/store.h"
 #include "pipeline/preview/sheet_png.h"
 #include "pipeline/review/mesh_thumbnail.h"
+#include "pipeline/review/page_links.h"
+#include "pipeline/review/scan_index.h"
 #include "pipeline/review/store_diff.h"
 #include "pipeline/review/stored_asset.h"
+#include "pipeline/review/stored_products.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -65,6 +70,7 @@ json difference_json(const ScanDifference& d) {
 // The data of a scan that a page shows.
 struct Card {
   std::string name;
+  IndexedScan::Status status = IndexedScan::Status::kDamaged;
   std::optional<farm::Object> now, before;
   std::string reason;  // reason why there is no picture of the asset
   const ScanDifference* difference = nullptr;
@@ -90,9 +96,28 @@ json asset_json(const Store& store, const farm::Object& object) {
   return out;
 }
 
-json card_json(const Store& now, const Store* before, const Card& card) {
+// Adds the card's links to files of the store, and the products that failed. A damaged asset has no
+// link.
+void add_links(const Store& store, const PageLinks& links, json& card) {
+  const auto name = card["name"].get<std::string>();
+  json& shown = card["links"] = json::object();
+  shown["report"] = links.to("reports/" + name + ".json");
+  if (!card["asset"].contains("error")) shown["asset"] = links.to("assets/" + name + ".glb");
+  for (const StoredProduct& product : products_of(store, name)) {
+    const std::string kind(product.kind);
+    if (product.is_done())
+      shown[kind] = links.to(product.file);
+    else
+      card["failed_products"][kind] = product.reason;
+  }
+}
+
+json card_json(const Store& now, const Store* before, const PageLinks& links, const Card& card) {
   json out = {{"name", card.name}};
-  if (card.now) out["asset"] = asset_json(now, *card.now);
+  if (card.now) {
+    out["asset"] = asset_json(now, *card.now);
+    add_links(now, links, out);
+  }
   if (before != nullptr && card.now && card.before)
     out["before"] = asset_json(*before, *card.before);
   if (card.difference != nullptr) out["difference"] = difference_json(*card.difference);
@@ -109,7 +134,7 @@ std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
     by_name[scan.name] = &scan;
   std::vector<Card> out;
   const auto add = [&](const IndexedScan& scan, const ScanDifference* difference) {
-    Card card{scan.name, {}, {}, scan.reason, difference};
+    Card card{scan.name, scan.status, {}, {}, scan.reason, difference};
     if (scan.status == IndexedScan::Status::kDone) card.now = scan.asset;
     const auto other = before.find(scan.name);
     if (difference != nullptr && other != before.end()) card.before = other->second;
@@ -154,19 +179,97 @@ json difference_rows(const StoreDiff& diff) {
   return {{"further", diff.differences.size() - rows.size()}, {"scans", std::move(rows)}};
 }
 
+ScanIndex::Row index_row(const json& card, IndexedScan::Status status) {
+  using Row = ScanIndex::Row;
+  Row out;
+  out.name = card["name"];
+  static const json kNone = json::object();
+  const json& asset = card.contains("asset") ? card["asset"] : kNone;
+  const bool is_damaged = status == IndexedScan::Status::kDamaged || asset.contains("error");
+  if (is_damaged)
+    out.flags |= Row::kDamaged;
+  else
+    out.flags |= status == IndexedScan::Status::kDone ? Row::kDone : Row::kFailed;
+  if (card.contains("difference")) out.flags |= Row::kDifferent;
+  if (card.contains("failed_products")) out.flags |= Row::kFailedProduct;
+  const auto number = [&](const char* member) -> std::optional<std::uint64_t> {
+    if (!asset.contains(member)) return {};
+    return asset[member].get<std::uint64_t>();
+  };
+  out.bytes = number("bytes");
+  out.triangles = number("triangles");
+  out.slices = number("slices");
+  return out;
+}
+
+// The numbers of a review. Damaged assets and products are counted when their cards are made.
 struct Counts {
   std::size_t done = 0, failed = 0, damaged = 0;
   std::uint64_t bytes = 0;
+  struct Products {
+    std::size_t done = 0, failed = 0;
+  };
+  std::array<Products, kProductKinds.size()> products;
+
+  explicit Counts(const std::vector<IndexedScan>& scans) {
+    for (const IndexedScan& scan : scans) {
+      done += scan.status == IndexedScan::Status::kDone ? 1 : 0;
+      failed += scan.status == IndexedScan::Status::kFailed ? 1 : 0;
+      damaged += scan.status == IndexedScan::Status::kDamaged ? 1 : 0;
+      bytes += scan.asset.bytes;
+    }
+  }
+
+  void add(const json& card) {
+    if (!card.contains("asset")) return;
+    damaged += card["asset"].contains("error") ? 1 : 0;
+    for (std::size_t k = 0; k < kProductKinds.size(); ++k) {
+      const std::string kind(kProductKinds[k].name);
+      products[k].done += card["links"].contains(kind) ? 1 : 0;
+      products[k].failed += card.value("failed_products", json::object()).contains(kind) ? 1 : 0;
+    }
+  }
+
+  json as_json() const {
+    json out = {{"done", done}, {"failed", failed}, {"damaged", damaged}, {"bytes", bytes}};
+    for (std::size_t k = 0; k < kProductKinds.size(); ++k)
+      out["products"][std::string(kProductKinds[k].name)] = {{"done", products[k].done},
+                                                             {"failed", products[k].failed}};
+    return out;
+  }
 };
 
-Counts count(const std::vector<IndexedScan>& scans) {
-  Counts out;
-  for (const IndexedScan& scan : scans) {
-    out.done += scan.status == IndexedScan::Status::kDone ? 1 : 0;
-    out.failed += scan.status == IndexedScan::Status::kFailed ? 1 : 0;
-    out.damaged += scan.status == IndexedScan::Status::kDamaged ? 1 : 0;
-    out.bytes += scan.asset.bytes;
+// The store to compare with, if there is one.
+struct Comparison {
+  std::optional<Store> store;
+  StoreDiff diff;
+  std::map<std::string, farm::Object> assets;  // of the other store, by the scan's name
+};
+
+Result<Comparison> compare(const ReviewOptions& options, const Store& store) {
+  Comparison out;
+  if (options.against.empty()) return out;
+  auto opened = open_store(options.against);
+  if (!opened) return opened.error();
+  out.store = std::move(*opened);
+  auto compared = compare_stores(store, *out.store, options.stop);
+  if (!compared) return compared.error();
+  out.diff = std::move(*compared);
+  for (IndexedScan& scan : farm::indexed_scans(*out.store)) {
+    if (scan.status == IndexedScan::Status::kDone) out.assets[scan.name] = scan.asset;
   }
+  return out;
+}
+
+std::vector<json> cards_json(const ReviewOptions& options, const Store& now, const Store* before,
+                             std::span<const Card> cards) {
+  const PageLinks links(options.page, options.store);
+  std::vector<json> out(cards.size());
+  parallel_for(static_cast<int>(cards.size()), [&](int i) {
+    if (options.stop != nullptr && *options.stop) return;
+    const auto k = static_cast<std::size_t>(i);
+    out[k] = card_json(now, before, links, cards[k]);
+  });
   return out;
 }
 
@@ -177,65 +280,55 @@ Result<json> write_review(const ReviewOptions& options) {
   if (!store) return store.error();
   const std::vector<IndexedScan> scans = farm::indexed_scans(*store);
   if (scans.empty()) return refused(options.store.string() + ": the store has no scans");
+  const auto other = compare(options, *store);
+  if (!other) return other.error();
 
-  std::optional<Store> other;
-  StoreDiff diff;
-  std::map<std::string, farm::Object> before;
-  if (!options.against.empty()) {
-    auto opened = open_store(options.against);
-    if (!opened) return opened.error();
-    other = std::move(*opened);
-    auto compared = compare_stores(*store, *other, options.stop);
-    if (!compared) return compared.error();
-    diff = std::move(*compared);
-    for (IndexedScan& scan : farm::indexed_scans(*other)) {
-      if (scan.status == IndexedScan::Status::kDone) before[scan.name] = scan.asset;
-    }
-  }
-
-  Counts counts = count(scans);
-  const std::vector<Card> cards = cards_of(scans, before, diff.differences);
+  Counts counts(scans);
+  const std::vector<Card> cards = cards_of(scans, other->assets, other->diff.differences);
   const std::size_t pages = (cards.size() + kScansPerPage - 1) / kScansPerPage;
   json files = json::array();
   for (std::size_t page = 0; page < pages; ++page)
     files.push_back(page_file(options.page, page).filename().string());
-  for (std::size_t page = 0; page < pages; ++page) {
-    const std::size_t first = page * kScansPerPage,
+  ScanIndex index(cards.size());
+  std::size_t done = 0;
+  // The first page is written last, because its index has the figures of all assets.
+  for (std::size_t k = 1; k <= pages; ++k) {
+    const std::size_t page = k % pages, first = page * kScansPerPage,
                       size = std::min(kScansPerPage, cards.size() - first);
-    std::vector<json> made(size);
-    parallel_for(static_cast<int>(size), [&](int i) {
-      if (options.stop != nullptr && *options.stop) return;
-      const auto k = static_cast<std::size_t>(i);
-      made[k] = card_json(*store, other ? &*other : nullptr, cards[first + k]);
-    });
+    const auto on_page = std::span(cards).subspan(first, size);
+    std::vector<json> made =
+        cards_json(options, *store, other->store ? &*other->store : nullptr, on_page);
     if (options.stop != nullptr && *options.stop) return unwritable("interrupted");
-    for (const json& card : made)
-      counts.damaged += card.contains("asset") && card["asset"].contains("error") ? 1 : 0;
-    json shown = {{"counts",
-                   {{"done", counts.done},
-                    {"failed", counts.failed},
-                    {"damaged", counts.damaged},
-                    {"bytes", counts.bytes}}},
-                  {"pages", files},
-                  {"page", page},
-                  {"cards", std::move(made)}};
-    if (page == 0 && other) shown["differences"] = difference_rows(diff);
+    for (std::size_t i = 0; i < size; ++i) {
+      counts.add(made[i]);
+      index.set(first + i, index_row(made[i], on_page[i].status));
+    }
+    json shown = {{"pages", files}, {"page", page}, {"scans", cards.size()}};
+    shown["cards"] = std::move(made);
+    if (page == 0) {
+      shown["counts"] = counts.as_json();
+      shown["index"] = index.as_json();
+      shown["per_page"] = kScansPerPage;
+      if (other->store) shown["differences"] = difference_rows(other->diff);
+    }
     const std::string text = html_page(kReviewPage, {{"review", json_text(shown)}});
     if (auto ok = write_file_atomically(page_file(options.page, page), text); !ok)
       return ok.error();
-    if (options.progress) options.progress(first + size, cards.size());
+    done += size;
+    if (options.progress) options.progress(done, cards.size());
   }
   std::error_code ignored;
   for (std::size_t page = pages; is_review(page_file(options.page, page)); ++page)
     fs::remove(page_file(options.page, page), ignored);
 
-  json out = {{"schema", "trocar.review/1"}, {"scans", scans.size()},     {"done", counts.done},
-              {"failed", counts.failed},     {"damaged", counts.damaged}, {"bytes", counts.bytes},
-              {"pages", std::move(files)}};
-  if (other) {
-    out["same"] = diff.same;
+  json out = counts.as_json();
+  out["schema"] = "trocar.review/1";
+  out["scans"] = scans.size();
+  out["pages"] = std::move(files);
+  if (other->store) {
+    out["same"] = other->diff.same;
     out["differences"] = json::array();
-    for (const ScanDifference& d : diff.differences)
+    for (const ScanDifference& d : other->diff.differences)
       out["differences"].push_back(difference_json(d));
   }
   return out;

@@ -25,10 +25,15 @@ struct ReviewOptions {
 
 /// Writes the pages and returns the numbers shown in them as JSON (`trocar.review/1`). Each page
 /// shows up to kScansPerPage scans: first those that differ, the most serious differences first,
-/// then those that failed, then the others by name. A page needs no other file, and only one page
-/// is in memory at a time. Pages of an earlier, longer review with the same name are removed. A
-/// missing or damaged asset is reported on its card. Errors: (refused) the folder is not a store,
-/// or the store has no scans; (unwritable).
+/// then those that failed, then the others by name. A card links to the scan's report, asset and
+/// products in the store, and names the products that failed. The first page has an index of all
+/// scans (scan_index.h) and searches, filters and sorts the scans of all pages; its results link to
+/// the cards. The other pages link to the first page and have no index of their own, because the
+/// size of a review would then grow with the square of the number of scans. A page is shown without
+/// any other file. Only one page and the index are in memory at a time. The first page is written
+/// last. Pages of an earlier, longer review with the same name are removed. A missing or damaged
+/// asset is reported on its card. Errors: (refused) the folder is not a store, or the store has no
+/// scans; (unwritable).
 Result<nlohmann::json> write_review(const ReviewOptions& options);
 
 }  // namespace trocar::pipeline

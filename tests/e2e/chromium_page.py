@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The console's page in a headless Chromium, for tests that drive it by a script of console/."""
+"""The console's page, or a review's, in a headless Chromium, for tests that drive it by a script of console/."""
 import json
 import os
 import pathlib
@@ -15,12 +15,12 @@ PAGE = SOURCE / "runtime" / "console" / "page"
 CHROMIUM = os.environ.get("TROCAR_CHROMIUM") or shutil.which("chromium")
 
 
-def need_browser():
+def need_browser(with_console=True):
     """Ends the test as skipped, or with TROCAR_REQUIRE_CONSOLE as failed, if something is missing."""
     why = ""
     if not CHROMIUM or not shutil.which("node") or not (DRIVERS / "node_modules" / "playwright-core").is_dir():
         why = "skipped: no chromium, node or playwright-core (scripts/setup test, scripts/test)"
-    elif not (PAGE / "vendor").is_dir():
+    elif with_console and not (PAGE / "vendor").is_dir():
         why = "skipped: the page's libraries are missing (scripts/setup console)"
     if why:
         print(why)

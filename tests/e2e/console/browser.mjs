@@ -40,12 +40,14 @@ export class Browser {
   }
   check(condition, words) { if (!condition) this.fail(words); }
 
-  /// Opens a link in a browser window of its own. `context`: playwright's options of that window.
+  /// Opens a link in a browser window of its own. `context`: playwright's options of that window. The page may only ask for what the link's
+  /// server has, or for a file in the link's folder or below.
   async open(link, context = {}) {
+    const { origin } = new URL(link), allowed = origin === "null" ? new URL(".", link).href : origin;
     const page = await (await this.browser.newContext({ viewport: { width: 1280, height: 720 }, colorScheme: "dark", ...context })).newPage();
     page.setDefaultTimeout(30000);
     page.on("pageerror", (error) => this.fail(`the page threw: ${error.stack}`));
-    page.on("request", (request) => this.check(request.url().startsWith(new URL(link).origin) || /^(blob|data):/.test(request.url()), `the page asked for ${request.url()}`));
+    page.on("request", (request) => this.check(request.url().startsWith(allowed) || /^(blob|data):/.test(request.url()), `the page asked for ${request.url()}`));
     await page.goto(link);
     return page;
   }

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The index on the first page of a review, by which that page searches, filters and sorts the scans
+// of all pages.
+// Tests: tests/e2e/review_test.py, tests/e2e/review_page_test.py
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace trocar::pipeline {
+
+/// About 35 bytes of text a scan beyond the name, so at most about 15 MB with the longest names.
+inline constexpr std::size_t kMaxIndexed = 100'000;
+
+class ScanIndex {
+ public:
+  struct Row {
+    /// kDone: the asset could be read. kDamaged: the index entry or the asset cannot be read.
+    enum Flag : std::uint8_t {
+      kDone = 1,
+      kFailed = 2,
+      kDamaged = 4,
+      kDifferent = 8,
+      kFailedProduct = 16
+    };
+    std::string name;
+    unsigned flags = 0;
+    std::optional<std::uint64_t> bytes = {}, triangles = {}, slices = {};
+  };
+
+  /// Only the first kMaxIndexed scans are kept.
+  explicit ScanIndex(std::size_t scans);
+  /// Sets the row of a scan. `place` is its number in the order of the pages.
+  void set(std::size_t place, Row row);
+  /// The rows as one array for each column, because that is the shortest text. The place of a scan
+  /// in the arrays gives its page. "further" is the number of scans that are not kept.
+  nlohmann::json as_json() const;
+
+ private:
+  std::vector<Row> rows_;
+  std::size_t further_;
+};
+
+}  // namespace trocar::pipeline
