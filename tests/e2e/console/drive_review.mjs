@@ -5,7 +5,7 @@
 import axe from "axe-core";
 import { Browser } from "./browser.mjs";
 
-const kPerPage = 240;
+const kPerPage = 240, kRows = 50;  // cards of a page; rows that the table shows at first
 const given = JSON.parse(process.argv[2]);
 const browser = await Browser.launch(given);
 const same = (found, wanted, what) => browser.check(JSON.stringify(found) === JSON.stringify(wanted),
@@ -20,16 +20,20 @@ const isInView = (page, id) => page.evaluate(id => {
 }, id);
 
 async function allRows(page) {
-  const more = page.getByRole("button", { name: /^Show \d+ more rows$/ });
-  while (await more.isVisible()) await more.click();
+  await page.evaluate(() => {
+    const more = [...document.querySelectorAll("button")].find(({ textContent }) => /more rows$/.test(textContent));
+    while (!more.hidden) more.click();
+  });
   return rows(page);
 }
 
+const control = (page, name) => page.getByRole("combobox", { name, exact: true });
+
 async function choose(page, { name, show, sort, order }) {
   await page.getByLabel("Name contains").fill(name);
-  await page.getByLabel("Show").selectOption(show);
-  await page.getByLabel("Sort by").selectOption(sort);
-  await page.getByLabel("Order").selectOption(order);
+  await control(page, "Show").selectOption(show);
+  await control(page, "Sort by").selectOption(sort);
+  await control(page, "Order").selectOption(order);
 }
 
 async function accessible(page, name) {
@@ -56,6 +60,7 @@ for (const { state, names } of given.queries) {
 
 // The whole way by keyboard, a reload, and a result on another page.
 await page.getByRole("button", { name: "Reset" }).click();
+same(await rows(page), [], "the rows after a reset");
 same(await cards(page), given.scans.slice(0, kPerPage), "the cards after a reset");
 browser.check(!page.url().includes("#"), `the address after a reset is ${page.url()}`);
 browser.check(await page.evaluate(() => document.activeElement.type === "search"), "after a reset the search has no focus");
@@ -65,14 +70,14 @@ await page.keyboard.press("ArrowDown");
 for (let tabs = 0; tabs < 2; ++tabs) await page.keyboard.press("Tab");
 await page.keyboard.press("ArrowDown");
 const wanted = given.queries.find(({ state }) => state.show === "done").names.filter(name => name.includes("head_4")).reverse();
-same(await rows(page), wanted, "by keyboard");
+same(await rows(page), wanted.slice(0, kRows), "by keyboard");
 await page.keyboard.press("Enter");
 await page.screenshot({ path: `${given.out}/search.png` });
 await accessible(page, "search");
 const address = page.url();
 browser.check(address === `${given.large}#?name=head_4&show=done&order=down`, `the address is ${address}`);
 await page.reload();
-same(await rows(page), wanted, "after a reload");
+same(await rows(page), wanted.slice(0, kRows), "after a reload");
 for (let tabs = 0; tabs < 40 && await page.evaluate(() => !document.activeElement.closest("tbody")); ++tabs) await page.keyboard.press("Tab");
 await page.keyboard.press("Enter");
 await page.waitForURL(url => url.hash === `#${wanted[0]}`);
@@ -81,28 +86,28 @@ browser.check(await isInView(page, wanted[0]), `the card of ${wanted[0]} is not 
 browser.check(await page.locator("form").count() === 0, "a bar on a page without an index");
 await accessible(page, "third page");
 await page.goBack();
-same(await rows(page), wanted, "after going back");
+same(await rows(page), wanted.slice(0, kRows), "after going back");
 
 // Odd names, and a fragment that nobody has checked.
 await choose(page, { name: "_proto", show: "all", sort: "page", order: "up" });
 same(await cards(page), ["__proto__"].filter(name => given.scans.indexOf(name) < kPerPage), "the card of __proto__");
 await page.goto(`${given.large}#?show=nothing&sort=__proto__&order=&name=%3Cimg%3E`);
 same(await rows(page), [], "a fragment that is wrong");
-browser.check(await page.getByLabel("Show").inputValue() === "all" && await page.getByLabel("Sort by").inputValue() === "page", "wrong words of a fragment are taken");
+browser.check(await control(page, "Show").inputValue() === "all" && await control(page, "Sort by").inputValue() === "page", "wrong words of a fragment are taken");
 
 // One page: its own cards are filtered and sorted. Links lead to cards and files.
 const small = await browser.open(given.small);
 same(await cards(small).then(found => found.slice(0, 2)), given.different, "those that differ come first");
 await accessible(small, "small review");
 await small.screenshot({ path: `${given.out}/small.png`, fullPage: true });
-await small.getByLabel("Show").selectOption("different");
+await control(small, "Show").selectOption("different");
 same(await cards(small), given.different, "those that differ");
 await choose(small, { name: "", show: "all", sort: "bytes", order: "down" });
 same(await cards(small), given.by_bytes, "by bytes");
 browser.check(await small.locator("caption", { hasText: "Found" }).count() === 0, "a table of pages in a review of one page");
 browser.check(!(await small.locator("table").isVisible()), "the differences are shown during a search");
 await small.goto(`${given.small}#second`);
-browser.check(await small.getByLabel("Sort by").inputValue() === "page", "the link to a card does not end the search");
+browser.check(await control(small, "Sort by").inputValue() === "page", "the link to a card does not end the search");
 await small.getByRole("link", { name: "second", exact: true }).click();
 browser.check(await isInView(small, "second"), "a row of the differences does not lead to its card");
 await small.getByRole("link", { name: "report of second" }).click();
