@@ -12,7 +12,7 @@
 
 namespace trocar::pipeline {
 
-/// About 35 bytes of text a scan beyond the name, so at most about 15 MB with the longest names.
+/// A scan takes 20 to 35 bytes of text and its name, so that the index has at most about 15 MB.
 inline constexpr std::size_t kMaxIndexed = 100'000;
 
 class ScanIndex {
