@@ -19,12 +19,14 @@
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/batch_command.h"
 #include "pipeline/program/export_command.h"
+#include "pipeline/program/fetch_command.h"
 #include "pipeline/program/info_command.h"
 #include "pipeline/program/list_command.h"
 #include "pipeline/program/mesh_command.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/program/presets.h"
 #include "pipeline/program/preview_command.h"
+#include "pipeline/program/receive_command.h"
 #include "pipeline/program/review_command.h"
 #include "pipeline/program/verify_command.h"
 #include "pipeline/read/dicom/dicom_dictionary.h"
@@ -108,6 +110,8 @@ struct CommandLine {
   ExportArguments exported;
   BatchArguments batch;
   ReviewArguments review;
+  ReceiveArguments receive;
+  FetchArguments fetch;
 
   CommandLine() {
     app.name(kProgram);
@@ -126,6 +130,8 @@ struct CommandLine {
                       batch);
     add_review_options(
         add("review", "show all assets of a store, and how they differ from another's"), review);
+    add_receive_options(add("receive", "take studies that an archive sends by DICOM"), receive);
+    add_fetch_options(add("fetch", "get a study from an archive"), fetch);
     add_help_for_diagnostics(app);
   }
 
@@ -142,7 +148,9 @@ struct CommandLine {
     if (command == "verify") return run_verify(verify);
     if (command == "info") return run_info(info);
     if (command == "export") return run_export(exported);
-    return command == "batch" ? run_batch(batch) : run_review(review);
+    if (command == "batch") return run_batch(batch);
+    if (command == "receive") return run_receive(receive);
+    return command == "fetch" ? run_fetch(fetch) : run_review(review);
   }
 
  private:

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// How much a sender may send, and how long it may take.
+// Tests: tests/e2e/archive_test.py
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace trocar::archive {
+
+struct ArchiveLimits {
+  std::uint64_t instance_bytes = std::uint64_t{512} << 20;  ///< size of one instance
+  std::uint64_t study_bytes = std::uint64_t{16} << 30;      ///< sum of a study's instances
+  std::size_t study_instances = 20'000;
+  int max_pdu_bytes = 16'384;  ///< the largest PDU that the sender may send
+  int acse_timeout_s = 30;     ///< for the request of an association, complete
+  int dimse_timeout_s = 300;   ///< for one instance, complete
+  int idle_timeout_s = 60;     ///< between two requests
+};
+
+}  // namespace trocar::archive

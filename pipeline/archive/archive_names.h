@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Names that come from the network: unique identifiers (UIDs) and titles of applications (AE titles).
+// A UID becomes part of a path only after is_uid() has accepted it.
+// Tests: tests/pipeline/archive/archive_names_test.cpp
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "formats/base/result.h"
+
+namespace trocar::archive {
+
+/// Is the text a UID of DICOM: 1 to 64 characters, numbers separated by single dots? Leading zeros
+/// are accepted, because some scanners write them. A UID is always a valid name of a file.
+bool is_uid(std::string_view text);
+
+/// Is the text an AE title: 1 to 16 printable ASCII characters, without a backslash and without
+/// spaces at its ends?
+bool is_ae_title(std::string_view text);
+
+/// A text from the network for a message: at most 64 characters, and ? for each one that is not
+/// printable ASCII.
+std::string printable(std::string_view text);
+
+/// An application on the network, "AE@HOST:PORT". HOST is a name, an IPv4 address, or an IPv6
+/// address in brackets.
+struct Peer {
+  std::string ae, host;
+  int port = 0;
+};
+
+/// Errors (usage): the text is not of the form AE@HOST:PORT.
+Result<Peer> parse_peer(const std::string& text);
+
+}  // namespace trocar::archive

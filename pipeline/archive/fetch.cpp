@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/archive/fetch.h"
+
+#include <dcmtk/config/osconfig.h>
+#include <dcmtk/dcmdata/dctk.h>
+#include <dcmtk/dcmnet/assoc.h>
+#include <dcmtk/dcmnet/dcmtrans.h>
+#include <dcmtk/dcmnet/dimse.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+#include "pipeline/archive/storage_classes.h"
+#include "pipeline/archive/store_request.h"
+#include "pipeline/archive/study_folders.h"
+#include "pipeline/read/dicom/dicom_parse.h"
+
+namespace trocar::archive {
+namespace {
+
+constexpr int kStepS = 1;  // time after which `stop` is looked at
+
+// Frees what ASC_initializeNetwork() and ASC_requestAssociation() make.
+struct Connection {
+  T_ASC_Network* network = nullptr;
+  T_ASC_Association* association = nullptr;
+
+  Connection() = default;
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+  ~Connection() {
+    if (association != nullptr) {
+      ASC_dropAssociation(association);
+      ASC_destroyAssociation(&association);
+    }
+    if (network != nullptr) ASC_dropNetwork(&network);
+  }
+};
+
+std::string hexadecimal(unsigned status) {
+  char text[8];
+  std::snprintf(text, sizeof text, "%04X", status & 0xffff);
+  return text;
+}
+
+class Fetch {
+ public:
+  Fetch(const FetchSettings& settings, const std::atomic<bool>& stop, StudyFolders& folders,
+        std::filesystem::path folder)
+      : settings_(settings),
+        stop_(stop),
+        name_(settings.archive.ae + "@" + settings.archive.host),
+        folder_(std::move(folder)),
+        store_(folder_, settings.limits,
+               [&folders](const std::string& study) { return folders.size_of(study); }) {}
+
+  // Receives all instances. The association is released at the end.
+  Result<void> run() {
+    if (auto ok = connect(); !ok) return ok.error();
+    if (auto ok = request(); !ok) return ok.error();
+    if (auto ok = receive(); !ok) {
+      ASC_abortAssociation(connection_.association);
+      return ok.error();
+    }
+    ASC_releaseAssociation(connection_.association);
+    return store_.sync();
+  }
+  std::size_t left_out() const { return left_out_; }
+
+ private:
+  Error failure(const std::string& what) const { return refused(name_ + ": " + what); }
+  Error failure(const std::string& what, const OFCondition& why) const {
+    if (stop_.load()) return unwritable("interrupted; nothing of the study is kept");
+    return failure(what + ": " + printable(why.text()));
+  }
+
+  Result<void> connect() {
+    const ArchiveLimits& limits = settings_.limits;
+    dcmConnectionTimeout.set(limits.acse_timeout_s);
+    dcmSocketSendTimeout.set(limits.idle_timeout_s);
+    dcmSocketReceiveTimeout.set(limits.idle_timeout_s);
+    OFCondition done =
+        ASC_initializeNetwork(NET_REQUESTOR, 0, limits.acse_timeout_s, &connection_.network);
+    if (done.good() && settings_.tls)
+      done = ASC_setTransportLayer(connection_.network, settings_.tls.get(), 0);
+    T_ASC_Parameters* parameters = nullptr;
+    if (done.good()) done = ASC_createAssociationParameters(&parameters, limits.max_pdu_bytes);
+    if (done.good())
+      done =
+          ASC_setAPTitles(parameters, settings_.ae.c_str(), settings_.archive.ae.c_str(), nullptr);
+    if (done.good()) done = ASC_setTransportLayerType(parameters, settings_.tls != nullptr);
+    const std::string address =
+        settings_.archive.host + ":" + std::to_string(settings_.archive.port);
+    std::array<char, 65> own{};
+    ::gethostname(own.data(), own.size() - 1);
+    if (done.good()) done = ASC_setPresentationAddresses(parameters, own.data(), address.c_str());
+    if (done.good()) done = propose(parameters);
+    if (done.good())
+      done = ASC_requestAssociation(connection_.network, parameters, &connection_.association,
+                                    nullptr, nullptr, DUL_NOBLOCK, limits.acse_timeout_s);
+    if (done == DUL_ASSOCIATIONREJECTED) return rejection(*parameters);
+    if (done.bad()) return failure("no association", done);
+    get_context_ = ASC_findAcceptedPresentationContextID(
+        connection_.association, UID_GETStudyRootQueryRetrieveInformationModel);
+    if (get_context_ == 0) return failure("it does not offer C-GET of studies");
+    return {};
+  }
+
+  Error rejection(T_ASC_Parameters& parameters) const {
+    T_ASC_RejectParameters reject{};
+    ASC_getRejectParameters(&parameters, &reject);
+    if (reject.reason == ASC_REASON_SU_CALLEDAETITLENOTRECOGNIZED)
+      return failure("association rejected: its title is not " + settings_.archive.ae);
+    if (reject.reason == ASC_REASON_SU_CALLINGAETITLENOTRECOGNIZED)
+      return failure("association rejected: it does not know the caller " + settings_.ae);
+    return failure("association rejected");
+  }
+
+  // The archive may send what it has accepted. It stores each instance in one encoding, so each
+  // encoding of CT gets a context of its own. Kinds that are not read are accepted too and dropped,
+  // because an archive counts an instance that it cannot send as a failure.
+  static OFCondition propose(T_ASC_Parameters* parameters) {
+    std::vector<const char*> syntaxes = transfer_syntaxes();
+    const char* plain[] = {syntaxes[0], syntaxes[1]};
+    unsigned id = 1;
+    const auto add = [&](const char* of, const char** list, int count,
+                         T_ASC_SC_ROLE role) -> OFCondition {
+      if (id > 255) return EC_Normal;  // 128 contexts are the most
+      const OFCondition done = ASC_addPresentationContext(
+          parameters, static_cast<T_ASC_PresentationContextID>(id), of, list, count, role);
+      id += 2;
+      return done;
+    };
+    OFCondition done =
+        add(UID_GETStudyRootQueryRetrieveInformationModel, plain, 2, ASC_SC_ROLE_DEFAULT);
+    for (const char* of : storage_classes()) {
+      const bool is_ct = std::strcmp(of, UID_CTImageStorage) == 0 ||
+                         std::strcmp(of, UID_EnhancedCTImageStorage) == 0;
+      if (done.good()) done = add(of, plain, 2, ASC_SC_ROLE_SCP);
+      for (std::size_t k = 2; k < syntaxes.size() && done.good(); ++k)
+        if (is_ct || k == 3 || k == 5) done = add(of, &syntaxes[k], 1, ASC_SC_ROLE_SCP);
+    }
+    for (int k = 0; k < numberOfDcmShortSCUStorageSOPClassUIDs && done.good(); ++k)
+      if (!is_storage_class(dcmShortSCUStorageSOPClassUIDs[k]))
+        done = add(dcmShortSCUStorageSOPClassUIDs[k], plain, 2, ASC_SC_ROLE_SCP);
+    return done;
+  }
+
+  Result<void> request() {
+    T_DIMSE_Message message{};
+    message.CommandField = DIMSE_C_GET_RQ;
+    T_DIMSE_C_GetRQ& get = message.msg.CGetRQ;
+    get.MessageID = connection_.association->nextMsgID++;
+    std::strncpy(get.AffectedSOPClassUID, UID_GETStudyRootQueryRetrieveInformationModel,
+                 sizeof get.AffectedSOPClassUID - 1);
+    get.Priority = DIMSE_PRIORITY_MEDIUM;
+    get.DataSetType = DIMSE_DATASET_PRESENT;
+    DcmDataset wanted;
+    wanted.putAndInsertString(DCM_QueryRetrieveLevel, "STUDY");
+    wanted.putAndInsertString(DCM_StudyInstanceUID, settings_.study.c_str());
+    const OFCondition done = DIMSE_sendMessageUsingMemoryData(
+        connection_.association, get_context_, &message, nullptr, &wanted, nullptr, nullptr);
+    if (done.bad()) return failure("the request could not be sent", done);
+    return {};
+  }
+
+  // Waits for the next command, at most for the idle time.
+  OFCondition next(T_ASC_PresentationContextID& context, T_DIMSE_Message& message) const {
+    OFCondition done = DIMSE_NODATAAVAILABLE;
+    for (int waited = 0; waited < settings_.limits.idle_timeout_s && !stop_.load();
+         waited += kStepS) {
+      DcmDataset* detail = nullptr;
+      done = DIMSE_receiveCommand(connection_.association, DIMSE_NONBLOCKING, kStepS, &context,
+                                  &message, &detail);
+      delete detail;
+      if (done != DIMSE_NODATAAVAILABLE) return done;
+    }
+    return done;
+  }
+
+  Result<void> receive() {
+    for (;;) {
+      T_ASC_PresentationContextID context = 0;
+      T_DIMSE_Message message{};
+      const OFCondition done = next(context, message);
+      if (done.bad()) return failure("the archive broke off", done);
+      if (message.CommandField == DIMSE_C_STORE_RQ) {
+        if (auto ok = store(context, message.msg.CStoreRQ); !ok) return ok.error();
+      } else if (message.CommandField == DIMSE_C_GET_RSP) {
+        const T_DIMSE_C_GetRSP& response = message.msg.CGetRSP;
+        if (response.DataSetType != DIMSE_DATASET_NULL) {
+          DIC_UL bytes = 0, fragments = 0;
+          DIMSE_ignoreDataSet(connection_.association, DIMSE_NONBLOCKING,
+                              settings_.limits.idle_timeout_s, &bytes, &fragments);
+        }
+        if (!DICOM_PENDING_STATUS(response.DimseStatus)) return result_of(response);
+      } else {
+        return failure("the archive sent another command than C-STORE");
+      }
+    }
+  }
+
+  Result<void> store(T_ASC_PresentationContextID context, const T_DIMSE_C_StoreRQ& request) {
+    T_ASC_Association& association = *connection_.association;
+    const int timeout_s = settings_.limits.idle_timeout_s;
+    const auto is_stopped = [this] { return stop_.load(); };
+    if (!is_storage_class(request.AffectedSOPClassUID)) {
+      DIC_UL bytes = 0, fragments = 0;
+      OFCondition done =
+          DIMSE_ignoreDataSet(&association, DIMSE_NONBLOCKING, timeout_s, &bytes, &fragments);
+      if (done.good())
+        done = send_store_response(association, context, request, StoreStatus::kStored);
+      if (done.bad()) return failure("the archive broke off", done);
+      ++left_out_;
+      return {};
+    }
+    const StoreAnswer answer =
+        answer_store_request(association, context, request, store_, timeout_s, is_stopped);
+    if (answer.network.bad()) return failure("the archive broke off", answer.network);
+    const std::string instance = "instance " + printable(request.AffectedSOPInstanceUID) + ": ";
+    if (answer.outcome.is_ours)
+      return unwritable(settings_.folder.string() + ": " + instance + answer.outcome.why);
+    if (answer.outcome.status != StoreStatus::kStored)
+      return failure(instance + answer.outcome.why);
+    if (answer.outcome.study != settings_.study)
+      return failure(instance + "it belongs to another study than the one asked for");
+    return {};
+  }
+
+  Result<void> result_of(const T_DIMSE_C_GetRSP& response) const {
+    const unsigned status = response.DimseStatus;
+    const bool has_failed = (response.opts & O_GET_NUMBEROFFAILEDSUBOPERATIONS) != 0 &&
+                            response.NumberOfFailedSubOperations > 0;
+    if (has_failed)
+      return failure(std::to_string(response.NumberOfFailedSubOperations) +
+                     " instances of the study could not be sent");
+    if (status != STATUS_Success && (status & 0xf000) != 0xb000)
+      return failure("C-GET refused (status " + hexadecimal(status) + ")");
+    return {};
+  }
+
+  const FetchSettings& settings_;
+  const std::atomic<bool>& stop_;
+  std::string name_;
+  std::filesystem::path folder_;
+  InstanceStore store_;
+  Connection connection_;
+  T_ASC_PresentationContextID get_context_ = 0;
+  std::size_t left_out_ = 0;
+};
+
+}  // namespace
+
+Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomic<bool>& stop) {
+  pipeline::set_up_dcmtk();
+  auto folders = StudyFolders::open(settings.folder);
+  if (!folders) return folders.error();
+  const auto folder = folders->new_association();
+  if (!folder) return folder.error();
+  FetchedStudy out;
+  const auto received = [&]() -> Result<PublishedStudy> {
+    Fetch fetch(settings, stop, *folders, *folder);
+    if (auto ok = fetch.run(); !ok) return ok.error();
+    out.left_out = fetch.left_out();
+    std::error_code ignored;
+    if (!std::filesystem::exists(*folder / settings.study, ignored))
+      return refused(settings.archive.ae + "@" + settings.archive.host +
+                     ": it has no images of study " + settings.study +
+                     (out.left_out > 0 ? " that trocar-mesh can read" : ""));
+    return folders->publish(*folder / settings.study, settings.study);
+  }();
+  folders->drop_association(*folder);
+  if (!received) return received.error();
+  out.instances = received->instances;
+  out.bytes = received->bytes;
+  out.added = received->added;
+  out.different = received->different;
+  return out;
+}
+
+}  // namespace trocar::archive

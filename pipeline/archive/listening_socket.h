@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A socket that listens at one address. (DCMTK 3.6.7 can only listen at all addresses.)
+// Tests: tests/e2e/archive_test.py
+#pragma once
+
+#include <string>
+
+#include "formats/base/result.h"
+
+namespace trocar::archive {
+
+class ListeningSocket {
+ public:
+  /// Errors (refused): the address is not numeric, or the port is taken or not allowed.
+  static Result<ListeningSocket> open(const std::string& address, int port);
+  ListeningSocket(ListeningSocket&& other) noexcept;
+  ListeningSocket& operator=(ListeningSocket&&) = delete;
+  ~ListeningSocket();
+
+  int fd() const { return fd_; }
+  int port() const { return port_; }
+  /// The next connection, or -1 if there is none.
+  int accept() const;
+
+ private:
+  ListeningSocket(int fd, int port) : fd_(fd), port_(port) {}
+  int fd_, port_;
+};
+
+}  // namespace trocar::archive

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Lines that the receiver and its processes print. Each line is one call of write(), so that lines of
+// several processes do not mix.
+// Tests: tests/e2e/archive_test.py
+#pragma once
+
+#include <string>
+
+namespace trocar::archive {
+
+/// Prints "trocar-mesh: TEXT" on standard error.
+void report(const std::string& text);
+/// Prints a line on standard output.
+void announce(const std::string& text);
+
+}  // namespace trocar::archive

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The kinds of instances (SOP classes) and their encodings (transfer syntaxes) that are stored:
+// those that trocar-mesh can read.
+// Tests: tests/e2e/archive_test.py
+#pragma once
+
+#include <string_view>
+#include <vector>
+
+namespace trocar::archive {
+
+/// UIDs of the SOP classes, as DCMTK's functions take them: CT, enhanced CT, segmentations, and
+/// volumes of other modalities.
+std::vector<const char*> storage_classes();
+
+bool is_storage_class(std::string_view uid);
+
+/// UIDs of the transfer syntaxes; the preferred one, which is not compressed, comes first.
+std::vector<const char*> transfer_syntaxes();
+
+}  // namespace trocar::archive

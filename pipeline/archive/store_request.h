@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Answers a C-STORE request: the dataset goes from the network into an InstanceStore.
+// Tests: tests/e2e/archive_test.py
+#pragma once
+
+#include <dcmtk/config/osconfig.h>
+#include <dcmtk/dcmnet/dimse.h>
+
+#include <functional>
+
+#include "pipeline/archive/instance_file.h"
+
+namespace trocar::archive {
+
+struct StoreAnswer {
+  OFCondition network = EC_Normal;  ///< bad: the association must be aborted
+  StoreOutcome outcome;             ///< valid if `network` is good
+};
+
+/// Receives the dataset that follows the request, stores it and sends the answer. If `stop` returns
+/// true, or the sender sends far more than the limit, `network` is bad.
+StoreAnswer answer_store_request(T_ASC_Association& association,
+                                 T_ASC_PresentationContextID context,
+                                 const T_DIMSE_C_StoreRQ& request, InstanceStore& store,
+                                 int timeout_s, const std::function<bool()>& stop = {});
+
+/// Sends the answer to a request whose dataset has been received.
+OFCondition send_store_response(T_ASC_Association& association, T_ASC_PresentationContextID context,
+                                const T_DIMSE_C_StoreRQ& request, StoreStatus status);
+
+}  // namespace trocar::archive

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/fetch_command.h"
+
+#include <sys/stat.h>
+
+#include <cstdio>
+
+#include "formats/base/command_line.h"
+#include "pipeline/archive/archive_names.h"
+#include "pipeline/archive/fetch.h"
+#include "pipeline/program/messages.h"
+
+namespace trocar::pipeline {
+namespace {
+
+Result<archive::FetchSettings> settings_of(const FetchArguments& a) {
+  archive::FetchSettings out;
+  auto peer = archive::parse_peer(a.from);
+  if (!peer) return usage("--from " + peer.error().message);
+  if (!archive::is_uid(a.study))
+    return usage("--study " + a.study + ": must be a UID, numbers separated by dots");
+  if (!archive::is_ae_title(a.ae))
+    return usage("--ae " + a.ae + ": must have 1 to 16 printable characters");
+  if (auto ok = archive::check_transport(a.archive.tls, peer->host, a.archive.insecure); !ok)
+    return ok.error();
+  const auto tls = archive::make_transport(a.archive.tls, archive::TlsRole::kClient);
+  if (!tls) return tls.error();
+  out.archive = *peer;
+  out.ae = a.ae;
+  out.study = a.study;
+  out.folder = a.folder;
+  out.limits = limits_of(a.archive);
+  out.tls = *tls;
+  return out;
+}
+
+}  // namespace
+
+void add_fetch_options(CLI::App& app, FetchArguments& a) {
+  app.add_option("FOLDER", a.folder, "the study is written to FOLDER/UID")->required();
+  app.add_option("--from", a.from, "the archive, AE@HOST:PORT")->required();
+  app.add_option("--study", a.study, "Study Instance UID")->required();
+  app.add_option("--ae", a.ae, "AE title of this program")->capture_default_str();
+  app.add_flag("--quiet", a.quiet, "print errors only");
+  add_archive_options(app, a.archive);
+}
+
+int run_fetch(const FetchArguments& a) {
+  const auto settings = settings_of(a);
+  if (!settings) return fail(settings.error());
+  ::umask(077);  // received files are readable by this user alone
+  stop_on_signals();
+  const auto done = archive::fetch_study(*settings, stop_requested);
+  if (!done) return fail(done.error());
+  if (done->different > 0)
+    print_warning({"different_instances", a.study,
+                   std::to_string(done->different) +
+                       " instances differ from those that are stored, which were kept"});
+  if (!a.quiet) {
+    std::printf("%s: %zu instances, %.1f MB", (settings->folder / a.study).c_str(), done->instances,
+                static_cast<double>(done->bytes) / 1e6);
+    if (done->added < done->instances) std::printf("; %zu of them new", done->added);
+    if (done->left_out > 0) std::printf("; %zu instances of other kinds left out", done->left_out);
+    std::printf("\n");
+  }
+  return 0;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/program/receive_command.h"
+
+#include <sys/stat.h>
+
+#include <system_error>
+
+#include "formats/base/command_line.h"
+#include "formats/base/option_range.h"
+#include "pipeline/archive/archive_names.h"
+#include "pipeline/archive/receiver.h"
+#include "pipeline/farm/collection.h"
+#include "pipeline/program/messages.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+Result<void> check(const ReceiveArguments& a) {
+  if (!archive::is_ae_title(a.ae))
+    return usage("--ae " + a.ae + ": must have 1 to 16 printable characters");
+  for (const std::string& caller : a.from)
+    if (!archive::is_ae_title(caller))
+      return usage("--from " + caller + ": must have 1 to 16 printable characters");
+  if (auto ok = archive::check_transport(a.archive.tls, a.listen, a.archive.insecure); !ok)
+    return ok.error();
+  std::error_code ignored;
+  if (!a.then.empty() && fs::exists(a.then[0], ignored))
+    if (const auto read = farm::read_collection(a.then[0]); !read) return read.error();
+  return {};
+}
+
+}  // namespace
+
+void add_receive_options(CLI::App& app, ReceiveArguments& a) {
+  app.add_option("FOLDER", a.folder, "where a folder for each study appears when it is complete")
+      ->required();
+  app.add_option("--port", a.port, "TCP port; 0: one that is free, which is printed")
+      ->required()
+      ->check(option_range(0, 65'535));
+  app.add_option("--ae", a.ae, "AE title of this program, which senders must call")->required();
+  app.add_option("--from", a.from, "AE title of a sender that is accepted; may be repeated")
+      ->required()
+      ->take_all();
+  app.add_option("--listen", a.listen, "address to listen at")->capture_default_str();
+  app.add_option("--settle", a.settle_s,
+                 "a study is complete after this time without a new\ninstance, s")
+      ->capture_default_str()
+      ->check(option_range(0.0, 86'400.0));
+  app.add_option("--keep", a.keep_hours, "remove studies after this time, hours; 0: never")
+      ->capture_default_str()
+      ->check(option_range(0.0, 1e6));
+  app.add_option("--then", a.then,
+                 "add the scans of each complete study to this collection, and make\n"
+                 "their assets in this store")
+      ->expected(2)
+      ->type_name("COLLECTION STORE");
+  app.add_option("--max-associations", a.max_associations,
+                 "associations at the same time; others wait")
+      ->capture_default_str()
+      ->check(option_range(1, 1000))
+      ->group("Limits");
+  add_archive_options(app, a.archive);
+}
+
+int run_receive(const ReceiveArguments& a) {
+  if (const auto ok = check(a); !ok) return fail(ok.error());
+  const auto tls = archive::make_transport(a.archive.tls, archive::TlsRole::kServer);
+  if (!tls) return fail(tls.error());
+  archive::ReceiverSettings settings;
+  settings.folder = a.folder;
+  settings.address = a.listen;
+  settings.port = a.port;
+  settings.association = {a.ae, a.from, limits_of(a.archive), *tls};
+  settings.max_associations = a.max_associations;
+  settings.settle_s = a.settle_s;
+  settings.keep_hours = a.keep_hours;
+  const mode_t mask = ::umask(077);  // received files are readable by this user alone
+  if (!a.then.empty())
+    settings.then =
+        archive::FollowUpSettings{fs::absolute(a.then[0]), fs::absolute(a.then[1]), {}, {}, mask};
+  stop_on_signals();
+  const auto done = archive::run_receiver(settings, stop_requested);
+  return done ? 0 : fail(done.error());
+}
+
+}  // namespace trocar::pipeline
