@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/archive/follow_up.h"
+
+#include <gtest/gtest.h>
+
+#include "pipeline/farm/collection.h"
+
+namespace trocar::archive {
+namespace {
+
+using nlohmann::json;
+
+const json kList = {{"scans",
+                     {{{"kind", "dicom"},
+                       {"path", "."},
+                       {"uid", "1.2.3"},
+                       {"number", 4},
+                       {"usable", true},
+                       {"localiser", false},
+                       {"description", "SECRET"}},
+                      {{"kind", "dicom"},
+                       {"path", "."},
+                       {"uid", "1.2.4"},
+                       {"number", 1},
+                       {"usable", true},
+                       {"localiser", true}},
+                      {{"kind", "dicom"},
+                       {"path", "."},
+                       {"uid", "1.2.5"},
+                       {"number", 5},
+                       {"usable", false},
+                       {"localiser", false}}}}};
+
+Result<nlohmann::ordered_json> with(const std::string& text, std::vector<std::string>& names) {
+  return with_study(text, "/data/c.json", kList, "/data/scans/2.25.1", "/data", "2.25.1", names);
+}
+
+TEST(FollowUp, MakesACollectionOfTheUsableScans) {
+  std::vector<std::string> names;
+  const auto made = with("", names);
+  ASSERT_TRUE(made);
+  ASSERT_EQ(names.size(), 1U);
+  EXPECT_EQ(names[0].rfind("2.25.1_", 0), 0U);
+  EXPECT_TRUE(farm::is_scan_name(names[0]));
+  const std::string text = made->dump();
+  EXPECT_EQ(text.find("SECRET"), std::string::npos);
+  const auto read = farm::parse_collection(text, "/data/c.json");
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->scans.size(), 1U);
+  EXPECT_EQ(read->scans[0].name, names[0]);
+  EXPECT_EQ(read->scans[0].paths, std::vector<std::string>{"scans/2.25.1"});
+  EXPECT_EQ(read->scans[0].series, "1.2.3");
+}
+
+TEST(FollowUp, KeepsDefaultsOtherScansAndParameters) {
+  std::vector<std::string> names, again;
+  ASSERT_TRUE(with("", names));
+  const std::string before =
+      R"({"schema": "trocar.collection/1", "scans": [{"name": "mine", "input": "x.nii"}, {"name": ")" +
+      names[0] +
+      R"(", "input": "gone", "parameters": {"threshold": 180}}], "defaults": {"tolerance": 0.5}})";
+  const auto made = with(before, again);
+  ASSERT_TRUE(made);
+  EXPECT_EQ(again, names);
+  const json result = json::parse(made->dump());
+  EXPECT_EQ(result["defaults"], json({{"tolerance", 0.5}}));
+  ASSERT_EQ(result["scans"].size(), 2U);
+  EXPECT_EQ(result["scans"][0]["name"], "mine");
+  EXPECT_EQ(result["scans"][1]["parameters"], json({{"threshold", 180}}));
+  EXPECT_EQ(result["scans"][1]["input"]["folder"], "scans/2.25.1");
+}
+
+TEST(FollowUp, RefusesWhatIsNoCollection) {
+  std::vector<std::string> names;
+  const auto made = with("{}", names);
+  ASSERT_FALSE(made);
+  EXPECT_EQ(made.error().code, ExitCode::kUsage);
+}
+
+}  // namespace
+}  // namespace trocar::archive
