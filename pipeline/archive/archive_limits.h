@@ -13,9 +13,9 @@ struct ArchiveLimits {
   std::uint64_t study_bytes = std::uint64_t{16} << 30;      ///< sum of a study's instances
   std::size_t study_instances = 20'000;
   int max_pdu_bytes = 16'384;  ///< the largest PDU that the sender may send
-  int acse_timeout_s = 30;     ///< for the request of an association, complete
-  int dimse_timeout_s = 300;   ///< for one instance, complete
-  int idle_timeout_s = 60;     ///< between two requests
+  int acse_timeout_s = 30;     ///< time until an association is established
+  int dimse_timeout_s = 300;   ///< time to receive one instance
+  int idle_timeout_s = 60;     ///< time without a request
 };
 
 }  // namespace trocar::archive

@@ -134,7 +134,7 @@ AssociationEnd serve_association(int connection, const std::filesystem::path& fo
   const OFCondition received =
       ASC_receiveAssociation(network, &association, settings.limits.max_pdu_bytes, nullptr, nullptr,
                              settings.tls != nullptr, DUL_NOBLOCK, settings.limits.acse_timeout_s);
-  // What follows a failure is left to the end of the process.
+  // Connection and memory are freed by the end of the process.
   if (received.bad() || association == nullptr) return AssociationEnd::kRejected;
   if (const int reason = reason_to_reject(*association, settings); reason != 0) {
     reject(*association, reason);

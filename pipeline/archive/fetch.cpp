@@ -275,7 +275,10 @@ Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomi
     return folders->publish(*folder / settings.study, settings.study);
   }();
   folders->drop_association(*folder);
-  if (!received) return received.error();
+  if (!received) {
+    folders->remove_if_unused();
+    return received.error();
+  }
   out.instances = received->instances;
   out.bytes = received->bytes;
   out.added = received->added;

@@ -35,7 +35,7 @@ struct FollowUpSettings {
   std::filesystem::path collection, store;  ///< absolute paths
   std::filesystem::path studies;            ///< folder of the studies, an absolute path
   std::filesystem::path marks;              ///< folder with an empty file for each study that waits
-  mode_t umask = 022;                       ///< for the collection and the store
+  mode_t umask = 022;                       ///< file mode mask of the collection and the store
 };
 
 /// A queue of complete studies; one batch runs at a time, in a process of its own. The queue survives

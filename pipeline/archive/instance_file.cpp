@@ -167,7 +167,7 @@ StoreOutcome InstanceStore::check(std::uint64_t bytes, std::string& study) const
   return {};
 }
 
-// Moves the checked file to its name, if the study has room for it.
+// Gives the checked file its name, unless the study has reached a limit.
 StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study) {
   const fs::path target = folder_ / study / (name_.sop_instance + ".dcm");
   std::error_code ignored;

@@ -113,6 +113,7 @@ StudyFolders::StudyFolders(fs::path folder)
 StudyFolders::StudyFolders(StudyFolders&& other) noexcept
     : folder_(std::move(other.folder_)),
       incoming_(std::move(other.incoming_)),
+      is_new_(other.is_new_),
       lock_(std::exchange(other.lock_, -1)),
       associations_(other.associations_) {}
 
@@ -122,8 +123,8 @@ StudyFolders::~StudyFolders() {
 
 Result<StudyFolders> StudyFolders::open(const fs::path& folder) {
   StudyFolders out(folder);
-  if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST)
-    return farm::cannot_write(folder, errno);
+  out.is_new_ = ::mkdir(folder.c_str(), 0700) == 0;
+  if (!out.is_new_ && errno != EEXIST) return farm::cannot_write(folder, errno);
   std::error_code error;
   if (!fs::is_directory(folder, error)) return unwritable(folder.string() + ": is not a folder");
   if (auto ok = make_private(out.incoming_); !ok) return ok.error();
@@ -147,6 +148,17 @@ void StudyFolders::clear_leftovers() const {
       fs::remove_all(old, ignored);
     }
   }
+}
+
+void StudyFolders::remove_if_unused() const {
+  if (!is_new_) return;
+  std::error_code ignored;
+  for (const char* part : kParts)
+    fs::remove(incoming_ / part, ignored);
+  if (entries_of(incoming_).size() > 1) return;
+  fs::remove(incoming_ / "publish.lock", ignored);
+  fs::remove(incoming_, ignored);
+  fs::remove(folder_, ignored);
 }
 
 Result<void> StudyFolders::reserve() {

@@ -2,8 +2,7 @@
 // The folder of received studies. A study appears in it whole, by one rename, as FOLDER/STUDY_UID/.
 // What is not whole yet is in FOLDER/.incoming/, on the same file system:
 //   associations/OWNER/STUDY/   instances of an open association (OWNER: farm/process_identity.h)
-//   studies/STUDY/              instances of associations that ended properly, of a study that may
-//                               still grow
+//   studies/STUDY/              a study that may still grow: instances of released associations
 //   replaced/                   studies that are being extended or removed
 //   following/STUDY             an empty file: `--then` has still to mesh this study
 //   received/STUDY              an empty file; its modification time is when the study grew last
@@ -21,7 +20,7 @@
 
 namespace trocar::archive {
 
-/// What an association added to a study.
+/// The contribution of an association to a study.
 struct TakenStudy {
   std::string uid;
   std::size_t added = 0;
@@ -50,13 +49,16 @@ class StudyFolders {
   /// another receiver uses it.
   Result<void> reserve();
 
+  /// Removes the folders that open() has created, if nothing is in them.
+  void remove_if_unused() const;
+
   const std::filesystem::path& folder() const { return folder_; }
   /// A new, empty folder for the instances of an association or a fetch.
   Result<std::filesystem::path> new_association();
   /// Removes the folder of an association with all that it holds.
   void drop_association(const std::filesystem::path& association) const;
 
-  /// What is stored of a study, published or not.
+  /// The size of a study, of which a part may not be published yet.
   StudySize size_of(const std::string& study) const;
 
   /// Moves the instances of an association that ended properly to the studies that may still grow,
@@ -85,6 +87,7 @@ class StudyFolders {
                       PublishedStudy& out) const;
 
   std::filesystem::path folder_, incoming_;
+  bool is_new_ = false;  // open() created the folder itself
   int lock_ = -1;
   std::size_t associations_ = 0;
 };

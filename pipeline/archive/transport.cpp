@@ -10,6 +10,8 @@
 #include <array>
 #include <system_error>
 
+#include "pipeline/read/dicom/dicom_parse.h"
+
 namespace trocar::archive {
 namespace {
 
@@ -54,6 +56,7 @@ Result<void> check_transport(const TlsFiles& files, const std::string& host, boo
 
 Result<std::shared_ptr<DcmTransportLayer>> make_transport(const TlsFiles& files, TlsRole role) {
   if (!files.is_given()) return std::shared_ptr<DcmTransportLayer>();
+  pipeline::set_up_dcmtk();  // silences its log
   auto out = std::make_shared<DcmTLSTransportLayer>(
       role == TlsRole::kServer ? NET_ACCEPTOR : NET_REQUESTOR, nullptr, OFTrue);
   const auto wrong = [](const std::filesystem::path& file, const char* what) {

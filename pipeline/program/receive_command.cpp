@@ -42,7 +42,7 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
   app.add_option("--ae", a.ae, "AE title of this program, which senders must call")->required();
   app.add_option("--from", a.from, "AE title of a sender that is accepted; may be repeated")
       ->required()
-      ->take_all();
+      ->allow_extra_args(false);  // each --from takes one title, and FOLDER may follow
   app.add_option("--listen", a.listen, "address to listen at")->capture_default_str();
   app.add_option("--settle", a.settle_s,
                  "a study is complete after this time without a new\ninstance, s")

@@ -98,7 +98,7 @@ install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
 function(trocar_pages component)
   install(FILES ${ARGN} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
 endfunction()
-trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
+trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/archive.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
 trocar_pages(trocar-farm docs/farm.md docs/glossary.md scripts/snakemake/Snakefile)
 trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md docs/add-your-device.md formats/examples/pose_drive.cpp
   formats/session/device_link.md formats/session/telemetry.md)

@@ -129,7 +129,7 @@ def test_mutated_pdus(programs, work):
         crashes = re.findall(r".*(?:by signal|exit code|Sanitizer|runtime error).*", receiver.complained())
         assert not crashes, crashes[:5]
         assert max(memory) < memory[0] + (65536 if SANITIZED or "asan" in str(programs) else 4096), memory
-        wait_for(lambda: receiver.waiting() == [], "nothing is left in .incoming")
+        assert receiver.is_tidy()
         assert receiver.studies() == []
         assert receiver.send(*files).returncode == 0
         receiver.wait_for_study(good, 2)

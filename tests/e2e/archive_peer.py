@@ -128,6 +128,10 @@ class Receiver:
         """What is in .incoming besides locks and marks."""
         return [str(path) for part in ("associations", "studies", "replaced") for path in (self.folder / ".incoming" / part).iterdir()]
 
+    def is_tidy(self):
+        """Waits until nothing is in .incoming any more."""
+        return wait_for(lambda: self.waiting() == [], "nothing is left in .incoming", 20)
+
     def echo(self, caller="SENDER", called="TROCAR", options=()):
         return dcmtk("echoscu", "-aet", caller, "-aec", called, "-to", "20", *options, "127.0.0.1", self.port)
 

@@ -66,7 +66,7 @@ const Known kKnown[] = {
     {DCM_SpecificCharacterSet, EVR_CS},
     {DCM_StudyDate, EVR_DA},
     {DCM_StudyInstanceUID, EVR_UI},
-    // What DCMTK's network functions read and write in commands (group 0000).
+    // Elements of commands (group 0000), for DCMTK's network functions.
     {DCM_ActionTypeID, EVR_US},
     {DCM_AffectedSOPClassUID, EVR_UI},
     {DCM_AffectedSOPInstanceUID, EVR_UI},
