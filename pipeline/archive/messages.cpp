@@ -14,7 +14,7 @@ void print(int fd, const std::string& line) {
 }  // namespace
 
 void report(const std::string& text) {
-  print(STDERR_FILENO, "trocar-mesh: " + text + "\n");
+  print(STDERR_FILENO, std::string(kProgram) + ": " + text + "\n");
 }
 
 void announce(const std::string& text) {

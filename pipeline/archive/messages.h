@@ -8,6 +8,8 @@
 
 namespace trocar::archive {
 
+inline constexpr const char* kProgram = "trocar-mesh";
+
 /// Prints "trocar-mesh: TEXT" on standard error.
 void report(const std::string& text);
 /// Prints a line on standard output.

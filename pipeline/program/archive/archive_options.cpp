@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/archive_options.h"
+#include "pipeline/program/archive/archive_options.h"
 
 #include "formats/base/option_range.h"
 

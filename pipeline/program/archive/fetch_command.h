@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <string>
 
-#include "pipeline/program/archive_options.h"
+#include "pipeline/program/archive/archive_options.h"
 
 namespace trocar::pipeline {
 

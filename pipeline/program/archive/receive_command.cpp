@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/receive_command.h"
+#include "pipeline/program/archive/receive_command.h"
 
 #include <sys/stat.h>
 
@@ -8,9 +8,9 @@
 #include "formats/base/command_line.h"
 #include "formats/base/option_range.h"
 #include "pipeline/archive/archive_names.h"
+#include "pipeline/archive/messages.h"
 #include "pipeline/archive/receiver.h"
 #include "pipeline/farm/collection.h"
-#include "pipeline/program/messages.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -65,9 +65,9 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
 }
 
 int run_receive(const ReceiveArguments& a) {
-  if (const auto ok = check(a); !ok) return fail(ok.error());
+  if (const auto ok = check(a); !ok) return report_error(archive::kProgram, ok.error());
   const auto tls = archive::make_transport(a.archive.tls, archive::TlsRole::kServer);
-  if (!tls) return fail(tls.error());
+  if (!tls) return report_error(archive::kProgram, tls.error());
   archive::ReceiverSettings settings;
   settings.folder = a.folder;
   settings.address = a.listen;
@@ -82,7 +82,7 @@ int run_receive(const ReceiveArguments& a) {
         archive::FollowUpSettings{fs::absolute(a.then[0]), fs::absolute(a.then[1]), {}, {}, mask};
   stop_on_signals();
   const auto done = archive::run_receiver(settings, stop_requested);
-  return done ? 0 : fail(done.error());
+  return done ? 0 : report_error(archive::kProgram, done.error());
 }
 
 }  // namespace trocar::pipeline

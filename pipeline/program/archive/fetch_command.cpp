@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/fetch_command.h"
+#include "pipeline/program/archive/fetch_command.h"
 
 #include <sys/stat.h>
 
@@ -8,7 +8,7 @@
 #include "formats/base/command_line.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/fetch.h"
-#include "pipeline/program/messages.h"
+#include "pipeline/archive/messages.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -47,15 +47,14 @@ void add_fetch_options(CLI::App& app, FetchArguments& a) {
 
 int run_fetch(const FetchArguments& a) {
   const auto settings = settings_of(a);
-  if (!settings) return fail(settings.error());
+  if (!settings) return report_error(archive::kProgram, settings.error());
   ::umask(077);  // received files are readable by this user alone
   stop_on_signals();
   const auto done = archive::fetch_study(*settings, stop_requested);
-  if (!done) return fail(done.error());
+  if (!done) return report_error(archive::kProgram, done.error());
   if (done->different > 0)
-    print_warning({"different_instances", a.study,
-                   std::to_string(done->different) +
-                       " instances differ from those that are stored, which were kept"});
+    archive::report("warning: " + std::to_string(done->different) +
+                    " instances differ from those that are stored, which were kept");
   if (!a.quiet) {
     std::printf("%s: %zu instances, %.1f MB", (settings->folder / a.study).c_str(), done->instances,
                 static_cast<double>(done->bytes) / 1e6);

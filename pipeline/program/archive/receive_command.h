@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/program/archive_options.h"
+#include "pipeline/program/archive/archive_options.h"
 
 namespace trocar::pipeline {
 
