@@ -67,8 +67,13 @@ Result<std::shared_ptr<DcmTransportLayer>> make_transport(const TlsFiles& files,
   };
   if (out->setPrivateKeyFile(files.key.c_str(), DCF_Filetype_PEM).bad())
     return wrong(files.key, "private key");
-  if (out->setCertificateFile(files.cert.c_str(), DCF_Filetype_PEM).bad())
-    return wrong(files.cert, "certificate of at least 2048 bits");
+#if PACKAGE_VERSION_NUMBER >= 368
+  const OFCondition has_certificate =
+      out->setCertificateFile(files.cert.c_str(), DCF_Filetype_PEM, TSP_Profile_BCP195_ND);
+#else
+  const OFCondition has_certificate = out->setCertificateFile(files.cert.c_str(), DCF_Filetype_PEM);
+#endif
+  if (has_certificate.bad()) return wrong(files.cert, "certificate of at least 2048 bits");
   if (!out->checkPrivateKeyMatchesCertificate())
     return refused(files.key.string() + ": is not the private key of " + files.cert.string());
   if (out->addTrustedCertificateFile(files.ca.c_str(), DCF_Filetype_PEM).bad())
