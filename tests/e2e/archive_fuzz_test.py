@@ -102,7 +102,7 @@ def connection(port, random_, budget):
 
 def test_mutated_pdus(programs, work):
     good, files = study(work / "sent", 1, slices=2)
-    environment = {"ASAN_OPTIONS": "detect_leaks=0:exitcode=99", "UBSAN_OPTIONS": "halt_on_error=1:print_stacktrace=1:exitcode=98"}
+    environment = {"ASAN_OPTIONS": "detect_leaks=0:exitcode=99:quarantine_size_mb=4", "UBSAN_OPTIONS": "halt_on_error=1:print_stacktrace=1:exitcode=98"}
     with Receiver(programs, work / "scans", "--idle-timeout", 2, "--dimse-timeout", 5, "--acse-timeout", 2, environment=environment) as receiver:
         assert receiver.echo().returncode == 0
         memory = [receiver.memory_kb()]
