@@ -20,9 +20,9 @@ namespace trocar::farm {
 /// A process that has ended.
 struct Ended {
   std::size_t task = 0;
-  std::string text;   ///< text that the process sent
-  int signal = 0;     ///< signal that killed the process; 0: none
-  int exit_code = 0;  ///< exit code if no signal killed it
+  std::string text;                ///< text that the process sent
+  int signal = 0;                  ///< signal that killed the process; 0: none
+  int exit_code = 0;               ///< exit code if no signal killed it
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the process
   double seconds = 0;
 };

@@ -29,8 +29,8 @@ TEST(Product, NamesAndKindsAreOneToOne) {
 class CommandTest : public testing::Test {
  protected:
   Result<void> shell(const std::string& script) {
-    return run_command({{"/bin/sh", "-c", script}, folder_.path(), folder_ / "out", folder_ / "errors"},
-                       &stop_);
+    return run_command(
+        {{"/bin/sh", "-c", script}, folder_.path(), folder_ / "out", folder_ / "errors"}, &stop_);
   }
   std::string text(const char* name) const {
     std::ifstream in(folder_ / name);
@@ -67,8 +67,8 @@ TEST_F(CommandTest, AnErrorHasTheLastLineAndTheCodeOfTheProgram) {
 }
 
 TEST_F(CommandTest, AProgramThatIsNotThereIsAnError) {
-  const auto done =
-      run_command({{"/nowhere/program"}, folder_.path(), folder_ / "out", folder_ / "errors"}, nullptr);
+  const auto done = run_command(
+      {{"/nowhere/program"}, folder_.path(), folder_ / "out", folder_ / "errors"}, nullptr);
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().message, "it ended with exit code 127");
 }
