@@ -31,6 +31,7 @@ using Clock = std::chrono::steady_clock;
 using Seconds = std::chrono::duration<double>;
 
 constexpr int kPollMs = 100;
+constexpr std::chrono::seconds kRetry(5);
 constexpr double kKeepCheckS = 1;  // time between two searches for studies that are too old
 // Values of one association's process. A dataset stays in its file; DCMTK's parser may need 512 MiB
 // for a deflated one.
@@ -77,12 +78,14 @@ class Receiver {
     while (!stop.load()) {
       wait();
       collect();
+      take_released();
       accept();
       publish_complete(settings_.settle_s);
       remove_old();
       if (follow_up_) follow_up_->step();
     }
     end_associations();
+    take_released();
     publish_complete(0);
   }
 
@@ -159,7 +162,7 @@ class Receiver {
   void end(const Process& process, int status) {
     ::close(process.pipe);
     if (WIFEXITED(status) && WEXITSTATUS(status) == static_cast<int>(AssociationEnd::kReleased))
-      return take(process.folder);
+      return release(process.folder);
     folders_.drop_association(process.folder);
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGALRM) {
       report("an association was dropped: it took too long");
@@ -172,16 +175,29 @@ class Receiver {
     }
   }
 
-  void take(const fs::path& folder) {
+  void release(const fs::path& folder) {
+    if (const auto done = folders_.release(folder); !done) report(done.error().message);
+    retry_ = Clock::now();
+  }
+
+  // Takes the instances of released associations. If the disk is full, it tries again after a while.
+  void take_released() {
+    if (Clock::now() < retry_) return;
+    for (const fs::path& folder : folders_.released())
+      if (!take(folder)) retry_ = Clock::now() + kRetry;
+  }
+
+  bool take(const fs::path& folder) {
     const auto taken = folders_.take(folder, settings_.association.limits);
     if (!taken) {
-      folders_.drop_association(folder);
-      return report(taken.error().message);
+      report(taken.error().message);
+      return false;
     }
     for (const TakenStudy& study : *taken) {
       if (study.added > 0) grown_[study.uid] = Clock::now();
       report_left_out(study.uid, study.different, study.excess);
     }
+    return true;
   }
 
   static void report_left_out(const std::string& study, std::size_t different, std::size_t excess) {
@@ -197,6 +213,8 @@ class Receiver {
     std::error_code ignored;
     for (const auto& [pid, process] : processes_)
       if (fs::exists(process.folder / study, ignored)) return true;
+    for (const fs::path& folder : folders_.released())
+      if (fs::exists(folder / study, ignored)) return true;
     return false;
   }
 
@@ -262,6 +280,7 @@ class Receiver {
   std::map<pid_t, Process> processes_;
   std::map<std::string, Clock::time_point> grown_;  // studies to publish, and their last instance
   Clock::time_point kept_ = Clock::now();
+  Clock::time_point retry_ = Clock::now();  // when released associations are taken next
 };
 
 }  // namespace

@@ -24,7 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kParts[] = {"associations", "studies", "replaced", "following", "received"};
+constexpr const char* kParts[] = {"associations", "released",  "studies",
+                                  "replaced",     "following", "received"};
 
 // The entries of a folder; none if it cannot be read.
 std::vector<fs::path> entries_of(const fs::path& folder) {
@@ -180,6 +181,16 @@ Result<fs::path> StudyFolders::new_association() {
 void StudyFolders::drop_association(const fs::path& association) const {
   std::error_code ignored;
   fs::remove_all(association, ignored);
+}
+
+Result<void> StudyFolders::release(const fs::path& association) const {
+  const fs::path target = incoming_ / "released" / association.filename();
+  if (::rename(association.c_str(), target.c_str()) != 0) return farm::cannot_write(target, errno);
+  return farm::sync_folder(incoming_ / "released");
+}
+
+std::vector<fs::path> StudyFolders::released() const {
+  return entries_of(incoming_ / "released");
 }
 
 fs::path StudyFolders::growing_folder(const std::string& study) const {

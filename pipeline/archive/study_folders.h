@@ -2,6 +2,7 @@
 // The folder of received studies. A study appears in it whole, by one rename, as FOLDER/STUDY_UID/.
 // What is not whole yet is in FOLDER/.incoming/, on the same file system:
 //   associations/OWNER/STUDY/   instances of an open association (OWNER: farm/process_identity.h)
+//   released/OWNER/STUDY/       instances of an association that was released; they belong to studies
 //   studies/STUDY/              a study that may still grow: instances of released associations
 //   replaced/                   studies that are being extended or removed
 //   following/STUDY             an empty file: `--then` has still to mesh this study
@@ -61,8 +62,13 @@ class StudyFolders {
   /// The size of a study, of which a part may not be published yet.
   StudySize size_of(const std::string& study) const;
 
-  /// Moves the instances of an association that ended properly to the studies that may still grow,
-  /// and removes its folder. Errors (unwritable): the instances stay where they are.
+  /// Commits an association that was released, by one rename: from now on all its instances belong to
+  /// their studies, also if the receiver is killed.
+  Result<void> release(const std::filesystem::path& association) const;
+  /// The folders of associations that are committed and not taken yet.
+  std::vector<std::filesystem::path> released() const;
+  /// Moves the instances of such a folder to the studies that may still grow, and removes it. Errors
+  /// (unwritable): it can be called again.
   Result<std::vector<TakenStudy>> take(const std::filesystem::path& association,
                                        const ArchiveLimits& limits) const;
   /// The studies that are not published yet.

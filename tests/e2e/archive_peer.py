@@ -126,7 +126,7 @@ class Receiver:
 
     def waiting(self):
         """What is in .incoming besides locks and marks."""
-        return [str(path) for part in ("associations", "studies", "replaced") for path in (self.folder / ".incoming" / part).iterdir()]
+        return [str(path) for part in ("associations", "released", "studies", "replaced") for path in (self.folder / ".incoming" / part).iterdir()]
 
     def is_tidy(self):
         """Waits until nothing is in .incoming any more."""

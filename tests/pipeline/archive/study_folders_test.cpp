@@ -132,6 +132,7 @@ TEST_F(StudyFoldersTest, LeftoversOfDeadProcessesAreRemoved) {
   { const StudyFolders folders = opened(); }
   const fs::path incoming = folder / ".incoming";
   write_text(incoming / "associations/nobody/2.25.7/1.dcm", "half");
+  write_text(incoming / "released/nobody/2.25.7/2.dcm", "whole");
   write_text(incoming / "replaced/new-2.25.8/1.dcm", "half");
   write_text(incoming / "replaced/2.25.9/1.dcm", "whole");  // killed between two renames
   write_text(incoming / "studies/2.25.10/1.dcm", "whole");  // its association had ended properly
@@ -143,6 +144,24 @@ TEST_F(StudyFoldersTest, LeftoversOfDeadProcessesAreRemoved) {
   EXPECT_EQ(left_in("replaced"), 0U);
   EXPECT_EQ(visible(), std::set<std::string>{"2.25.9"});
   EXPECT_EQ(folders.growing(), std::set<std::string>{"2.25.10"});
+  ASSERT_EQ(folders.released().size(), 1U);
+  ASSERT_TRUE(folders.take(folders.released()[0], {}));
+  EXPECT_EQ(folders.growing(), (std::set<std::string>{"2.25.10", "2.25.7"}));
+}
+
+TEST_F(StudyFoldersTest, ReleasedAssociationIsKeptUntilItIsTaken) {
+  StudyFolders folders = opened();
+  const fs::path association_folder =
+      association(folders, kStudy, {{"1.dcm", "a"}, {"2.dcm", "b"}});
+  ASSERT_TRUE(folders.release(association_folder));
+  EXPECT_FALSE(fs::exists(association_folder));
+  ASSERT_EQ(folders.released().size(), 1U);
+  write_text(folder / ".incoming/studies" / kStudy, "in the way");  // like a full disk
+  EXPECT_FALSE(folders.take(folders.released()[0], {}));
+  fs::remove(folder / ".incoming/studies" / kStudy);
+  ASSERT_TRUE(folders.take(folders.released()[0], {}));
+  EXPECT_EQ(folders.size_of(kStudy).instances, 2U);
+  EXPECT_TRUE(folders.released().empty());
 }
 
 TEST_F(StudyFoldersTest, OneReceiverReservesTheFolder) {
