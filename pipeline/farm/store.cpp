@@ -118,11 +118,11 @@ json product_json(const StoredProduct& product) {
   return out;
 }
 
-StoredProduct product_from(const json& value) {
+// std::nullopt if it is damaged: the product is then made again.
+std::optional<StoredProduct> product_from(const json& value) try {
   StoredProduct out;
   if (!value.at("key").is_null()) out.key = value.at("key").get<std::string>();
-  if (!out.key.empty() && !is_sha256(out.key))
-    throw json::other_error::create(501, "no key", &value);
+  if (!out.key.empty() && !is_sha256(out.key)) return std::nullopt;
   out.program = value.at("program").get<std::string>();
   out.parameters = value.at("parameters");
   if (value.contains("file")) {
@@ -133,6 +133,8 @@ StoredProduct product_from(const json& value) {
     out.is_lasting = value.value("lasting", false);
   }
   return out;
+} catch (const json::exception&) {
+  return std::nullopt;
 }
 
 }  // namespace
@@ -187,7 +189,8 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
     }
     if (value.contains("products")) {
       for (const auto& [name, product] : value.at("products").items())
-        if (product_kind(name)) out.products.emplace(name, product_from(product));
+        if (auto stored = product_kind(name) ? product_from(product) : std::nullopt)
+          out.products.emplace(name, std::move(*stored));
     }
     return out;
   } catch (const json::exception&) {

@@ -17,13 +17,13 @@ find_program(HELP2MAN help2man)
 if(NOT HELP2MAN)
   message(STATUS "help2man is not here: no man pages (Debian's package help2man)")
 endif()
-# trocar_man_page(NAME COMPONENT PROGRAM): a man page made from the program's --help.
+# trocar_man_page(NAME COMPONENT PROGRAM [FILE...]): a man page made from the --help of the program, which the files belong to.
 function(trocar_man_page name component program)
   if(HELP2MAN)
     set(page ${CMAKE_BINARY_DIR}/man/${name}.1.gz)
     add_custom_command(OUTPUT ${page}
       COMMAND ${CMAKE_SOURCE_DIR}/scripts/lib/man_page ${name} ${program} ${PROJECT_VERSION} ${page}
-      DEPENDS ${program} ${CMAKE_SOURCE_DIR}/scripts/lib/man_page VERBATIM)
+      DEPENDS ${program} ${ARGN} ${CMAKE_SOURCE_DIR}/scripts/lib/man_page VERBATIM)
     add_custom_target(${name}-man ALL DEPENDS ${page})
     install(FILES ${page} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT ${component})
   endif()
@@ -43,7 +43,7 @@ trocar_program(trocar-console trocar-console)
 trocar_program(trocar-export trocar-console)
 install(PROGRAMS scripts/farm RENAME trocar-farm DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT trocar-farm)
 install(DIRECTORY scripts/lib/farm DESTINATION ${share} COMPONENT trocar-farm FILES_MATCHING PATTERN *.py)
-trocar_man_page(trocar-farm trocar-farm ${CMAKE_SOURCE_DIR}/scripts/farm)
+trocar_man_page(trocar-farm trocar-farm ${CMAKE_SOURCE_DIR}/scripts/farm ${CMAKE_SOURCE_DIR}/scripts/lib/farm/main.py)
 
 # --- examples -------------------------------------------------------------------------------------
 # The sample's asset, the same vertebra filled inside and with a surface, and the scenes that need no other asset. Made by default only
