@@ -144,7 +144,10 @@ class Worker {
   bool is_lasting(const Error& error) {
     if (error.is_temporary || (error.code != ExitCode::kUsage && error.code != ExitCode::kRefused))
       return false;
-    if (!is_listed_ || !entry_.key.empty()) return true;
+    // The input of a scan that was done before is more likely out of reach than gone, for example on
+    // a file system that is not mounted.
+    if (!is_listed_) return !known_ || known_->is_lasting;
+    if (!entry_.key.empty()) return true;
     std::vector<NamedFile> all;
     for (const ScanFile& file : entry_.files)
       all.push_back({file.of, file.path});

@@ -115,13 +115,13 @@ json failures_json(const std::vector<farm::FailedScan>& failed) {
   return out;
 }
 
-void print_failures(const farm::BatchSummary& summary) {
-  if (summary.failed.empty()) return;
+void print_failures(const std::vector<farm::FailedScan>& failed) {
+  if (failed.empty()) return;
   std::size_t width = 4;
-  for (const auto& [scan, outcome] : summary.failed)
+  for (const auto& [scan, outcome] : failed)
     width = std::max(width, scan.size());
   std::fprintf(stderr, "%-*s  exit  reason\n", static_cast<int>(width), "scan");
-  for (const auto& [scan, outcome] : summary.failed) {
+  for (const auto& [scan, outcome] : failed) {
     std::fprintf(stderr, "%-*s  %4d  %s\n", static_cast<int>(width), scan.c_str(),
                  outcome.exit_code, outcome.reason.c_str());
   }
@@ -158,11 +158,12 @@ int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
   }
   for (const auto& [scan, state] : *states) {
     if (state.kind == Kind::kDone) continue;
+    const bool is_known = state.kind == Kind::kKnownFailure;
     std::string why;
     for (const json& cause : state.why)
-      why += (why.empty() ? "" : "; ") + farm::cause_text(cause);
-    std::cout << scan << (state.kind == Kind::kKnownFailure ? ": known failure: " : ": ") << why
-              << '\n';
+      why += (why.empty() ? "" : "; ") +
+             (is_known ? cause["reason"].get<std::string>() : farm::cause_text(cause));
+    std::cout << scan << (is_known ? ": known failure: " : ": ") << why << '\n';
   }
   std::cout << stale.size() << " of " << batch.scans() << " scans are stale";
   if (!known.empty()) std::cout << ", " << known.size() << " are known failures";
@@ -220,7 +221,8 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
     std::printf("%zu scans: %zu unchanged, %zu made, %zu found in the store, %zu failed", s.scans,
                 s.unchanged, s.made, s.found, s.failed.size());
     if (!s.known.empty())
-      std::printf(", %zu known failure%s", s.known.size(), s.known.size() == 1 ? "" : "s");
+      std::printf(", %zu known failure%s%s", s.known.size(), s.known.size() == 1 ? "" : "s",
+                  a.strict ? "" : " (--dry-run lists them)");
     if (s.left > 0) std::printf(", %zu left", s.left);
     if (s.products_made > 0) std::printf("; %zu products made", s.products_made);
     std::printf("; %.1f s\n", s.seconds);
@@ -239,7 +241,8 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
   const auto summary = batch.run();
   if (!summary) return fail(summary.error());
   print_summary(a, *summary);
-  print_failures(*summary);
+  print_failures(summary->failed);
+  if (a.strict) print_failures(summary->known);
   head.update({{"scans", summary->scans},
                {"unchanged", summary->unchanged},
                {"made", summary->made},

@@ -65,10 +65,12 @@ std::vector<std::string> with_preset_options(const std::vector<std::string>& wor
   std::vector<std::string> out = words;
   const Preset* preset = find_preset(name);
   if (preset == nullptr) return out;
+  // After "--" there are only inputs.
+  auto end = std::find(out.begin(), out.end(), "--") - out.begin();
   for (const auto& [option, value] : preset->options) {
     const bool other_unit = option == "--max-area-px" && gives(words, "--max-area");
     if (gives(words, option) || other_unit) continue;
-    out.emplace_back(option).append("=").append(value);
+    out.insert(out.begin() + end++, std::string(option).append("=").append(value));
   }
   return out;
 }

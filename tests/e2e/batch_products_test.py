@@ -144,6 +144,14 @@ def test_wrong_products_are_refused(tmp_path, scans, products, said):
     assert said in done.stderr and done.stderr.count("\n") == 1 and not (tmp_path / "store").exists(), done.stderr
 
 
+def test_presets_apply_to_products(tmp_path, scans):
+    collection, store = tmp_path / "collection.json", tmp_path / "store"
+    for scan in scans:
+        scan["parameters"] = {"preset": "bone"}
+    write(collection, scans, ["preview", "surface"])
+    assert batch(collection, store)["products_made"] == 4
+
+
 def test_without_trocar_run(tmp_path, scans):
     collection = tmp_path / "collection.json"
     write(collection, scans[:1], ["scene"])

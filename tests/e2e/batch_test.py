@@ -100,6 +100,8 @@ def check_known_failures(collection, store, codes):
     check("10 known failures" in done.stdout and not done.stderr, f"known failures: {done.stdout} {done.stderr}")
     summary = batch(collection, store, "--strict", expect=3)
     check({one["scan"]: one["exit_code"] for one in summary["known_failures"]} == codes and not summary["failures"], f"--strict: {summary}")
+    said = run(MESH, "batch", collection, "-o", store, "--strict", "--quiet", expect=3).stderr
+    check(all(name in said for name in codes), f"--strict does not name the known failures: {said}")
     dry = batch(collection, store, "--dry-run")
     check(not dry["stale"] and {one["scan"]: one["exit_code"] for one in dry["known_failures"]} == codes, f"--dry-run: {dry}")
     status = json.loads(run(MESH, "batch", collection, "-o", store, "--json", "--explain", "bad_text").stdout)["status"]

@@ -228,6 +228,16 @@ TEST_F(BatchTest, WhatIsMissingIsAKnownFailureUntilItIsThere) {
   EXPECT_EQ(run().made, 2u);
 }
 
+TEST_F(BatchTest, AnInputThatDisappearsFailsInEachRun) {
+  const std::string input = add("input", {{"n", 1}});
+  EXPECT_EQ(run().made, 1u);
+  fs::rename(input, input + ".away");
+  for (int k = 0; k < 3; ++k)
+    EXPECT_EQ(names_of(run().failed), Names{"input"}) << k;
+  fs::rename(input + ".away", input);
+  EXPECT_EQ(run().found, 1u);
+}
+
 TEST_F(BatchTest, AFailureThatTheScanDoesNotExplainIsTriedAgain) {
   for (const char* what : {"abort", "exit", "throw", "memory", "change"})
     add(what, {{"do", what}});
