@@ -322,7 +322,9 @@ Result<farm::ProductPrograms> product_programs(const fs::path& run_program,
   std::vector<fs::path> places = {run_program};
   if (run_program.empty()) {
     places = {own.parent_path() / "trocar-run"};
-    std::istringstream path(::getenv("PATH") == nullptr ? "" : ::getenv("PATH"));
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): there are no threads yet
+    const char* const folders = std::getenv("PATH");
+    std::istringstream path(folders == nullptr ? "" : folders);
     for (std::string folder; std::getline(path, folder, ':');)
       places.push_back(fs::path(folder) / "trocar-run");
   }

@@ -161,6 +161,7 @@ TEST_F(BatchTest, EachWayToFailIsAnEntryAndTheOthersAreDone) {
 
 std::vector<std::string> names_of(const std::vector<FailedScan>& failed) {
   std::vector<std::string> out;
+  out.reserve(failed.size());
   for (const FailedScan& one : failed)
     out.push_back(one.scan);
   return out;
