@@ -72,6 +72,7 @@ Error error_of(int status, const Command& command) {
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop) {
   std::vector<std::string> copies = command.words;
   std::vector<char*> words;
+  words.reserve(copies.size() + 1);
   for (std::string& word : copies)
     words.push_back(word.data());
   words.push_back(nullptr);

@@ -4,7 +4,7 @@
 
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>
-#include <stdlib.h>
+#include <cstdlib>
 
 #include <cstdint>
 #include <filesystem>
