@@ -32,9 +32,13 @@ class WorkFolder {
     fs::remove_all(path_, ignored);
   }
 
+  Result<void> ready() const {
+    if (error_) return unwritable(path_.string() + ": " + error_.message());
+    return {};
+  }
   // A copy, because trocar-run follows links before it states a path.
   Result<void> add_copy(const fs::path& file, const fs::path& copy) {
-    if (!error_) fs::copy_file(file, copy, error_);
+    fs::copy_file(file, copy, error_);
     if (error_) return unwritable(copy.string() + ": " + error_.message());
     return {};
   }
@@ -97,6 +101,7 @@ json action_of_product(const ProductWork& work, const WantedProduct& product,
 
 Result<Object> make(const ProductWork& work, const WantedProduct& product, const ScanEntry& entry) {
   WorkFolder folder(work.store, work.scan.name);
+  if (auto ok = folder.ready(); !ok) return ok.error();
   const fs::path output = fs::absolute(folder.product() / product_file(product.kind));
   Command command;
   command.output = output.string() + ".out";

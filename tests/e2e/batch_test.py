@@ -94,34 +94,6 @@ def change_scan(file, name, change):
     file.write_text(json.dumps(value))
 
 
-def check_known_failures(collection, store, codes):
-    """What a run, a dry run and --explain say of a store in which the scans `codes` have failed; --strict, --retry, --max-failures."""
-    done = run(MESH, "batch", collection, "-o", store)
-    check("10 known failures" in done.stdout and not done.stderr, f"known failures: {done.stdout} {done.stderr}")
-    summary = batch(collection, store, "--strict", expect=3)
-    check({one["scan"]: one["exit_code"] for one in summary["known_failures"]} == codes and not summary["failures"], f"--strict: {summary}")
-    said = run(MESH, "batch", collection, "-o", store, "--strict", "--quiet", expect=3).stderr
-    check(all(name in said for name in codes), f"--strict does not name the known failures: {said}")
-    dry = batch(collection, store, "--dry-run")
-    check(not dry["stale"] and {one["scan"]: one["exit_code"] for one in dry["known_failures"]} == codes, f"--dry-run: {dry}")
-    status = json.loads(run(MESH, "batch", collection, "-o", store, "--json", "--explain", "bad_text").stdout)["status"]
-    check(status == "known_failure", f"--explain: {status}")
-    check(len(batch(collection, store, "--dry-run", "--retry")["stale"]) == 10, "--dry-run --retry")
-    metrics = WORK / "metrics.prom"
-    expect_counts(batch(collection, store, "--retry", "--metrics", metrics, expect=3), 190, 0, 0, 10, "--retry")
-    assets = sum(file.stat().st_size for file in (store / "assets").iterdir())
-    lines = metrics.read_text().splitlines()
-    for wanted in (f'trocar_batch_scans{{store="{store}",class="failed"}} 10', f'trocar_batch_asset_bytes{{store="{store}"}} {assets}'):
-        check(wanted in lines, f"--metrics: no line {wanted}: {lines}")
-    age_s = time.time() - float(lines[-1].split()[1])
-    check(0 <= age_s < 60, f"--metrics: the age of the run is {age_s} s")
-    done = run(MESH, "batch", collection, "-o", WORK / "few", "--only", "-", "--jobs", "1", "--max-failures", "3", "--json", expect=3, input="\n".join(codes))
-    few = json.loads(done.stdout)
-    check((few["failed"], few["left"]) == (3, 7) and "stopped after 3 failures" in done.stderr, f"--max-failures: {few} {done.stderr}")
-    done = run(MESH, "batch", collection, "-o", store, "--metrics", WORK / "no" / "such", expect=4)
-    check(done.stderr.count("\n") == 1, f"--metrics: {done.stderr}")
-
-
 def part_results():
     folder = WORK / "scans"
     codes = collection_of_200(PROGRAMS, folder)
@@ -176,8 +148,6 @@ def part_results():
     expect_equal(store, reference, "second run")
     expect_counts(batch(collection, store, "--rehash"), 190, 0, 0, 0, "--rehash", known=10)
     expect_counts(batch(collection, store, "--verify"), 190, 0, 0, 0, "--verify", known=10)
-    check_known_failures(collection, store, codes)
-    expect_equal(store, reference, "known failures")
     for shard in range(3):
         batch(collection, WORK / "shards", "--shard", f"{shard}/3", "--jobs", shard + 1, expect=3)
     expect_equal(WORK / "shards", reference, "three shards")

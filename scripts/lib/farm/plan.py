@@ -39,7 +39,7 @@ def limit_of(measured, each):
     largest = max(measured)
     if largest * each <= measured[largest]:
         return math.floor(measured[largest] / each)
-    return max(1, *(users for users in range(1, largest + 1) if users * each <= rate_of(measured, users)), 1)
+    return max((users for users in range(1, largest + 1) if users * each <= rate_of(measured, users)), default=1)
 
 
 def work_out(scans, nodes, slots_a_node, chunk_s, of, processors=0):

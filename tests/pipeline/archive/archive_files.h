@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// For the tests of the archive: an empty folder, files in it, and the bytes of a small CT image.
+// For the tests of the archive: text files, and the bytes of a small CT image.
 #pragma once
 
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>
 
 #include <cstdint>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -14,18 +13,6 @@
 #include <vector>
 
 namespace trocar::archive {
-
-/// A new folder, removed at the end.
-struct EmptyFolder {
-  std::filesystem::path path;
-  EmptyFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "trocar-archive-XXXXXX").string();
-    path = ::mkdtemp(name.data());
-  }
-  EmptyFolder(const EmptyFolder&) = delete;
-  EmptyFolder& operator=(const EmptyFolder&) = delete;
-  ~EmptyFolder() { std::filesystem::remove_all(path); }
-};
 
 inline void write_text(const std::filesystem::path& file, const std::string& text) {
   std::filesystem::create_directories(file.parent_path());

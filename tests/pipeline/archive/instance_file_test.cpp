@@ -3,7 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include "archive_files.h"
+#include "tests/pipeline/archive/archive_files.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar::archive {
 namespace {
@@ -11,7 +12,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct StoreTest : ::testing::Test {
-  EmptyFolder folder;
+  test::TemporaryFolder folder;
   ArchiveLimits limits;
 
   static InstanceName name_of(const ImageText& text) {
@@ -23,13 +24,13 @@ struct StoreTest : ::testing::Test {
     return into.finish();
   }
   StoreOutcome store(const ImageText& text, const InstanceName& name) {
-    InstanceStore into(folder.path, limits);
+    InstanceStore into(folder.path(), limits);
     return store(into, text, name);
   }
   // The files in the folder; nothing of a refused instance may be left.
   std::size_t files() const {
     std::size_t out = 0;
-    for (const auto& entry : fs::recursive_directory_iterator(folder.path))
+    for (const auto& entry : fs::recursive_directory_iterator(folder.path()))
       out += entry.is_regular_file() ? 1 : 0;
     return out;
   }
@@ -40,7 +41,7 @@ TEST_F(StoreTest, FileIsTheHeaderAndTheBytesThatCame) {
   const StoreOutcome outcome = store(text, name_of(text));
   EXPECT_EQ(outcome.status, StoreStatus::kStored) << outcome.why;
   EXPECT_EQ(outcome.study, kStudy);
-  const fs::path file = folder.path / kStudy / "2.25.1.1.1.dcm";
+  const fs::path file = folder.path() / kStudy / "2.25.1.1.1.dcm";
   const auto bytes = dataset_of(text);
   EXPECT_EQ(read_text(file), file_header(name_of(text)) + std::string(bytes.begin(), bytes.end()));
   EXPECT_EQ(fs::status(file).permissions(), fs::perms::owner_read | fs::perms::owner_write);
@@ -88,7 +89,7 @@ TEST_F(StoreTest, RefusesDamagedAndEmptyImages) {
   text.rows = 0;
   EXPECT_EQ(store(text, name_of(text)).status, StoreStatus::kMismatch);
   const auto bytes = dataset_of({});
-  InstanceStore into(folder.path, limits);
+  InstanceStore into(folder.path(), limits);
   into.begin(name_of({}));
   into.write({bytes.data(), bytes.size() - 6});
   EXPECT_EQ(into.finish().status, StoreStatus::kNotUnderstood);
@@ -99,23 +100,23 @@ TEST_F(StoreTest, LimitsTheInstance) {
   const auto bytes = dataset_of({});
   for (const std::size_t limit : {bytes.size() - 1, bytes.size()}) {
     limits.instance_bytes = limit;
-    InstanceStore into(folder.path, limits);
+    InstanceStore into(folder.path(), limits);
     into.begin(name_of({}));
     EXPECT_TRUE(into.write(bytes));
     EXPECT_EQ(into.finish().status,
               limit < bytes.size() ? StoreStatus::kOutOfResources : StoreStatus::kStored);
   }
   limits.instance_bytes = 100;
-  InstanceStore into(folder.path, limits);
+  InstanceStore into(folder.path(), limits);
   into.begin(name_of({}));
   EXPECT_TRUE(into.write(std::vector<std::uint8_t>(200)));
   EXPECT_FALSE(into.write(std::vector<std::uint8_t>(1)));  // more than twice the limit
-  EXPECT_LE(fs::file_size(folder.path / "arriving.part"), 100 + file_header(name_of({})).size());
+  EXPECT_LE(fs::file_size(folder.path() / "arriving.part"), 100 + file_header(name_of({})).size());
 }
 
 TEST_F(StoreTest, LimitsTheStudyWithWhatIsThere) {
   limits.study_instances = 3;
-  InstanceStore into(folder.path, limits, [](const std::string&) { return StudySize{1, 10}; });
+  InstanceStore into(folder.path(), limits, [](const std::string&) { return StudySize{1, 10}; });
   for (const int k : {1, 2, 3}) {
     ImageText text;
     text.instance = "2.25.1.1." + std::to_string(k);
@@ -127,7 +128,7 @@ TEST_F(StoreTest, LimitsTheStudyWithWhatIsThere) {
 
 TEST_F(StoreTest, LimitsTheBytesOfAStudy) {
   limits.study_bytes = 2 * dataset_of({}).size() - 1;
-  InstanceStore into(folder.path, limits);
+  InstanceStore into(folder.path(), limits);
   ImageText text;
   EXPECT_EQ(store(into, text, name_of(text)).status, StoreStatus::kStored);
   text.instance = "2.25.1.1.2";
@@ -135,20 +136,20 @@ TEST_F(StoreTest, LimitsTheBytesOfAStudy) {
 }
 
 TEST_F(StoreTest, SameInstanceTwiceIsStoredOnceAndAnotherIsRefused) {
-  InstanceStore into(folder.path, limits);
+  InstanceStore into(folder.path(), limits);
   const ImageText text;
   EXPECT_EQ(store(into, text, name_of(text)).status, StoreStatus::kStored);
   EXPECT_EQ(store(into, text, name_of(text)).status, StoreStatus::kStored);
-  const std::string before = read_text(folder.path / kStudy / "2.25.1.1.1.dcm");
+  const std::string before = read_text(folder.path() / kStudy / "2.25.1.1.1.dcm");
   ImageText changed;
   changed.rows = 8;
   EXPECT_EQ(store(into, changed, name_of(changed)).status, StoreStatus::kDuplicate);
-  EXPECT_EQ(read_text(folder.path / kStudy / "2.25.1.1.1.dcm"), before);
+  EXPECT_EQ(read_text(folder.path() / kStudy / "2.25.1.1.1.dcm"), before);
   EXPECT_EQ(files(), 1U);
 }
 
 TEST_F(StoreTest, UnwritableFolderIsThisComputersFault) {
-  fs::create_directory(folder.path / "arriving.part");  // the file cannot be made
+  fs::create_directory(folder.path() / "arriving.part");  // the file cannot be made
   const StoreOutcome outcome = store({}, name_of({}));
   EXPECT_EQ(outcome.status, StoreStatus::kOutOfResources);
   EXPECT_TRUE(outcome.is_ours);

@@ -5,7 +5,8 @@
 
 #include <chrono>
 
-#include "archive_files.h"
+#include "tests/pipeline/archive/archive_files.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar::archive {
 namespace {
@@ -13,8 +14,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct StudyFoldersTest : ::testing::Test {
-  EmptyFolder base;
-  fs::path folder = base.path / "scans";
+  test::TemporaryFolder base;
+  fs::path folder = base.path() / "scans";
 
   StudyFolders opened() {
     auto out = StudyFolders::open(folder);
@@ -190,8 +191,8 @@ TEST_F(StudyFoldersTest, RemovesWhatIsOldReceivedAndNotBusy) {
 
 TEST_F(StudyFoldersTest, LinksOfOthersAreNotFollowed) {
   fs::create_directories(folder);
-  fs::create_directory(base.path / "elsewhere");
-  fs::create_directory_symlink(base.path / "elsewhere", folder / ".incoming");
+  fs::create_directory(base.path() / "elsewhere");
+  fs::create_directory_symlink(base.path() / "elsewhere", folder / ".incoming");
   EXPECT_FALSE(StudyFolders::open(folder));
 }
 

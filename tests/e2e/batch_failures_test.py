@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What trocar-mesh batch does about scans that have failed before: known failures, --retry, --strict, --max-failures, and what it says of them.
+Also --metrics, which states the classes of scans."""
+import json
+import time
+
+import pytest
+from batch_collection import broken, make_scans, snapshot, write_collection
+from programs import PROGRAMS, run
+
+MESH = PROGRAMS / "trocar-mesh"
+
+
+class Store:
+    """A collection of ten broken scans and a good one, and its store after a first run."""
+
+    def __init__(self, folder):
+        make_scans(PROGRAMS, folder, slices=3, size=64)
+        self.codes, scans = {}, [{"name": "good", "input": "phantom/sample.nii.gz"}]
+        for name, scan, code in broken(folder):
+            scans.append({"name": name, **scan})
+            self.codes[name] = code
+        self.collection, self.folder = folder / "collection.json", folder / "store"
+        write_collection(self.collection, scans)
+        assert self.summary(expect=3)["failed"] == 10
+
+    def run(self, *options, expect=0, **keys):
+        return run(MESH, "batch", self.collection, "-o", self.folder, *options, expect=expect, **keys)
+
+    def summary(self, *options, expect=0):
+        return json.loads(self.run("--json", *options, expect=expect).stdout)
+
+
+@pytest.fixture(name="store", scope="module")
+def first_run(tmp_path_factory):
+    return Store(tmp_path_factory.mktemp("failures"))
+
+
+def test_a_second_run_ends_well_and_changes_nothing(store):
+    before = snapshot(store.folder)
+    done = store.run()
+    assert "10 known failures" in done.stdout and not done.stderr
+    summary = store.summary()
+    assert (summary["unchanged"], summary["failed"], summary["known"]) == (1, 0, 10)
+    assert {one["scan"]: one["exit_code"] for one in summary["known_failures"]} == store.codes
+    assert snapshot(store.folder) == before
+
+
+def test_strict_names_them(store):
+    done = store.run("--strict", "--quiet", expect=3)
+    assert all(name in done.stderr for name in store.codes), done.stderr
+
+
+def test_dry_run_and_explain_tell_them_from_stale_scans(store):
+    dry = store.summary("--dry-run")
+    assert not dry["stale"] and {one["scan"]: one["exit_code"] for one in dry["known_failures"]} == store.codes
+    assert store.summary("--explain", "bad_text")["status"] == "known_failure"
+    assert len(store.summary("--dry-run", "--retry")["stale"]) == 10
+
+
+def test_retry_tries_them_again(store):
+    summary = store.summary("--retry", expect=3)
+    assert (summary["unchanged"], summary["failed"], summary["known"]) == (1, 10, 0)
+
+
+def test_max_failures_ends_a_run(store, tmp_path):
+    done = run(MESH, "batch", store.collection, "-o", tmp_path / "few", "--only", "-", "--jobs", "1", "--max-failures", "3", "--json", expect=3,
+               input="\n".join(store.codes))
+    few = json.loads(done.stdout)
+    assert (few["failed"], few["left"]) == (3, 7) and "stopped after 3 failures" in done.stderr
+
+
+def test_metrics_state_the_classes(store, tmp_path):
+    metrics = tmp_path / "farm.prom"
+    store.run("--metrics", metrics)
+    lines = metrics.read_text().splitlines()
+    asset_bytes = (store.folder / "assets/good.glb").stat().st_size
+    for name, count in (("unchanged", 1), ("made", 0), ("failed", 0), ("known_failure", 10)):
+        assert f'trocar_batch_scans{{store="{store.folder}",class="{name}"}} {count}' in lines
+    assert f'trocar_batch_asset_bytes{{store="{store.folder}"}} {asset_bytes}' in lines
+    assert 0 <= time.time() - float(lines[-1].split()[1]) < 60
+    assert [file.name for file in tmp_path.iterdir()] == ["farm.prom"]
+    done = store.run("--metrics", tmp_path / "no" / "such", expect=4)
+    assert done.stderr.count("\n") == 1
