@@ -40,7 +40,8 @@ json object_json(const Object& object) {
 
 Object object_from(const json& value) {
   Object out{value.at("sha256").get<std::string>(), value.at("bytes").get<std::uint64_t>()};
-  if (!is_sha256(out.sha256)) throw json::other_error::create(501, "no digest", &value);
+  if (!is_sha256(out.sha256) || !value.at("bytes").is_number_unsigned())
+    throw json::other_error::create(501, "no digest", &value);
   return out;
 }
 

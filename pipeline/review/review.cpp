@@ -103,8 +103,8 @@ void add_links(const Store& store, const PageLinks& links, json& card) {
   json& shown = card["links"] = json::object();
   shown["report"] = links.to("reports/" + name + ".json");
   if (!card["asset"].contains("error")) shown["asset"] = links.to("assets/" + name + ".glb");
-  for (const StoredProduct& product : products_of(store, name)) {
-    const std::string kind(product.kind);
+  for (const ShownProduct& product : products_of(store, name)) {
+    const std::string kind = farm::product_name(product.kind);
     if (product.is_done())
       shown[kind] = links.to(product.file);
     else
@@ -209,7 +209,7 @@ struct Counts {
   struct Products {
     std::size_t done = 0, failed = 0;
   };
-  std::array<Products, kProductKinds.size()> products;
+  std::array<Products, farm::kProductKinds.size()> products;
 
   explicit Counts(const std::vector<IndexedScan>& scans) {
     for (const IndexedScan& scan : scans) {
@@ -223,8 +223,8 @@ struct Counts {
   void add(const json& card) {
     if (!card.contains("asset")) return;
     damaged += card["asset"].contains("error") ? 1 : 0;
-    for (std::size_t k = 0; k < kProductKinds.size(); ++k) {
-      const std::string kind(kProductKinds[k].name);
+    for (std::size_t k = 0; k < farm::kProductKinds.size(); ++k) {
+      const std::string kind = farm::product_name(farm::kProductKinds[k]);
       products[k].done += card["links"].contains(kind) ? 1 : 0;
       products[k].failed += card.value("failed_products", json::object()).contains(kind) ? 1 : 0;
     }
@@ -232,9 +232,9 @@ struct Counts {
 
   json as_json() const {
     json out = {{"done", done}, {"failed", failed}, {"damaged", damaged}, {"bytes", bytes}};
-    for (std::size_t k = 0; k < kProductKinds.size(); ++k)
-      out["products"][std::string(kProductKinds[k].name)] = {{"done", products[k].done},
-                                                             {"failed", products[k].failed}};
+    for (std::size_t k = 0; k < farm::kProductKinds.size(); ++k)
+      out["products"][farm::product_name(farm::kProductKinds[k])] = {
+          {"done", products[k].done}, {"failed", products[k].failed}};
     return out;
   }
 };

@@ -44,7 +44,7 @@ def large_store(source):
         entry = entries[of] | {"name": name}
         scans[name] = {"status": "failed"} if of == "missing" else {"status": "done", **figures[of]}
         if k % 50 == 3 and of != "missing":
-            entry["products"] = {"surface": {"key": None, "reason": "no closed surface", "exit_code": 3}}
+            entry["products"] = {"surface": {"key": None, "program": "0" * 64, "parameters": {}, "reason": "no closed surface", "exit_code": 3}}
             scans[name]["product"] = True
         if k % 60 == 5:
             scans[name] = {"status": "damaged"}

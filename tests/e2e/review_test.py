@@ -164,7 +164,11 @@ def set_products(store, scan, products, files=FILES):
 
 
 def made(digest="5a" * 32, size=20):
-    return {"key": "0" * 64, "file": {"sha256": digest, "bytes": size}}
+    return {"key": "0" * 64, "program": "0" * 64, "parameters": {}, "file": {"sha256": digest, "bytes": size}}
+
+
+def failed(reason):
+    return {"key": None, "program": "0" * 64, "parameters": {}, "reason": reason, "exit_code": 3}
 
 
 def store_with_products(name):
@@ -172,9 +176,9 @@ def store_with_products(name):
     shutil.rmtree(store, ignore_errors=True)
     shutil.copytree(WORK / "before", store, symlinks=True)
     set_products(store, "same", {kind: made() for kind in FILES})
-    set_products(store, "small", {"check": {"key": None, "reason": "the needle hits nothing", "exit_code": 3}, "preview": made()}, ["preview"])
-    set_products(store, "large", {"preview": made(), "scene": {"key": None, "reason": "\u00e9" * 5000, "exit_code": 3}}, [])
-    set_products(store, "works", {"preview": {"key": None, "reason": "a scan that failed has no products", "exit_code": 3}}, [])
+    set_products(store, "small", {"check": failed("the needle hits nothing"), "preview": made()}, ["preview"])
+    set_products(store, "large", {"preview": made(), "scene": failed("\u00e9" * 5000)}, [])
+    set_products(store, "works", {"preview": failed("a scan that failed has no products")}, [])
     return store
 
 
@@ -212,9 +216,9 @@ def test_links():
 def test_hostile_products():
     """Products of a wrong kind or type are ignored, and texts stand on the page as text."""
     hostile = "</script><img src=x onerror=alert(1)>"
-    ignored = [[], "text", 7, None, {"preview": 7, "surface": {"file": "surface.stl"}, "scene": {"file": {"sha256": "../" * 21 + "a", "bytes": 1}}, "check": {"reason": 5}},
-               {"rootkit": made(), "__proto__": {"reason": "x"}, "../preview": made(), "preview": {}, "surface": {"file": {"sha256": "5a" * 32, "bytes": -1}},
-                "scene": {"file": {"sha256": "5A" * 32, "bytes": 1}}, "check": {"file": {"bytes": 1}}}, {"preview": [made()], "check": {"reason": ["x"]}}]
+    ignored = [[], "text", 7, None, {"preview": 7, "surface": {**made(), "file": "surface.stl"}, "scene": made("../" * 21 + "a"), "check": failed(5)},
+               {"rootkit": made(), "__proto__": failed("x"), "../preview": made(), "preview": {}, "surface": made(size=-1), "scene": made("5A" * 32),
+                "check": {**made(), "file": {"bytes": 1}}}, {"preview": [made()], "check": failed(["x"])}]
     store = store_with_products("hostile_products")
     page = WORK / "hostile_products.html"
     for products in ignored:
@@ -223,7 +227,7 @@ def test_hostile_products():
         card = next(card for card in embedded_json(page.read_text(), "review")["cards"] if card["name"] == "same")
         assert set(card["links"]) == {"report", "asset"} and "failed_products" not in card, f"{products}: {card['links']}"
         assert numbers["done"] == 6 and numbers["products"]["preview"] == {"done": 1, "failed": 1}, f"{products}: {numbers}"
-    set_products(store, "same", {"check": {"reason": hostile}})
+    set_products(store, "same", {"check": failed(hostile)})
     review(store, page)
     assert hostile not in page.read_text(), "a hostile text is not escaped"
     dom = rendered(page)
