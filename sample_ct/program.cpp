@@ -99,8 +99,8 @@ void declare(CLI::App& app, Arguments& arguments) {
 int run_command_line(int argc, const char* const* argv) {
   Arguments arguments;
   CLI::App app{
-      "Writes a synthetic CT of a lumbar vertebra to OUTDIR: png/ (24-bit grey),\n"
-      "dicom/ (a CT series), sample.nii.gz (all three the same scan) and sample.json.",
+      "Writes a synthetic CT of a lumbar vertebra to OUTDIR, in three formats: png/ (24-bit\n"
+      "grey), dicom/ (a CT series) and sample.nii.gz. Also writes sample.json.",
       kName};
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

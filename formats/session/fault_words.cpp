@@ -22,9 +22,9 @@ constexpr const char* cause_of(Fault fault) {
     case Fault::kWriteFailed:
       return "the drive refuses commands, or the connection to it has just broken";
     case Fault::kEncoderNotFinite:
-      return "an encoder or its cable is broken, or the drive computes without a reading";
+      return "an encoder or its cable is broken, or the drive sent a value without a reading";
     case Fault::kEncoderJump:
-      return "a plug is loose, counts were lost, or a state came from another device";
+      return "a plug is loose, counts were lost, or data came from another device";
     case Fault::kJointLimit:
       return "the tool was moved to the edge of what the mechanism can reach";
     case Fault::kPoseResidual:
@@ -48,7 +48,7 @@ constexpr const char* cause_of(Fault fault) {
     case Fault::kSpeed:
       return "the tool was let go or pulled fast, or a measurement jumped";
     case Fault::kTorqueLimit:
-      return "the tissue is stronger than the motors may be";
+      return "the tissue needs more torque than the motors may give";
     case Fault::kTorqueRate:
       return "the tool hit stiff tissue fast";
     case Fault::kMotorOverload:
@@ -146,7 +146,7 @@ constexpr FaultWords make_words(Fault fault) {
               "lift the tool, let the motors cool, and press with less force", cause_of(fault)};
     case Fault::kEnergyLimit:
       return {"energy_limit",
-              "the loop drives the hand: it released more energy than the sheets had stored",
+              "the loop drives the hand: it gave more energy than tissue and limit allow",
               "the loop still drives the hand",
               "use a tissue with less stiffness and friction, or a higher --rate", cause_of(fault)};
     case Fault::kPaused:
@@ -155,7 +155,7 @@ constexpr FaultWords make_words(Fault fault) {
     case Fault::kForcesOff:
       return {"forces_off", "the operator has turned the forces off",
               "the operator still has the forces off",
-              "ask for recovery when the tool may be pushed again", cause_of(fault)};
+              "press Recover when the device may push the tool again", cause_of(fault)};
   }
   return {};
 }

@@ -80,23 +80,25 @@ void add_material_options(CLI::App& app, Arguments& a) {
                               "labels of a label map, one material each: L, A-B, several, or all;\n"
                               "20+21 joins two labels to one material")
                        ->allow_extra_args(false);
-  group.value(
-      "--names", a.names, "FILE",
-      "names of the labels: a JSON file {\"20\": \"L1\"}, or a table: verse\nor totalsegmentator");
+  group.value("--names", a.names, "FILE",
+              "names of the labels: a JSON file {\"20\": \"L1\"}, or the word verse "
+              "or\ntotalsegmentator for a table that the program knows");
   group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
                "drop smaller islands and fill smaller holes, mm^2");
   group.flag("--keep-table", a.keep_table,
-             "mesh the scanner's table too; it is left out where it is separate");
+             "mesh the scanner's table, too; without this option it is left out if it\nis separate "
+             "from the patient's bone");
 }
 
 // Options of solid_bone.h.
 void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
-  group.value("--fill", a.fill, "MM2",
-              "fill regions of at most this area, mm^2, that bone encloses in two\n"
-              "of the three slice directions; all: of any area; canals stay open");
+  group.value(
+      "--fill", a.fill, "MM2",
+      "fill regions of at most this area, mm^2, that bone encloses if seen in\n"
+      "two of the axial, coronal and sagittal planes; the word all: any area;\ncanals stay open");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
-               "with --fill: half the widest gap that counts as closed, mm");
+               "with --fill: gaps in bone up to twice this width count as closed, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
                "drop smaller connected components, mm^3; done before --fill");
   group
@@ -108,8 +110,8 @@ void add_solid_options(CLI::App& app, Arguments& a) {
                "keep the N largest connected components; 0 keeps all");
   group
       .value("--seed", a.seeds, "X,Y,Z",
-             "keep the material connected to this point (LPS, mm); with several,\n"
-             "the part of it that is nearer to the first than to the others")
+             "keep the material connected to this point (LPS, mm); with several, keep\n"
+             "the part around the first: the others mark neighbours to cut off")
       ->allow_extra_args(false);
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep the material within 1.5 mm of these labels");
@@ -149,8 +151,9 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   group.flag("--surface", a.surface, "add a closed surface for display; see export --surface");
   a.surface_triangles_given =
       group.number("--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-                   "largest number of triangles of the surface; if not given, more are\n"
-                   "used where the surface would be too far from the material");
+                   "largest number of triangles of the surface, unless it would intersect\n"
+                   "itself; without this option more are used where the surface would be\n"
+                   "too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -174,8 +177,9 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   a.context_given =
       group
           .value("--context", a.context, "[MM]",
-                 "also store the HU of everything around, every MM mm (2 to 4 by size),\n"
-                 "for X-ray pictures; a head's show a face")
+                 "also store the HU of everything around, every MM mm (default: 2 to 4,\n"
+                 "by the size of the scan), for X-ray pictures; in a scan of a head\n"
+                 "they show the face")
           ->expected(0, 1);
   group.value("--input-key", a.input_key, "FILE",
               "key of 16 to 64 bytes: store a keyed digest of the input, by which\n"

@@ -371,10 +371,12 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_flag("--retry", a.retry,
                "try scans again that failed before, although nothing of them has changed");
   app.add_option("--max-failures", a.max_failures,
-                 "start no further scan after N failures that are not known; 0: no limit")
+                 "start no further scan after N new failures; 0: no limit")
       ->capture_default_str()
       ->check(option_range(0, 1000000));
-  app.add_flag("--strict", a.strict, "exit code 3 also if all failures are known");
+  app.add_flag("--strict", a.strict,
+               "exit code 3 also for failures that an earlier run recorded and that this run\n"
+               "did not try again");
   app.add_option("--run-program", a.run_program,
                  "trocar-run, which makes the products scene and check (default: the one beside "
                  "this program, else that of PATH)");

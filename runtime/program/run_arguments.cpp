@@ -52,10 +52,10 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
                  "the recording");
   session.option("--live", a.live,
                  "publish the session in shared memory and take commands from other programs;\n"
-                 "while the session runs, this file is a symbolic link to the memory");
+                 "the file of this name is a symbolic link to that memory while the session runs");
   session.flag("--xray", a.xray,
-               "take X-ray shots and screening from those programs, and count them in recording,\n"
-               "summary and report; with --live");
+               "with --live: let those programs ask for X-ray shots and fluoroscopy, and count\n"
+               "them in recording, summary and report");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -75,11 +75,11 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
   recording.option(
       "--history", a.history,
-      "run no session; read the session reports' figures below this folder, and write\n"
-      "the learning curves of each trainee, course and scene to -o NAME.html, and the\n"
-      "same table to NAME.history.csv");
+      "run no session; read all session reports in this folder and its subfolders, and\n"
+      "write the learning curves of each trainee, course and scene to -o NAME.html, and\n"
+      "their numbers to NAME.history.csv");
   recording.option("--hand-path", a.hand_path,
-                   "write what a live hand did: JSON, a scene's `hand` that repeats it");
+                   "write the motion of a live hand as JSON, for use as the `hand` of a scene");
 }
 
 void declare_safety_options(CLI::App& app, RunArguments& a) {
@@ -89,17 +89,18 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "recover on SIGUSR1 (default: never)");
   safety.option("--energy-limit", a.energy_limit_J,
                 "energy in J that the hand may receive within 0.1 s in addition to the energy\n"
-                "that the tissue stored at the beginning of that time; if it receives more, the\n"
-                "fault energy_limit is raised (default: 0.05)");
+                "that tissue and coupling stored at the beginning of that time; if it receives\n"
+                "more, the fault energy_limit is raised (default: 0.05)");
   safety.option("--stiffness-limit", a.stiffness_limit_N_per_m,
                 "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
-                "with the force law cutting (default: what the device states)");
+                "with the force law cutting (default: that of the device's description)");
   safety.option("--force-limit", a.force_limit_N,
                 "largest force that a device that measures its own pose gets, 0.01 to 1000 N\n"
                 "(default: its description's)");
   safety.option("--force-scale", a.force_scale,
                 "factor on the tissue's forces, 0.001 to 10, instead of the scene's (default for\n"
-                "a device that is weaker than the scene's tissue: what fits it)");
+                "a device that is weaker than the scene's tissue: the factor with which it can\n"
+                "render the strongest slice)");
   safety.option("--late-ticks-in-row", a.late_ticks_in_row,
                 "raise a fault after this many consecutive missed deadlines; 0: never\n"
                 "(default: 3 for a device with motors; a simulated device is not harmed by late\n"
@@ -217,9 +218,10 @@ Result<void> check_scene_arguments(const RunArguments& a) {
 }  // namespace
 
 void declare_run_options(CLI::App& app, RunArguments& a) {
-  app.add_option("SCENE", a.scene,
-                 "the scene, JSON (formats/session/scene.schema.json); required unless\n"
-                 "--new-scene is given");
+  app.add_option(
+      "SCENE", a.scene,
+      "the scene, JSON (formats/session/scene.schema.json); not needed with --new-scene,\n"
+      "--explain, --history and --test");
   Group scene(app, "Scene");
   scene.option("--asset", a.asset, "an asset (.glb) instead of the scene's");
   scene.option("--force-law", a.force_law, force_law_names() + ", instead of the scene's");
@@ -227,7 +229,7 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "--procedure", a.procedure,
       procedure_names() + ":\nits tool, soft layers and resistance instead of the scene's");
   scene.option("--strength", a.strength,
-               "with --procedure: low, median or high, the part of each published range\n"
+               "with --procedure: low, median or high value of each published range\n"
                "(default: median)");
   scene.flag("--explain", a.explain,
              "run no session; print the values of --procedure, or of all procedures, with\n"
@@ -238,9 +240,10 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
   scene.option("--new-scene", a.new_scene,
                "run no session; propose a scene for this asset (.glb) and write it to -o");
-  scene.option("--entry", a.entry,
-               "with --new-scene: the point X,Y,Z where the needle enters the bone, in mm in the\n"
-               "patient's frame, DICOM's LPS (default: where the bone is thickest)");
+  scene.option(
+      "--entry", a.entry,
+      "with --new-scene: a point X,Y,Z on the needle's line before the bone, in mm in the\n"
+      "patient's frame, DICOM's LPS (default: where the bone is thickest)");
   scene.option("--target", a.target,
                "with --entry: the point X,Y,Z that the needle must reach (default: the needle\n"
                "goes straight down)");
@@ -255,12 +258,13 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                 device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
   device.flag("--simulated", a.simulated,
               "the device process simulates its device. Without this it is taken to have\n"
-              "motors: contact is half as stiff, because its mass was only measured, and late\n"
-              "ticks are a fault. With udp: and pose: it also raises the limit of the time\n"
+              "motors: contact is half as stiff, because the mass in its description may be\n"
+              "wrong, and late ticks are a fault. With udp: and pose: it also raises the limit of "
+              "the time\n"
               "without data from 10 to 250 ms, unless --late-ticks-in-row is given");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
-              "and say whether a session at --rate would hold");
+              "and say whether a session at --rate would run without faults");
   device.option("--key-file", a.key_file,
                 "key of the device link; the device process must have the same key");
   device.option("--device-description", a.description,

@@ -60,12 +60,12 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "sessions");
   app.add_option(
          "--device", arguments.devices,
-         "a device that the page may choose for a session; repeat it for several. inproc:\n"
-         "simulated in trocar-run; sim: trocar-device-sim as a separate process; or a device of\n"
-         "trocar-run --device, with its options: URI[,key-file=FILE][,device-description=FILE]\n"
-         "[,force-limit=N][,force-scale=F][,simulated]. The first is the default; if none is "
-         "given,\n"
-         "it is inproc alone")
+         "a device that the page may choose for a session; repeat the option for several, of\n"
+         "which the first is the default. Without it: inproc. The device is one of\n"
+         "inproc: simulated in trocar-run\n"
+         "sim: simulated by trocar-device-sim, a separate process\n"
+         "URI[,key-file=FILE][,device-description=FILE][,force-limit=N][,force-scale=F]\n"
+         "[,simulated]: a device of trocar-run --device, with its options")
       ->allow_extra_args(false);
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");

@@ -70,9 +70,9 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--rate", a.rate_Hz, "rate of the drive, 100 to 10000 Hz (default: 4000)");
   app.add_option(
       "--watchdog", a.watchdog_s,
-      "time without a command after which torques are zero, 0.01 to 0.5 s, or 2.5\n"
-      "periods of the host if that is longer (default: 0.01). 0.25 rides out the stalls\n"
-      "of a machine with other work; then use trocar-run --simulated");
+      "time without a command after which torques are zero, 0.01 to 0.5 s (default:\n"
+      "0.01); at least 2.5 periods of the host are used. 0.25 rides out the stalls of a\n"
+      "machine with other work; then use trocar-run --simulated");
   app.add_option(
       "--model", a.model,
       "light: a plate with viscous friction; full: also links, rotors, dry friction and\n"
@@ -82,9 +82,10 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option(
       "--faults", a.faults,
       "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... with times in s from the session's start.\n"
-      "loss:P delay:P:MS duplicate:P reorder:P flip:P, where P is a probability\n"
-      "(command-loss:P and so on: commands only; state-loss:P and so on: states only)\n"
-      "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
+      "Packets, with probability P: loss:P delay:P:MS duplicate:P reorder:P flip:P (one\n"
+      "bit is inverted); command-loss:P and so on for commands only, state-loss:P and so\n"
+      "on for states only. The device: stuck:ENCODER jump:ENCODER:RAD dead:MOTOR, stop\n"
+      "(its emergency stop is pressed), kill (its process is killed)");
   app.add_option("--seed", a.seed, "seed of faults and noise (default: 1)")->check(not_negative);
   app.add_option("--sessions", a.sessions,
                  "end after this many sessions; 0: run until stopped (default: 0)")

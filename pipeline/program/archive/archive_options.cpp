@@ -30,7 +30,7 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
       ->check(option_range(4096, 131'072))
       ->group("Limits");
   app.add_option("--acse-timeout", a.limits.acse_timeout_s,
-                 "time to request or accept an association, s")
+                 "time in which an association must be established, s")
       ->capture_default_str()
       ->check(option_range(1, 3600))
       ->group("Limits");
@@ -38,8 +38,9 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
       ->capture_default_str()
       ->check(option_range(1, 86'400))
       ->group("Limits");
-  app.add_option("--idle-timeout", a.limits.idle_timeout_s,
-                 "time without a byte until an association is dropped, s")
+  app.add_option(
+         "--idle-timeout", a.limits.idle_timeout_s,
+         "time without any byte from the other side, after which an association is\ndropped, s")
       ->capture_default_str()
       ->check(option_range(1, 86'400))
       ->group("Limits");
