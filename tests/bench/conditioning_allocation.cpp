@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,6 +10,7 @@
 #include "runtime/mechanism/kinematics.h"
 #include "runtime/mechanism/torque_allocation.h"
 #include "tests/bench/conditioning.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::test {
@@ -238,8 +238,8 @@ Jacobian jacobian_at(const Pose& T) {
 double inverse_condition_of(const Jacobian& G) {
   Jacobian scaled = G;
   scaled.rightCols<3>() /= kCharacteristicLength_m;
-  const Eigen::JacobiSVD<Jacobian> svd(scaled);
-  return svd.singularValues()[5] / svd.singularValues()[0];
+  const Eigen::VectorXd values = reference::singular_values(scaled);
+  return values[5] / values[0];
 }
 
 /// A map that nearly cancels the plate's motion along one random direction.

@@ -84,7 +84,7 @@ void add(const DeviceDescription& device, const Pose& T, Survey& survey) {
   survey.smallest_per_m.push_back(s[5]);
   // The largest minimum-norm torque for that force in the worst direction, motor by motor.
   const Eigen::Matrix<double, 6, 6> normal = solved.G.transpose() * solved.G;
-  const Eigen::Matrix<double, 2 * Legs, 6> inverse = solved.G * normal.inverse();
+  const Eigen::Matrix<double, 2 * Legs, 6> inverse = solved.G * reference::inverse(normal);
   survey.torque_Nm.push_back(kForce_N * inverse.template leftCols<3>().rowwise().norm().maxCoeff());
 }
 

@@ -4,7 +4,6 @@
 // Long because each kind `ask` has its check here, and all share one device.
 #include <gtest/gtest.h>
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -22,6 +21,7 @@
 #include "tests/cases/device_case.h"
 #include "tests/cases/limits_by_name.h"
 #include "tests/cases/set_device.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
 #include "tests/support/sheet_fixture.h"
@@ -180,10 +180,9 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
       in_metres.rightCols<3>() /= kCharacteristicLength_m;
       Wrench wanted_in_metres = wanted;
       wanted_in_metres.tail<3>() /= kCharacteristicLength_m;
-      const Eigen::JacobiSVD<Eigen::Matrix<double, 6, kMotors>> svd(
-          in_metres.transpose(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+      const reference::Svd svd = reference::svd(in_metres.transpose());
       const MotorVector tau = svd.solve(wanted_in_metres);
-      const double condition = svd.singularValues()[0] / svd.singularValues()[5];
+      const double condition = svd.singular_values[0] / svd.singular_values[5];
       EXPECT_LE((tau - result.tau_motor_Nm).norm(), 1e-13 * condition * tau.norm());
     }
     const Wrench given = G.transpose() * result.tau_motor_Nm;

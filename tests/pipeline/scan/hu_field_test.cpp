@@ -5,11 +5,12 @@
 #include "pipeline/open/open_stack.h"
 #include "pipeline/scan/mesh_slice.h"
 #include "sample_ct/render.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/support/test_lattice.h"
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -176,8 +177,9 @@ Eigen::VectorXd by_dense_qr(const SliceMesh& mesh, const Image& hu, const PixelG
         const LatticePoint p = mesh.vertices[mesh.triangles[row.triangle][static_cast<size_t>(i)]];
         corners.col(i) = Eigen::Vector3d(kLattice.to_mm(p.x), kLattice.to_mm(p.y), 1);
       }
-      const Eigen::Vector3d shares = corners.fullPivLu().solve(Eigen::Vector3d(
-          (x + grid.offset_x) * grid.spacing_u_mm, (row.y + grid.offset_y) * grid.spacing_v_mm, 1));
+      const Eigen::Vector3d shares = reference::solve(
+          corners, Eigen::Vector3d((x + grid.offset_x) * grid.spacing_u_mm,
+                                   (row.y + grid.offset_y) * grid.spacing_v_mm, 1));
       for (int i = 0; i < 3; ++i)
         a(k, mesh.triangles[row.triangle][static_cast<size_t>(i)]) += shares[i];
       b[k] = hu.at(x, row.y);
@@ -188,7 +190,7 @@ Eigen::VectorXd by_dense_qr(const SliceMesh& mesh, const Image& hu, const PixelG
     a(k, edge.second) = -std::sqrt(smoothing * count);
     ++k;
   }
-  return a.colPivHouseholderQr().solve(b);
+  return reference::least_squares(a, b);
 }
 
 TEST(HuField, EqualsDenseLeastSquares) {

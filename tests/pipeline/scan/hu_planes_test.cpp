@@ -4,12 +4,12 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/QR>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <tuple>
 
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -108,7 +108,7 @@ TEST(HuSamples, AreTheLeastSquaresFit) {
         }
       }
     }
-    const Eigen::VectorXd fit = basis.completeOrthogonalDecomposition().solve(pixels);
+    const Eigen::VectorXd fit = reference::least_squares(basis, pixels);
     const std::vector<float> samples = hu_samples(image, sampling, whole(sampling.grid));
     ASSERT_EQ(static_cast<Eigen::Index>(samples.size()), fit.size());
     for (Eigen::Index i = 0; i < fit.size(); ++i)

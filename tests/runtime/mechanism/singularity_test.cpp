@@ -3,12 +3,12 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/SVD>
 #include <cmath>
 
 #include "runtime/mechanism/leg.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/realtime/allocation_counter.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/device_workspace.h"
 
@@ -45,12 +45,12 @@ TEST(Singularity, SmallestSingularValueIsThatOfTheWeakestDirection) {
     const Singularity s = measure_singularity(device, at.T, at.joints, at.G);
     Jacobian scaled = at.G;
     scaled.rightCols<3>() /= kCharacteristicLength_m;
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    const double largest = svd.singularValues()[0], smallest = svd.singularValues()[5];
+    const reference::Svd svd = reference::svd(scaled);
+    const double largest = svd.singular_values[0], smallest = svd.singular_values[5];
     EXPECT_NEAR(s.smallest_singular_value_per_m, smallest, 1e-12 * largest);
     EXPECT_NEAR(s.inverse_condition, smallest / largest, 1e-12);
     // Duality: torques of norm 1 N*m resist this many N in the weakest direction.
-    Wrench weakest = svd.matrixV().col(5);
+    Wrench weakest = svd.V.col(5);
     weakest.tail<3>() *= kCharacteristicLength_m;
     const AllocationResult result = allocate_torques(at.G, weakest, 1e9);
     if (smallest > 1e-4 * largest) {

@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -12,6 +11,7 @@
 #include <numbers>
 
 #include "runtime/mechanism/jacobian.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -37,9 +37,8 @@ struct Reference {
   Eigen::Matrix<double, kMotors, 2> null_space;
 };
 Reference reference(const Jacobian& G, const Wrench& wrench) {
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(G.transpose(),
-                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return {svd.solve(wrench), svd.matrixV().rightCols<2>()};
+  const reference::Svd svd = reference::svd(G.transpose());
+  return {svd.solve(wrench), svd.V.rightCols<2>()};
 }
 
 MotorVector working_limits(const MotorVector& limit) {
@@ -75,7 +74,7 @@ MotorVector by_enumeration(const Jacobian& G, const Wrench& wrench, const MotorV
     const Jacobian soft = weight.cwiseInverse().asDiagonal() * G;
     const MotorVector free = pull.cwiseQuotient(weight);
     const Eigen::Matrix<double, 6, 6> left = G.transpose() * soft;
-    const Wrench multipliers = left.fullPivLu().solve(wrench - G.transpose() * free);
+    const Wrench multipliers = reference::solve(left, wrench - G.transpose() * free);
     MotorVector tau = free + soft * multipliers;
     bool agrees = true;
     for (int i = 0; i < kMotors && agrees; ++i) {
