@@ -84,7 +84,7 @@ std::string time_left(double seconds) {
 }
 
 // A progress bar with the rate and the remaining time.
-std::function<void(std::size_t, std::size_t, std::size_t)> progress_bar() {
+std::function<void(std::size_t, std::size_t, std::size_t)> scan_progress() {
   using Clock = std::chrono::steady_clock;
   return [start = Clock::now(), shown = Clock::time_point()](std::size_t done, std::size_t failed,
                                                              std::size_t total) mutable {
@@ -289,7 +289,7 @@ Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path&
   out.retry = a.retry;
   out.max_failures = a.max_failures;
   out.stop = &stop_requested;
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) out.progress = progress_bar();
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) out.progress = scan_progress();
   if (!a.shard.empty()) {
     const auto shard = shard_of(a.shard);
     if (!shard) return shard.error();

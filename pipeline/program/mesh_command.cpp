@@ -48,7 +48,7 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
 }
 
 // A progress bar with the remaining time.
-std::function<void(int, int)> progress_bar() {
+std::function<void(int, int)> slice_progress() {
   return [start = std::chrono::steady_clock::now()](int done, int total) {
     constexpr int kWidth = 30;
     const double spent =
@@ -201,7 +201,7 @@ int run_mesh(const Arguments& given) {
   options->mesh.hu = scan->ct.get();
   if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
   if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = slice_progress();
   options->stop = &stop_requested;
   // A volume that is not DICOM is axial even without --axis.
   if (!stack->series && open->axis == SliceAxis::kAxial) open->axis.reset();

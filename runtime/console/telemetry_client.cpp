@@ -17,7 +17,7 @@ using nlohmann::json;
 // An audience never takes an operator's place.
 constexpr std::size_t kMaxAudience = 16, kMaxOperators = 8;
 constexpr std::uint64_t kMaxMessage = 4 << 10;
-constexpr auto kStalled = std::chrono::seconds(6);
+constexpr auto kSilence = std::chrono::seconds(6);
 constexpr auto kFirstMessageWithin = std::chrono::seconds(5);
 constexpr int kSendBuffer = 65536;
 // Largest coordinate and largest component of the rotation vector of a hand's target.
@@ -51,7 +51,7 @@ void TelemetryClient::run(const Request& request) {
   socket_.next_layer().expires_never();
   websocket::stream_base::timeout timeout{};
   timeout.handshake_timeout = kFirstMessageWithin;
-  timeout.idle_timeout = kStalled;
+  timeout.idle_timeout = kSilence;
   timeout.keep_alive_pings = true;
   socket_.set_option(timeout);
   websocket::permessage_deflate deflate;

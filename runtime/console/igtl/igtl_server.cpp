@@ -23,14 +23,14 @@ using Clock = IgtlServer::Clock;
 constexpr std::size_t kMaxClients = 8;
 constexpr int kMaxMessagesInSecond = 200;
 constexpr std::size_t kMaxBytesInSecond = std::size_t{1} << 20;
-constexpr int kSendBuffer = 65536;
+constexpr int kIgtlSendBuffer = 65536;
 // A pose is left out while more bytes than these wait in the system for a client, so that it gets no old
 // ones. They are about 15 poses.
 constexpr int kMaxWaiting = 4096;
 constexpr std::size_t kWriteStep = 65536;
 constexpr auto kPosePeriod = std::chrono::microseconds(16'667);
 constexpr auto kSurfacePeriod = std::chrono::seconds(1);
-constexpr auto kStalled = std::chrono::seconds(6);
+constexpr auto kIgtlStalled = std::chrono::seconds(6);
 constexpr auto kAcceptAgainAfter = std::chrono::milliseconds(100);
 
 std::string address_of(const tcp::endpoint& endpoint) {
@@ -56,13 +56,13 @@ class Client : public std::enable_shared_from_this<Client> {
   void pump(const IgtlState& state, Clock::time_point now) {
     if (is_closed_) return;
     if (!writing_.empty()) {
-      if (now - progress_at_ > kStalled) close();
+      if (now - progress_at_ > kIgtlStalled) close();
       return;
     }
     // A client that takes no more poses has stopped reading, although nothing is being written to it.
     if (waiting() <= kMaxWaiting) {
       progress_at_ = now;
-    } else if (now - progress_at_ > kStalled) {
+    } else if (now - progress_at_ > kIgtlStalled) {
       return close();
     }
     if (session_ != state.session) {
@@ -213,7 +213,7 @@ class TcpServer : public IgtlServer {
     if (clients_.size() >= kMaxClients)
       return refused_("an OpenIGTLink client beyond 8", address_of(peer));
     socket.set_option(tcp::no_delay(true), error);
-    socket.set_option(net::socket_base::send_buffer_size(kSendBuffer), error);
+    socket.set_option(net::socket_base::send_buffer_size(kIgtlSendBuffer), error);
     clients_.push_back(std::make_shared<Client>(std::move(socket), address_of(peer), refused_));
     clients_.back()->read_header();
   }
