@@ -2,14 +2,17 @@
 // Fits the law `cutting` (curve_model.h) to a force-depth curve, and says how uncertain each parameter is.
 //
 // The fit is a nonlinear least squares problem, solved by the Levenberg-Marquardt method from several starts, with
-// the covariance of the residuals that residual_noise.h estimates. Intervals are 1.645 standard deviations to either
-// side; the standard deviations include the uncertainty of that covariance, which is the correction for short
-// curves. In the test the intervals contain the true value in 85 to 95 % of 200 synthetic curves, for each parameter.
+// the covariance of the residuals that residual_noise.h estimates. A 90 % interval extends 1.645
+// standard deviations to either side of the value. The standard deviations include the uncertainty
+// of the estimated covariance, which makes the intervals of short curves wider. For each parameter,
+// the test finds the true value inside the interval in 85 to 95 % of 200 synthetic curves.
 //
-// What cannot be told apart is given as one value:
-//  - The cutting force is the pressure under the tip with the friction of its faces, and the tearing, together.
+// Quantities that a force-depth curve does not separate are given as one value:
+//  - The cutting force is the sum of the pressure force under the tip, the friction on the tip's
+//    faces and the tearing force.
 //  - Friction per length is the coefficient of friction times the pressure on the shaft times its circumference.
-//  - Without a withdrawal, friction and a drift of the strength with depth are one slope.
+//  - If the curve has no withdrawal, friction and drift (the change of the strength with depth)
+//    give one slope.
 #pragma once
 
 #include <array>
@@ -30,35 +33,39 @@ struct FittedPoint {
   double depth_mm = 0, force_N = 0;  ///< mean over a short stretch of the curve
   double fitted_N = 0;
   bool is_withdrawal = false;
-  bool is_used = true;  ///< false: left out, where the tool turns round or the force bends
+  /// False: the point is left out of the fit, because the tool turns round or the force
+  /// bends there.
+  bool is_used = true;
 };
 
 struct CurveFit {
-  double contact_mm = 0;  ///< depth of the surface
-  /// Stiffness of tip and tissue, before anything is cut. If the rise has too few points, only its lower bound is
-  /// known, and `high` is infinite.
+  double contact_mm = 0;  ///< depth of the tissue's surface
+  /// Stiffness of tip and tissue, before anything is cut. If the first rise of the force has too
+  /// few points, only a lower bound of the stiffness is known, and `high` is infinite.
   FittedValue stiffness_N_per_mm;
   FittedValue cutting_N;  ///< force of the tip at the middle of the cut
-  double middle_mm = 0;   ///< that depth below the surface
-  /// Friction per embedded length; without a withdrawal it includes the drift.
+  double middle_mm = 0;   ///< depth of this middle below the surface
+  /// Friction per length of the tool in the tissue. Without a withdrawal this value
+  /// includes the drift.
   FittedValue friction_N_per_mm;
-  std::optional<FittedValue>
-      drift_N_per_mm;  ///< change of the cutting force with depth; needs a withdrawal
+  /// Change of the cutting force with depth; none if the curve has no withdrawal.
+  std::optional<FittedValue> drift_N_per_mm;
   /// A hard layer at the surface, if the curve shows one: its force and its thickness.
   std::optional<FittedValue> layer_N, layer_mm;
   double baseline_N = 0;  ///< force before contact, which has been subtracted
-  double structure_N =
-      0;  ///< standard deviation of the correlated residuals where the force is largest
-  double correlation_mm = 0;  ///< integral of their correlation
+  /// Standard deviation of the correlated part of the residuals, where the force is largest.
+  double structure_N = 0;
+  double correlation_mm = 0;  ///< integral of the residuals' correlation over depth
   double noise_N = 0;         ///< standard deviation of the load cell's noise
   double rms_N = 0;           ///< root mean square of the residuals
-  double explained = 0;       ///< part of the variance of the force that the fit explains
+  double explained = 0;       ///< fraction of the force's variance that the fit explains
   std::vector<FittedPoint> points;
 };
 
-/// `diameter_mm`: the tool's diameter. Crushed tissue holds the tip over this length when it turns round, so that
-/// these points are left out. Errors: (refused, without the file's name) those of rough_curve(); nothing was cut; the
-/// curve is not like an insertion.
+/// Fits the law to a curve. `diameter_mm`: the tool's diameter. When the tool turns round, crushed
+/// tissue holds the tip over about this length. The points of this stretch are left out. Errors:
+/// those of rough_curve(); kRefused if no fit is found, nothing was cut, or the curve is not like
+/// an insertion. The messages do not contain the file's name.
 Result<CurveFit> fit_curve(const ForceCurve& curve, double diameter_mm);
 
 }  // namespace trocar::runtime

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force that the law `cutting` (runtime/bone_cutting/law/cutting_law.h) gives if a testing machine pushes a tool
-// into uniform tissue, and pulls it out again. The law has closed solutions for this motion:
-//  - The tip is a spring against the cutting front until its force equals the strength. From then on the front
-//    follows the tip, and the tip's force is the strength, S + drift * (cut depth - middle).
-//  - A hard layer at the surface has a constant strength of its own. Where it ends, the force falls over the length
-//    `fall_mm`; in the law itself it falls at once.
-//  - The shaft adds friction * cut depth. During a withdrawal friction has the other sign and acts on the whole
-//    length below the surface, and the tip adds nothing.
+// into uniform tissue, and pulls it out again. For this motion the law has a solution
+// in closed form:
+//  - The cutting front is the depth down to which tissue has been cut. The tip is a spring against
+//    the front until the tip's force equals the strength. From then on the front follows the tip,
+//    and the tip's force is the strength kCutting + kDrift * (cut depth - middle_mm).
+//  - A hard layer at the surface has a constant strength of its own. Where the layer ends, the
+//    force falls over the length `fall_mm`; in the law itself the force falls immediately.
+//  - The shaft adds the friction kFriction * cut depth. During a withdrawal the friction has the
+//    other sign and acts on the whole length below the surface. The tip then adds no force.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -18,12 +20,12 @@ namespace trocar::runtime {
 enum CurveParameter : std::uint8_t {
   kBaseline,      ///< the load cell's force before contact, N
   kContact,       ///< depth of the surface, mm
-  kLogStiffness,  ///< logarithm of the tip's stiffness in N/mm
-  kCutting,       ///< strength at the middle of the cut, N
+  kLogStiffness,  ///< natural logarithm of the tip's stiffness in N/mm
+  kCutting,       ///< strength at the cut depth CurveShape::middle_mm, N
   kFriction,      ///< friction per embedded length, N/mm
   kDrift,         ///< change of the strength with depth, N/mm
   kLayerForce,    ///< strength of the hard layer, N
-  kLayerEnd,      ///< depth at which the force falls from the hard layer's, mm
+  kLayerEnd,      ///< depth of the middle of the force's fall at the layer's end, mm
   kCurveParameters
 };
 using CurveParameters = std::array<double, kCurveParameters>;
@@ -31,10 +33,11 @@ using CurveParameters = std::array<double, kCurveParameters>;
 struct CurveShape {
   double middle_mm = 0;  ///< cut depth at which kCutting holds
   bool has_layer = false;
-  double fall_mm = 0.1;  ///< above 0
+  double fall_mm = 0.1;  ///< length of the force's fall at the layer's end; above 0
 };
 
-/// Force in N during the insertion and during the withdrawal, at a depth in mm.
+/// These two functions return the force in N at a depth in mm, during the insertion and
+/// during the withdrawal.
 double insertion_N(const CurveParameters& parameters, const CurveShape& shape, double depth_mm);
 double withdrawal_N(const CurveParameters& parameters, double depth_mm);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What can be said of a force-depth curve before a model is fitted: means over short stretches of depth, the load
-// cell's noise, and rough values from which the fit starts. Curves from which nothing can be fitted are refused here.
+// Evaluates a force-depth curve before a model is fitted: means over short stretches of depth, the
+// load cell's noise, and rough values from which the fit starts. Curves to which no model can be
+// fitted are refused here.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -17,28 +18,30 @@ struct CurveMean {
   double samples = 1;  ///< number of points
 };
 
-/// Means over at most `most` stretches, by growing depth. The stretches have equal length, except that they are
-/// shorter where the force changes quickly. Stretches without a point are left out. `noise_N`: standard deviation of
-/// the noise of one point.
+/// Returns means over at most `most` stretches of depth, in the order of depth. The stretches have
+/// equal length, except where the force changes quickly: there the stretches are shorter. Stretches
+/// without a point are left out. `noise_N`: standard deviation of the noise of one point.
 std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size_t most,
                                 double noise_N);
 
 struct RoughCurve {
   std::vector<CurveMean> insertion, withdrawal;
-  double noise_N = 0;     ///< standard deviation of one point, from the differences of neighbours
-  double baseline_N = 0;  ///< mean force before contact; 0 if it is not known
+  double noise_N = 0;         ///< standard deviation of one point's noise
+  double baseline_N = 0;      ///< mean force before contact; 0 if it is not known
   bool has_baseline = false;  ///< enough of the curve lies before contact
   double contact_mm = 0;
-  double spacing_mm = 0;       ///< mean distance of the insertion's means
-  double rise_spacing_mm = 0;  ///< the same where the force first rises
-  double cutting_N = 0,
-         slope_N_per_mm = 0;      ///< straight line through the deeper part, from the contact on
-  double stiffness_N_per_mm = 0;  ///< mean slope up to half of the force at which it bends
+  double spacing_mm = 0;       ///< mean distance in depth between the insertion's means
+  double rise_spacing_mm = 0;  ///< the same distance where the force first rises
+  /// Straight line through the deeper part of the curve: its force above the baseline at the
+  /// contact's depth, and its slope.
+  double cutting_N = 0, slope_N_per_mm = 0;
+  double stiffness_N_per_mm = 0;  ///< mean slope from the contact to half of cutting_N
   double deepest_mm = 0;
 };
 
-/// Errors (refused, without the file's name): the force never rises above its noise, it falls, the curve begins in
-/// contact, or too little of it lies behind the contact.
+/// Computes the rough values. Errors: kRefused if the force never rises above its noise, the force
+/// falls, the curve has too few depths, the curve begins in contact, or too little of the curve
+/// lies behind the contact. The messages do not contain the file's name.
 Result<RoughCurve> rough_curve(const ForceCurve& curve);
 
 }  // namespace trocar::runtime

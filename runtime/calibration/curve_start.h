@@ -14,10 +14,12 @@ namespace trocar::runtime {
 struct CurveSolution {
   CurveParameters parameters{};
   CurveShape shape;
-  double cost = HUGE_VAL;  ///< sum of squares of the whitened residuals
+  double cost = HUGE_VAL;  ///< sum of squares of the residuals after whiten()
 };
 
-/// Starts that differ in stiffness, and in the layer's end and fall if `has_layer`.
+/// Returns starting values that differ in stiffness. If `has_layer` is true, they also differ in
+/// the depth of the layer's end and in the length of the force's fall there. In that case there are
+/// none if the force falls nowhere.
 std::vector<CurveSolution> starts_of(const RoughCurve& rough, bool has_layer);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a fit has found, as lines for the terminal and as one HTML page that needs no other file and no network: the
-// curve with the fit, the residuals, and the table of parameters.
+// The result of a fit, as lines for the terminal and as one HTML page. The page shows the curve
+// with the fit, the residuals, and the table of parameters. It needs no other file and no network.
 // Tests: tests/runtime/calibration/fitted_tissue_test.cpp
 #pragma once
 
@@ -10,10 +10,11 @@
 
 namespace trocar::runtime {
 
-/// The parameters with their 90 % intervals, one a line, and what they do not tell apart.
+/// Returns the parameters with their 90 % intervals, one per line, and notes, for example on
+/// quantities that the curve does not separate.
 std::string fit_text(const CurveFit& fit);
 
-/// `name`: the curve's file name. `tissue`: the text of fitted_tissue().
+/// Returns the page. `name`: the curve's file name. `tissue`: the text of fitted_tissue().
 std::string fit_page(const CurveFit& fit, const std::string& name, const std::string& tissue);
 
 }  // namespace trocar::runtime

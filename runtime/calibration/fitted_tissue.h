@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tissue of a scene from a fitted curve: an object for `tissue` of formats/session/scene.schema.json.
+// Makes the tissue of a scene from a fitted curve: an object for `tissue` of
+// formats/session/scene.schema.json.
 //
-// Inverts tool_in_tissue.h for the tool that the curve was measured with. The cutting force becomes strength_MPa over
-// the displaced area, without separate tearing and face friction; the friction per length becomes friction_kPa over
-// the circumference; the stiffness becomes modulus_MPa with Poisson's ratio 0.3, and stiffness_N_per_m. Walls
-// (bed_N_per_mm3) cannot be known from such a curve and are left out. The tissue holds for tools of a similar shape and size.
+// tool_in_tissue.h computes forces from a tissue and a tool. This file inverts that computation for
+// the tool with which the curve was measured. strength_MPa is the cutting force divided by the
+// displaced area; tearing and face friction are contained in it and have no values of their own.
+// friction_kPa is the friction per length divided by the circumference. modulus_MPa follows from
+// the stiffness with Poisson's ratio 0.3, and stiffness_N_per_m is the stiffness itself.
+// threshold_N is the cutting force. Such a curve does not show how stiff the walls of the hole are,
+// so bed_N_per_mm3 is left out. The tissue is valid for tools of a similar shape and size.
 // Tests: tests/runtime/calibration/fitted_tissue_test.cpp
 #pragma once
 
@@ -16,16 +20,18 @@
 
 namespace trocar::runtime {
 
-/// The tool of a scene, read from a file that holds a scene or only its `tool`. Errors: (refused) those of
-/// parse_scene() and tool_shape().
+/// Reads the tool from a file that holds a scene, or only the object `tool` of a scene. Errors:
+/// kRefused if the file cannot be read; those of parse_scene() and tool_shape().
 Result<SceneTool> read_fit_tool(const std::filesystem::path& file);
 
-/// The tissue as JSON with a line feed at its end; parse_scene() has accepted it. Errors: (refused, without the
-/// file's name) those of tool_shape(); a value that is out of a scene's range.
+/// Returns the tissue as JSON with a line feed at its end. The function checks the tissue with
+/// parse_scene(). Errors: those of tool_shape(); kRefused if a value is outside the range that a
+/// scene allows. The messages do not contain the file's name.
 Result<std::string> fitted_tissue(const CurveFit& fit, const SceneTool& tool);
 
-/// The hard layer as `shell` of a scene's `body`, in one line of JSON; empty: the curve shows none, or it is out of a
-/// scene's range.
+/// Returns the hard layer as the object `shell` of a scene's `body`, in one line of JSON.
+/// Returns an empty text if the curve shows no hard layer, or if the layer is outside the range
+/// that a scene allows.
 std::string fitted_shell(const CurveFit& fit);
 
 }  // namespace trocar::runtime

@@ -3,8 +3,8 @@
 //
 // The first line names the columns: `depth_mm` and `force_N`, and optionally `speed_mm_per_s` and `time_s`, in any
 // order. Columns are separated by commas, semicolons or tabs; numbers have a decimal point. Depth grows while the
-// tool moves in. Force is positive while the tissue resists the insertion, so that it is usually negative during a
-// withdrawal. A curve has one insertion, which one withdrawal may follow.
+// tool moves in. Force is positive while the tissue resists the insertion, so it is usually
+// negative during a withdrawal. A curve has one insertion, and one withdrawal may follow.
 #pragma once
 
 #include <cstddef>
@@ -30,16 +30,19 @@ struct CurvePoint {
 struct ForceCurve {
   std::vector<CurvePoint> insertion;   ///< up to the deepest point
   std::vector<CurvePoint> withdrawal;  ///< after the deepest point; empty: the curve has none
-  /// Lowest and highest speed of the middle 90 % of the insertion's rows; both 0: not stated.
+  /// Lowest and highest speed of the middle 90 % of the insertion's rows; both 0: the file
+  /// has no speeds.
   double low_speed_mm_per_s = 0, high_speed_mm_per_s = 0;
 };
 
-/// Parses a curve. Errors: (refused; one line with `name` and the line's number) unknown, missing or repeated
-/// columns, a field that is not a finite number, too few or too many rows, a travel that is implausible in mm, a
-/// depth that goes back and forth, a force that is constant or beyond kMaxCurveForce_N.
+/// Parses a curve. Errors: kRefused for unknown, missing or repeated columns, a field that is not a
+/// finite number, too few or too many rows, a travel that is implausible in mm, a depth that goes
+/// back and forth, or a force that is constant or beyond kMaxCurveForce_N. The message is one line
+/// with `name` and, if a single line of the file is wrong, the number of that line.
 Result<ForceCurve> parse_force_curve(std::string_view csv, const std::string& name);
 
-/// Reads a file. Errors: those of parse_force_curve(); (refused) it cannot be read or exceeds kMaxCurveBytes.
+/// Reads a file. Errors: those of parse_force_curve(); kRefused if the file cannot be read
+/// or exceeds kMaxCurveBytes.
 Result<ForceCurve> read_force_curve(const std::filesystem::path& file);
 
 }  // namespace trocar::runtime

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A separate thread for calls of a foreign library that may never return. The caller waits for each call up to a
-// limit, and then continues without the result. The thread makes all calls, one after the other, because libraries
-// keep state for each thread, such as the last error.
+// A separate thread for calls into a foreign library, which may never return. The caller waits for
+// each call up to a time limit, and then continues without the result. One thread makes all calls,
+// one after the other, because libraries keep data for each thread, such as the last error.
 // Tests: tests/runtime/connection/call_thread_test.cpp
 #pragma once
 
@@ -14,19 +14,21 @@
 
 namespace trocar::runtime {
 
-/// One thread makes all calls of a CallThread. A call must own everything that it uses (captured by value, or as a
-/// shared pointer), because it may still run after the caller has stopped waiting and the CallThread is destroyed.
+/// Precondition: a function that is called here owns everything that it uses (captured by value,
+/// or as a shared pointer). It may still run after the caller has stopped waiting and the
+/// CallThread is destroyed.
 class CallThread {
  public:
   CallThread();
-  /// Waits at most `kPatience_s` for a call that has not returned. If it still does not return, its thread
-  /// is left running.
+  /// If a call is still running, waits for it at most `kPatience_s`. If the call has not returned
+  /// by then, the thread is left running.
   ~CallThread();
   CallThread(const CallThread&) = delete;
   CallThread& operator=(const CallThread&) = delete;
 
-  /// Makes a call and returns its result. Returns nothing if there is no result within `timeout_s`. In that case
-  /// either the call is still running, or it was never begun because an earlier call is still running.
+  /// Calls `function` on the thread and returns its result. Returns nullopt if there is no result
+  /// within `timeout_s`. Then either `function` is still running, or it will never be called
+  /// because an earlier call is still running.
   template <typename Call>
   std::optional<std::invoke_result_t<Call>> call(Call function, double timeout_s) {
     auto result = std::make_shared<std::optional<std::invoke_result_t<Call>>>();
@@ -34,13 +36,14 @@ class CallThread {
     return std::move(*result);
   }
 
-  /// Makes a call, and waits for it at most `kPatience_s`. If an earlier call is still running, this call is made
-  /// as soon as the earlier one has returned, however late. Only the latest waiting call is kept.
+  /// Calls `function` on the thread, and waits for its end at most `kPatience_s`. If an earlier
+  /// call is still running, `function` is called as soon as the earlier call has returned, however
+  /// late. If several functions wait, only the latest is called.
   void call_at_last(std::function<void()> function);
 
   static constexpr double kPatience_s = 0.1;
-  /// Realtime priority of the thread, if the process may set one. It is above that of the thread that waits
-  /// for its calls.
+  /// Realtime priority of the thread, if the process may set one. It is above the priority of the
+  /// thread that waits for the calls (connected_device.h).
   static constexpr int kPriority = 76;
 
  private:

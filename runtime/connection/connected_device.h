@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes a pose device of a connection whose calls may wait. A separate thread exchanges wrench and pose with the
-// connection again and again. The haptic thread takes the newest pose and leaves its wrench, without ever waiting.
+// Turns a connection whose calls may block (pose_connection.h) into a pose device. A separate
+// thread makes one exchange after another: an exchange sends a wrench to the device and returns the
+// device's pose. The haptic thread reads the newest pose, and stores the wrench that the next
+// exchange will send. It never waits for the connection.
 //
 // Contract (tests/runtime/connection/connected_device_test.cpp):
-//  1. read() and write() do not allocate, lock or wait, whatever the connection does.
-//  2. If the haptic thread has written nothing for kStaleCommand_s, the connection gets zero force until
-//     it writes again.
-//  3. After an error of the connection, read() returns kLinkLost, and the error is reported in one line. restore()
-//     makes the thread connect again. The first wrench after that is zero.
-//  4. The round trip of a wrench is the time from its write() to the read() of the first pose that the connection
-//     returned for it.
-//  5. close() ends with zero force. It waits for a call that is in progress, at most for the connection's
-//     own time limits.
+//  1. read() and write() do not allocate, lock or block, whatever the connection does.
+//  2. If the last write() is at least kStaleCommand_s old, exchanges send zero force until the
+//     haptic thread calls write() again.
+//  3. After an error of the connection, read() returns kLinkLost, and the error is reported in one
+//     line. restore() makes the connection's thread connect again. Wrenches that were written
+//     before the new connection exists are not sent.
+//  4. The round trip of a wrench is the time from its write() to the first read() of a pose that
+//     was returned by an exchange with this wrench.
+//  5. close() commands zero force at the end. If a call of the connection is in progress, close()
+//     waits until the call returns, which the connection's own time limits ensure.
 #pragma once
 
 #include <atomic>
@@ -28,7 +31,8 @@
 
 namespace trocar::runtime {
 
-/// Age of the last write() from which on the connection gets zero force.
+/// A wrench that was written this long ago, or longer, is no longer sent. Exchanges send
+/// zero force instead.
 inline constexpr double kStaleCommand_s = 0.01;
 
 /// Realtime priority of the connection's thread, if the process may set one. It is below that of the
@@ -37,18 +41,21 @@ inline constexpr int kConnectionPriority = 75;
 
 class ConnectedDevice final : public PoseDevice {
  public:
-  /// `period_s`: shortest time from one exchange to the next. `say` receives each error while the session runs. It
-  /// is called on the connection's thread.
+  /// `period_s`: shortest time from the start of an exchange to the start of the next. `say`
+  /// receives each error that occurs after start(), but a repeated error only once. It is called on
+  /// the connection's thread.
   ConnectedDevice(std::unique_ptr<PoseConnection> connection, double period_s, SayLine say);
   ~ConnectedDevice() override;
 
-  /// Opens the connection. Blocks up to kOpenTimeout_s. Errors: those of PoseConnection::open().
+  /// Opens the connection and starts its thread. Blocks up to kOpenTimeout_s. Errors: those of
+  /// PoseConnection::open(); kBug if start() was called before.
   Result<void> start() override;
   DeviceStatus read(PoseReading& reading) noexcept override;
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
   void restore() noexcept override;
   void close() override;
-  /// Sessions and round trips, after close().
+  /// Returns the number of connections that were established, and the round trips. Call this
+  /// only after close().
   std::optional<LinkReport> link_report() const override;
 
  private:
@@ -59,7 +66,8 @@ class ConnectedDevice final : public PoseDevice {
   };
   struct Answer {
     PoseReading reading;
-    std::int64_t command_ns = 0;  ///< Command::at_ns of the command that it answers; 0: none
+    /// Command::at_ns of the wrench that was sent; 0: it was too old, zero was sent.
+    std::int64_t command_ns = 0;
   };
   void run();
   void exchange_once();
@@ -75,12 +83,14 @@ class ConnectedDevice final : public PoseDevice {
   std::thread thread_;
   // The following two members belong to the haptic thread.
   Histogram round_trip_;
-  std::int64_t last_answered_ns_ = 0;  ///< Answer::command_ns whose round trip was counted last
+  /// Answer::command_ns of the last round trip that was counted.
+  std::int64_t last_answered_ns_ = 0;
   // The following members belong to the connection's thread.
   Command command_;
   std::uint64_t sessions_ = 0;
-  std::string
-      said_;  ///< the last error, which is not repeated while restoring fails for the same reason
+  /// The last reported error. While attempts to restore fail for the same reason, the error is not
+  /// reported again.
+  std::string said_;
 };
 
 }  // namespace trocar::runtime

@@ -14,35 +14,41 @@
 namespace trocar::runtime {
 
 struct ForceDimensionOptions {
-  int id =
-      -1;  ///< index of the device, 0 to 15, as the SDK counts them; -1: the first one that is free
+  /// Index of the device in the SDK's list, 0 to 15; -1: the first device that is free.
+  int id = -1;
   SayLine say;                 ///< called only inside open(); may be empty
   bool wants_rotation = true;  ///< measure the orientation if the device can
   bool wants_moment = true;    ///< render the moment if the device can
-  bool needs_all = false;      ///< open() fails if the device cannot do what is wanted of these two
+  /// open() fails if the device cannot do what wants_rotation and wants_moment ask for.
+  bool needs_all = false;
 };
 
-/// Parses the address part of a URI `forcedimension:[ID]`: empty, or the index of a device. Usage errors quote it.
+/// Parses the address part of a URI `forcedimension:[ID]`: the index of a device, or empty for -1.
+/// Errors: kUsage if the address has another form; the message quotes the address.
 Result<int> parse_force_dimension_address(std::string_view address);
 
-/// The frame is that of the SDK, with its origin near the middle of the workspace. The sign of the orientation's
-/// quaternion is arbitrary.
+/// Positions and wrenches are in the SDK's frame, whose origin is near the middle of the workspace.
+/// The sign of the orientation's quaternion is arbitrary.
 ///
-/// The SDK compensates the weight of the device as long as the device is commanded, even with zero force, and
-/// stops after close(). If the device's own protection (speed, the button on its base, its watchdog) turns its
-/// forces off, the session continues without forces, because nothing in the exchange shows this.
+/// The SDK compensates the weight of the device as long as forces are commanded, even if they are
+/// zero. After close() the SDK no longer compensates the weight. If the device's own protection
+/// (speed limit, button on the base, watchdog) turns the forces off, exchange() cannot detect this,
+/// and the training session continues without forces.
 class ForceDimension final : public PoseConnection {
  public:
   explicit ForceDimension(ForceDimensionOptions options);
   ~ForceDimension() override;
 
-  /// Loads the library, opens the device, enables its forces and commands zero. Reports in one line what was
-  /// found. It is also an error if a call of an earlier exchange has not returned yet.
+  /// Loads the library, opens the device, enables the device's forces and commands zero force.
+  /// ForceDimensionOptions::say receives one line for each finding. Errors, in addition to those of
+  /// PoseConnection::open(): a call of an earlier exchange does not return in time, or the device
+  /// lacks what needs_all demands.
   Result<void> open() override;
-  /// Moments are ignored if renders_moment() is false. Further errors: the wrench is not finite, or a call does
-  /// not return within kExchangeTimeout_s.
+  /// Moments are ignored if renders_moment() is false. Errors, in addition to those of
+  /// PoseConnection::exchange(): the wrench is not finite, or the SDK's calls do not
+  /// return within kExchangeTimeout_s.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
-  /// If a call hangs, the device is set to zero force as soon as that call returns.
+  /// If a call of the SDK hangs, zero force is commanded as soon as that call returns.
   void close() noexcept override;
 
   /// True after open() if exchange() returns a measured orientation.
@@ -51,7 +57,7 @@ class ForceDimension final : public PoseConnection {
   bool renders_moment() const noexcept { return renders_moment_; }
 
  private:
-  struct Device;  // used by the calls' thread alone
+  struct Device;  // used only on the thread of calls_
   Error fault(const std::string& message) const;
 
   ForceDimensionOptions options_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of Force Dimension's SDK, found at run time in the library that the user has installed. Nothing of
-// the SDK is linked or copied: the names and types below are those of its public list of functions (SDK 3.16).
+// The functions of Force Dimension's SDK, found at run time in the library that the user has
+// installed. Nothing of the SDK is linked or copied: the names and types below are those of the
+// SDK's public list of functions (SDK 3.16).
 // Tests: tests/runtime/connection/force_dimension_test.cpp
 #pragma once
 
@@ -11,10 +12,11 @@
 
 namespace trocar::runtime {
 
-/// `id` is the device that dhdOpen or dhdOpenID has returned. A negative result is an error, whose text
-/// error_get_last_str() returns in the same thread. Results above 0 are not errors. The result 1 means that
-/// the SDK has answered from its last measurement, which is recent enough, and 2 that a motor cannot give
-/// the whole force.
+/// The SDK's functions. `id` is the number of a device that open() or open_id() has returned. A
+/// negative result is an error. error_get_last_str(), called in the same thread, then returns
+/// the error's text. Results above 0 are not errors. The result 1 means that the SDK has
+/// returned its last measurement, because it is recent enough. The result 2 means that a motor
+/// cannot give the whole force.
 struct ForceDimensionLibrary {
   const char* (*error_get_last_str)();
   int (*get_device_count)();
@@ -35,21 +37,23 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
-/// Entries of the array that get_status fills. The array's length depends on the release of the SDK.
-inline constexpr int kStatusReset = 3;  ///< 1: the device waits for its calibration
-inline constexpr int kStatusRoom = 64;  ///< more than any release writes
+/// An index into the array that get_status() fills, and a length for this array. How many entries
+/// get_status() fills depends on the release of the SDK.
+inline constexpr int kStatusReset = 3;  ///< this entry is 1 if the device waits for its calibration
+inline constexpr int kStatusRoom = 64;  ///< length of the array: more than any release fills
 
 /// The environment variable that names the library's file. If it is not set, the system's search path is used.
 inline constexpr const char* kForceDimensionVariable = "TROCAR_FORCEDIMENSION_LIBRARY";
 
-/// An error of the library or of a device behind it, without the device's URI.
+/// Returns an error of the library or of a device, without the device's URI, which the caller adds.
 inline Error sdk_error(std::string message) {
   return {ExitCode::kDeviceFault, std::move(message)};
 }
 
 /// Loads the library for the rest of the process. The library is never unloaded, because it starts threads, and
-/// because a call that hangs would later return into unloaded code. Errors: (device fault) the library or a
-/// function in it is missing; the message says what to install.
+/// because a call that hangs would later return into unloaded code. Errors: kDeviceFault if the
+/// library or one of its functions is missing, or if the library cannot be loaded. The message says
+/// what to install or what is wrong.
 Result<ForceDimensionLibrary> load_force_dimension_library();
 
 }  // namespace trocar::runtime

@@ -8,8 +8,8 @@
 
 namespace trocar::runtime {
 
-/// At most `max_chars` characters of `text`, with "?" in place of each character that is not
-/// printable ASCII. An empty text becomes "(no text)".
+/// Returns `text` with "?" in place of each character that is not printable ASCII. A text of more
+/// than `max_chars` characters is cut there and ends with "...". An empty text becomes "(no text)".
 inline std::string foreign_text(std::string_view text, std::size_t max_chars = 300) {
   if (text.empty()) return "(no text)";
   std::string line(text.substr(0, max_chars));
@@ -19,7 +19,7 @@ inline std::string foreign_text(std::string_view text, std::size_t max_chars = 3
   return line;
 }
 
-/// The same for a null-terminated text. A null pointer is treated as an empty text.
+/// Like the function above, for a null-terminated text. A null pointer is treated as an empty text.
 inline std::string foreign_text(const char* text) {
   return foreign_text(text == nullptr ? std::string_view() : std::string_view(text));
 }

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Haply Inverse3 through the Haply Inverse service, versions 3.1 and 3.5. On a WebSocket, each message commands a force
-// and is answered with one state (haply_messages.h). Not for the haptic thread. The class has no thread of its own. Its
-// asynchronous operations run within open(), exchange() and close(), so that each of these functions ends in time.
+// A connection to a Haply Inverse3 through the Haply Inverse service, versions 3.1 and 3.5.
+// Messages go through a WebSocket: each message to the service commands a force, and the service
+// answers it with one state (haply_messages.h). The haptic thread must not call these functions,
+// because they block. The class has no thread of its own. Its asynchronous operations run only
+// within open(), exchange() and close(), and with time limits, so that each of these functions
+// returns in time.
 #pragma once
 
 #include <array>
@@ -24,18 +27,20 @@ struct HaplyAddress {
 };
 
 /// Parses what follows "haply:" in a URI: [HOST[:PORT]], by default localhost:10001. Resolves HOST to an IPv4 address.
-/// Errors: (usage) one line that begins with the URI.
+/// Errors: kUsage if the text has another form or HOST is unknown. The message is one line that
+/// begins with the URI.
 Result<HaplyAddress> parse_haply_address(std::string_view text);
 
 struct HaplyOptions {
   HaplyAddress address;
-  SayLine say;                  ///< takes what is found, and what is waited for
-  bool wants_rotation = false;  ///< without a VerseGrip, open() fails
+  SayLine say;                  ///< receives lines on what was found or is waited for
+  bool wants_rotation = false;  ///< true: open() fails without a VerseGrip
   double open_timeout_s = kOpenTimeout_s;
 };
 
-/// The reading's position is that of the cursor, in the service's application space. Its orientation and its buttons are
-/// those of the first usable VerseGrip. The force acts on the cursor. The moment is not rendered.
+/// A reading's position is that of the cursor, the point that the Inverse3 measures, in the
+/// service's application space (haply_messages.h). A reading's orientation and buttons are those of
+/// a VerseGrip, a handle with sensors. The force acts on the cursor. Moments are not rendered.
 class HaplyConnection final : public PoseConnection {
  public:
   explicit HaplyConnection(HaplyOptions options);
@@ -44,15 +49,17 @@ class HaplyConnection final : public PoseConnection {
   HaplyConnection(const HaplyConnection&) = delete;
   HaplyConnection& operator=(const HaplyConnection&) = delete;
 
-  /// Chooses the first arm, and the first grip that is ready. Waits until they are ready, at most open_timeout_s. A later
-  /// call chooses the same devices again.
+  /// Chooses the first arm (an Inverse3), and the first grip (a VerseGrip) that is ready. Waits at
+  /// most open_timeout_s until the chosen devices are ready. Unless wants_rotation is set, no grip
+  /// is needed. A later call chooses the same devices again.
   Result<void> open() override;
-  /// After an unusable answer the force is sent again at once. Errors, in addition to those of PoseConnection: five
-  /// unusable answers one after the other; the arm or the grip is no longer ready; the force is not finite.
+  /// If the service's answer is unusable, the force is sent again immediately. Errors, in addition
+  /// to those of PoseConnection::exchange(): five unusable answers in a row; the arm or the grip is
+  /// no longer ready; the force is not finite.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
   void close() noexcept override;
 
-  /// After open(): true if readings have an orientation.
+  /// After open(): true if readings have a measured orientation.
   bool senses_rotation() const { return devices_ && devices_->grip; }
 
  private:
@@ -61,7 +68,8 @@ class HaplyConnection final : public PoseConnection {
   Error fault(const std::string& why) const;
   void say(const std::string& line) const;
   Result<void> connect(Instant until);
-  /// Waits for an inventory in which the devices are ready.
+  /// Waits for an inventory (the service's list of its devices) in which the chosen
+  /// devices are ready.
   Result<HaplyDevices> find_devices(Instant until);
   /// Chooses the devices. Returns the reason why they cannot be used yet; empty: they can be used.
   std::string choose(const HaplyInventory& inventory, HaplyDevices& chosen) const;
@@ -70,8 +78,8 @@ class HaplyConnection final : public PoseConnection {
   Result<PoseReading> command(const HaplyDevices& devices, const std::array<double, 3>& force_N);
 
   HaplyOptions options_;
-  std::string uri_;                      ///< begins each line
-  std::optional<HaplyDevices> devices_;  ///< those of the first open()
+  std::string uri_;                      ///< beginning of each message
+  std::optional<HaplyDevices> devices_;  ///< devices that the first open() chose
   std::unique_ptr<Socket> socket_;
 };
 

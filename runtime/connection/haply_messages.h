@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The JSON messages of the Haply Inverse service, versions 3.1 and 3.5, as plain data. Text from the service
-// is not trusted: sizes, nesting, types, numbers and ids are checked here. Members that are not used here may
-// have any form.
+// is not trusted: sizes, nesting, types, numbers and ids are checked here. Members of a message
+// that are not used here may have any form.
 //
-// The service sends one inventory when a client connects, then exactly one state for each message that it receives. A force
-// holds until the next message. Positions are in m and forces in N, in the frame that the service calls application space:
-// by default x to the right, y forward, z up, and the origin at the base of the device.
+// When a client connects, the service sends one inventory, the list of its devices. Then it
+// sends exactly one state for each message that it receives. A commanded force holds until the
+// next message. Positions are in m and forces in N, in the frame that the service calls
+// application space: by default x points to the right, y forward and z up, and the origin is at
+// the base of the device.
 // Source: docs.haply.co/inverseSDK/service, pages "WebSocket Protocol", "Control Commands", "Device Configuration".
 #pragma once
 
@@ -21,18 +23,19 @@
 
 namespace trocar::runtime {
 
-/// Longest message of the service that is accepted. An inventory has about 2 kB for each device.
+/// Longest message that is accepted from the service. An inventory has about 2 kB for each device.
 inline constexpr std::size_t kMaxHaplyMessageBytes = 256 << 10;
 /// Longest message to the service.
 inline constexpr std::size_t kMaxHaplyCommandBytes = 512;
 
-/// The member that holds the force in a message: {"values": ...} in version 3.1, {"vector": ...} in 3.5.
+/// Spelling of the member that holds the force in a message: {"values": ...} in version 3.1,
+/// {"vector": ...} in version 3.5, or both members.
 enum class HaplySpelling : std::uint8_t { kValues, kVector, kBoth };
 
-/// A device in the messages.
+/// A device, as messages name it.
 struct HaplyDevice {
-  std::string
-      list;  ///< key of the list that holds it: "inverse3", "inverse3x", "minverse", "verse_grip", ...
+  /// Key of the JSON list that holds the device: "inverse3", "inverse3x", "verse_grip", ...
+  std::string list;
   std::string id;  ///< 1 to 64 letters, digits and -_.:
   friend bool operator==(const HaplyDevice&, const HaplyDevice&) = default;
 };
@@ -40,61 +43,66 @@ struct HaplyDevice {
 /// A device that measures a position and renders a force.
 struct HaplyArm {
   HaplyDevice device;
-  /// Spelling of the version that is recognised from the arm's state; kBoth: the version is not recognised.
+  /// Spelling in the service's version, which is recognised from the arm's state; kBoth: the
+  /// version is not recognised.
   HaplySpelling spelling = HaplySpelling::kBoth;
   std::string handedness;  ///< "left" or "right"; empty: not stated
   /// False: the service rotates, moves, scales or mirrors the arm's coordinates.
   bool has_default_frame = true;
   /// Gain of the filter with which the service reduces forces when it detects an oscillation.
   std::optional<double> force_gate_gain;
-  std::string problem;  ///< why it cannot be used yet, and what to do; empty: it is ready
+  std::string problem;  ///< why the arm cannot be used yet, and what to do; empty: the arm is ready
 };
 
 /// A handle that measures an orientation and has buttons.
 struct HaplyGrip {
   HaplyDevice device;
-  std::string problem;  ///< why it cannot be used, and what to do; empty: it is ready
+  /// Why the grip cannot be used yet, and what to do; empty: the grip is ready.
+  std::string problem;
 };
 
-/// All devices of a message, in its order.
+/// All devices that a message lists, in the message's order.
 struct HaplyInventory {
   std::vector<HaplyArm> arms;
   std::vector<HaplyGrip> grips;
 };
 
-/// Reads an inventory. Errors: (refused) one line that says why the text is not an inventory of version 3.1 or 3.5.
+/// Parses an inventory. Errors: kRefused if the text is not an inventory of version 3.1 or 3.5. The
+/// message says in one line why.
 Result<HaplyInventory> parse_haply_inventory(std::string_view text);
 
-/// The devices of a session.
+/// The devices that a connection uses.
 struct HaplyDevices {
   HaplyDevice arm;
   std::optional<HaplyDevice> grip;
   HaplySpelling spelling = HaplySpelling::kVector;
 };
 
-/// A state of the devices of a session.
+/// The state of these devices.
 struct HaplyState {
   std::array<double, 3> p_m{};          ///< each coordinate within 10 m
   std::array<double, 4> q{1, 0, 0, 0};  ///< w x y z, unit within 1e-3; identity without a grip
-  std::uint32_t buttons = 0;            ///< bits 0, 1, 2: buttons a, b, c, or the only one
+  /// Bit 0: button a, button_0 or the only button. Bit 1: b or button_1. Bit 2: c or button_2.
+  /// Bit 3: button_3.
+  std::uint32_t buttons = 0;
 };
 
 struct HaplyAnswer {
   enum class Kind : std::uint8_t {
     kState,
     kUnusable,  ///< the text is malformed, or one of the devices is missing
-    kNotReady,  ///< the service states that one of the devices cannot be used any more
+    kNotReady,  ///< the service reports that one of the devices cannot be used any more
   };
   Kind kind = Kind::kUnusable;
   HaplyState state;  ///< kState only
-  std::string why;   ///< otherwise: one clause, such as "it does not list device 049D"
+  std::string why;   ///< other kinds only: the reason, such as "it does not list device 049D"
 };
 
-/// Reads a state.
+/// Parses the service's answer to a message as a state of `devices`.
 HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& devices);
 
-/// Returns the message that commands a force of finite numbers. The numbers have enough digits for the service to
-/// read exactly these doubles.
+/// Returns the message that commands a force. Precondition: the force is finite. Its components are
+/// written with enough digits for the service to read exactly the same doubles.
 std::string haply_force_message(const HaplyDevices& devices, const std::array<double, 3>& force_N);
 
 /// Returns the message that requests an inventory and commands nothing.

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A connection to a device through a maker's SDK or service, whose calls may wait. ConnectedDevice
-// (connected_device.h) calls the connection on a separate thread and makes a PoseDevice of it. An implementation
-// may therefore allocate, lock and wait, and needs no thread.
+// A connection to a device through a maker's SDK or service, whose calls may block. ConnectedDevice
+// (connected_device.h) turns a connection into a PoseDevice: it makes the exchanges on a separate
+// thread. An implementation of PoseConnection may therefore allocate, lock and block, and needs no
+// thread of its own.
 // Tests: tests/runtime/connection/connected_device_test.cpp
 #pragma once
 
@@ -22,18 +23,22 @@ inline constexpr double kOpenTimeout_s = 5;
 /// one is used".
 using SayLine = std::function<void(const std::string& line)>;
 
-/// One thread makes all calls: open(), then exchange() repeatedly, then close(), and possibly open() again.
+/// The caller calls open(), then exchange() repeatedly, then close(), and possibly open() again.
+/// Different threads may make these calls, but never two at the same time.
 class PoseConnection {
  public:
   virtual ~PoseConnection() = default;
 
-  /// Connects, finds the device and leaves it with zero force. Errors: (kDeviceFault) one clear line that begins
-  /// with the device's URI and says what the user can do. After an error only close() or open() may follow.
+  /// Connects, finds the device and commands zero force. Errors: kDeviceFault. The message is one
+  /// clear line that begins with the device's URI and says what the user can do. After an error the
+  /// caller may call only close() or open().
   virtual Result<void> open() = 0;
-  /// Commands the wrench and returns the newest state of the device. Times of states ascend. What the device
-  /// states is not trusted, so sizes, types and numbers are checked here. A single unusable message is not an
-  /// error if the connection can continue. The next message is then awaited within kExchangeTimeout_s. Errors:
-  /// (kDeviceFault) one clear line; close() must follow.
+  /// Commands the wrench and returns the newest reading of the device. The times of readings
+  /// ascend. The implementation does not trust data from the device: it checks sizes, types and
+  /// numbers. A single unusable message is not an error if the connection can continue. The
+  /// implementation then waits for the next message, but exchange() still ends within
+  /// kExchangeTimeout_s. Errors: kDeviceFault. The message is one clear line. After an error the
+  /// caller must call close().
   virtual Result<PoseReading> exchange(const HandleWrench& wrench) = 0;
   /// Commands zero force if the connection still exists, and disconnects. Also allowed after an error.
   virtual void close() noexcept = 0;

@@ -1,23 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// Limits the energy that the environment (tissue and coupling) releases to the hand. More energy is the fault kEnergyLimit. The
-// limit acts independently of the passivity controller, which reduces that energy but cannot bound it.
+// Limits the energy that the environment (tissue and coupling) releases to the hand. If the
+// environment releases more, the fault kEnergyLimit is raised. The limit acts independently of the
+// passivity controller, which reduces the released energy but cannot bound it.
 //
 // W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was entered. A wrench
 // held over a tick does the work wrench * (next pose - this pose), which is known one tick later. Compensation torques do not
-// count. S(t) is the energy stored in the elastic elements of the environment: the sheet, the rims, the springs of dry
-// friction, and the coupling. S is the force law's full stored energy. It is not multiplied by Safety::authority (the factor on
-// the force after a recovery), and it is not reduced when the motors cannot render the whole wrench.
+// count. S(t) is the energy stored in the elastic elements of the environment: the sheet, the rims
+// (boundaries of holes), the springs of dry friction, and the coupling. S is the force law's full
+// stored energy. S is not multiplied by Safety::authority (the factor on the force after a
+// recovery), and S is not reduced when the motors cannot render the whole wrench.
 //
-// Invariant: for any two ticks s <= t at most kEnergyWindow_s apart, either
+// Invariant: let s <= t be two ticks since `running` was entered, at most kEnergyWindow_s apart. If
+// no intended release (contract 2) takes place in the tick s, then either
 //   W(t) - W(s) <= S(s) + SafetyLimits::energy_limit_J,
 // or kEnergyLimit is raised at t.
 //
 // Contract (tests/runtime/control/energy_limit_test.cpp):
 //  1. An environment that does not generate energy (dW <= -dS) never raises the fault. Because S is the unscaled
 //     energy, the same holds if the wrench is rendered with a constant factor below 1.
-//  2. A puncture, or another release of stored energy that the force law intends, does no work on the hand by itself. The tick
-//     of such a release is never taken as s, because its S is too small: it no longer contains the energy of the punctured
-//     sheet, and it does not yet contain that of the sheet below, which is loaded at once.
+//  2. A puncture, or another release of stored energy that the force law intends, does no work on
+//     the hand by itself. The tick of such a release is never taken as s (but may be t), because S
+//     of this tick is too small: S no longer contains the energy of the punctured sheet, and does
+//     not yet contain the energy of the sheet below, which is loaded immediately afterwards.
 //  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the
 //     wrenches held since the last new pose.
 //  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time receives at most A *
@@ -43,7 +47,7 @@ inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_
 struct EnergyInput {
   Pose T_device_plate;
   bool new_pose = true;
-  double stored_J = 0;     ///< S
+  double stored_J = 0;     ///< S of this tick
   bool punctured = false;  ///< the force law dropped stored energy on purpose in this tick
 };
 
@@ -51,7 +55,8 @@ struct EnergyInput {
 /// queue: an entry followed by a lower one can never be the minimum again, so it is removed.
 class EnergyAccount {
  public:
-  /// Returns kEnergyLimit or none.
+  /// Takes the inputs of a tick. Returns kEnergyLimit if the invariant's inequality does not
+  /// hold, or none.
   FaultDetail check(const SafetyLimits& limits, double rate_Hz, const EnergyInput& input) noexcept;
   /// Adds the wrench that the motors hold until the next tick.
   void note_delivered(const Wrench& wrench_device) noexcept {

@@ -9,14 +9,18 @@
 //     written. If the fault is that a command could not be written, the ramp starts in the next tick, from that command. The force is
 //     zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. All times are those of the device's clock. Differences of its time stamps, to the nanosecond, give the intervals between poses,
-//     the velocities, the largest allowed difference between two readings, and the time for which the motors were heated in a late
-//     tick. In `running`, a device state is new if its time stamp is finite and later than the previous one. After no_data_max_s
-//     without a new device state, the fault kNoData is raised. If a time stamp lies more than gap_max_s after the previous one,
-//     kNoData is raised at once. (gap_max_s also limits the time between ticks.) In all states of the safety state machine except
-//     `running`, the device's clock may restart, for example after the link was restored. The velocity estimation then restarts too.
-//  5. Some changes take a fixed number of ticks, so late ticks make them slower. These are the ramp after a fault, the rise of
-//     authority and compensation after a recovery, and the change from one prefetched stiffness to the next.
+//  4. All times are those of the device's clock. Differences of the device's time stamps, rounded
+//     to nanoseconds, are used for four things: the intervals between poses, the velocities, the
+//     largest allowed difference between two readings, and the time for which the motors were
+//     heated in a late tick. In `running`, a device state is new if its time stamp is finite and
+//     later than the previous one. After no_data_max_s without a new device state, the fault
+//     kNoData is raised. If a time stamp lies more than gap_max_s after the previous one, kNoData
+//     is raised immediately. (gap_max_s also limits the time between ticks.) In all states of the
+//     safety state machine except `running`, the device's clock may restart, for example after the
+//     link was restored. The velocity estimation then restarts too.
+//  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
+//     the ramp after a fault, the rise of authority and compensation after a recovery, and the
+//     change from one prefetched stiffness to the next.
 // Tests: tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -48,8 +52,8 @@ struct LoopModel {
 struct LoopState {
   Pose T_device_plate;  ///< pose of the last tick whose checks passed
   VelocityWindow window;
-  PreviousPose previous;  ///< earlier pose from which velocities are computed; without one they are
-                          ///< computed from the last new pose
+  /// Earlier pose for velocities; if its age is 0, the last new pose is used.
+  PreviousPose previous;
   SpeedState speed;
   PassivityState passivity;
   EnergyAccount energy;
@@ -57,7 +61,8 @@ struct LoopState {
   /// Time between the previous new pose and the pose of this tick, on the device's clock. It is 0 if the pose of this tick is not
   /// new, or is the first one. While no pose is new, the last velocity is kept, so that the next new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Time by which the device's clock is ahead of the ticks counted so far and which HandDevice::age() does not know yet.
+  /// Time by which the device's clock is ahead of the ticks counted so far, as far as it has not
+  /// yet been passed to HandDevice::age().
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;  ///< time of the last reading that was kept
@@ -77,7 +82,8 @@ struct TickResult {
   FaultDetail found;
   /// ForceLaw::retract_distance_m(). While it is positive, `running` cannot begin.
   double retract_distance_m = 0;
-  /// Times that the tick took: to read, check and write the device, and to compute the force.
+  /// `device_ns`: time that this tick took to read, check and write the device. `law_ns`: time that
+  /// this tick took to compute the force.
   std::int64_t device_ns = 0, law_ns = 0;
   bool at_rest = false;  ///< the ramp after a fault has ended, so the force is zero
 };

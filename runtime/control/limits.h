@@ -4,9 +4,10 @@
 // by its implementation of HandDevice.
 //
 // Contract (limits_test.cpp in tests/runtime/control/):
-//  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the quantity, its value and the
-//     limit. A value that is not finite exceeds every limit. A limit of nan is always exceeded, and so is a negative limit of a
-//     quantity that cannot be negative.
+//  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the
+//     quantity, the quantity's value and the limit. A value that is not finite exceeds every
+//     limit. A limit of nan is always exceeded, and so is a negative limit of a quantity that
+//     cannot be negative.
 //  2. Speeds go through a first-order low-pass filter with the time constant `speed_window_s`, so that a step of one encoder
 //     count does not appear as a speed.
 #pragma once
@@ -31,8 +32,8 @@ struct SafetyLimits {
   double energy_limit_J = 0.05;
   /// Longest time without data from the device. Until it is exceeded, the loop uses the last device state.
   double no_data_max_s = 0.01;
-  /// Longest time between the starts of two ticks, and between two time stamps of the device. With 0, neither of these times is
-  /// checked, nor are missed deadlines.
+  /// Longest time between the starts of two ticks, and between two time stamps of the device. If
+  /// gap_max_s is 0, neither these two times nor missed deadlines are checked.
   double gap_max_s = 0.1;
   int missed_deadlines_max = 2;  ///< number allowed in a row; more are a fault
   SafetyTiming timing;

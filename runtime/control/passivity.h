@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // Time-domain passivity observer and controller (B. Hannaford,
-// J. Ryu, Time-domain passivity control of haptic interfaces, IEEE TRA 18(1), 2002). The reference
-// is the energy that the environment (tissue and coupling) stores (J. Ryu, C. Preusche, B.
-// Hannaford, G. Hirzinger, Time domain passivity control with reference energy following, IEEE
-// TCST 13(5), 2005).
+// J. Ryu, Time-domain passivity control of haptic interfaces, IEEE TRA 18(1), 2002). The observer
+// compares the work that the environment (tissue and coupling) has absorbed with the energy that
+// the environment stores (J. Ryu, C. Preusche, B. Hannaford, G. Hirzinger, Time domain passivity
+// control with reference energy following, IEEE TCST 13(5), 2005).
 //
 // A wrench held over a tick does the work wrench * (next pose - this pose), which is known exactly
 // one tick later. The energy balance is the work that the environment absorbed from the hand minus
-// the energy that it stores. If a spring of stiffness K is sampled and held, the balance falls by K
-// (step)^2 / 2 per tick, in either direction of motion. A negative balance means that the
-// environment generates energy.
+// the energy that it stores. If a spring of stiffness K is sampled and held, and the plate moves by
+// x in a tick, the balance falls by K x^2 / 2 in this tick, in either direction of motion. A
+// negative balance means that the environment generates energy.
 //
 // Contract (tests/runtime/control/passivity_test.cpp):
 //  1. The balance equals the absorbed work minus the stored energy, up to rounding, for any motion.
 //  2. As long as the balance is not negative, or the environment only absorbs energy, the wrench is
 //     unchanged to the last bit. So a push that ends in a puncture follows the force law exactly.
-//  3. The damping is at most damping_max() and opposes the plate's motion. It can at most cancel the
-//     environment's force along its direction, so that it never pulls the hand into a sheet. An
-//     energy deficit that remains is removed in later ticks of the contact.
+//  3. The damping is at most damping_max() and opposes the plate's motion. Along the direction of
+//     the environment's force, the damping can at most cancel this force, so that the damping
+//     never pulls the hand into a sheet. An energy deficit that remains is removed in later ticks
+//     of the contact.
 //  4. A planned release (a puncture) sets the balance to zero. So neither the energy that the sheet
 //     lost nor an earlier deficit causes damping afterwards.
 //  5. While the required damping is within its bound, a sheet returns to the hand at most the energy
@@ -68,9 +69,9 @@ struct PassivityState {
 /// Returns the bound of item 3.
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
-/// Returns the wrench to render instead of `input.wrench_device`. Call note_delivered() afterwards.
-/// `pose_interval_s`: time between the previous new pose and this one, on the device's clock. 0: the
-/// pose is not new, and an active damper keeps its force.
+/// Returns the wrench to render instead of `input.wrench_device`. The caller must call
+/// note_delivered() afterwards. `pose_interval_s`: time between the previous new pose and this one,
+/// on the device's clock; 0: the pose is not new, and an active damper keeps its force.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 

@@ -8,15 +8,15 @@
 //     that was kept.
 //  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the fault is found. The
 //     ramped torques are the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks and is
-//     already below 1 in the first of these ticks. At 250 Hz and more this takes at most kRampMax_s. At lower rates
-//     torques are zero at once. After kEnergyLimit they are also zero at once, because a ramp would continue to
-//     release energy to the hand.
+//     already below 1 in the first of these ticks. At 250 Hz and more this takes at most
+//     kRampMax_s. At lower rates torques are zero immediately. After kEnergyLimit torques are also
+//     zero immediately, because a ramp would continue to release energy to the hand.
 //  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free space. A fault
 //     restarts this time. In `recovering`, torques are zero.
 //  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`. With
 //     `ramps_at_start`, it also does so at the beginning of a session.
-//  5. If a time is nan, the result is safe: torques are zero at once, recovery never ends, and authority does not rise. A
-//     negative time is treated as zero.
+//  5. If a time is nan, the result is safe: torques are zero immediately, recovery never ends, and
+//     authority does not rise. A negative time is treated as zero.
 #pragma once
 
 #include <cstdint>
@@ -56,14 +56,15 @@ struct Safety {
   std::uint64_t faults = 0;           ///< number of faults that were latched
   std::uint64_t ramp_ticks_done = 0;  ///< number of ticks of the ramp since `running` was left
   std::uint64_t quiet_ticks = 0;      ///< number of ticks without fault (item 3)
-  bool recovered = false;             ///< item 4 applies to the next `running`
+  bool recovered = false;             ///< the authority rises from 0 (item 4) in the next `running`
   double authority = 1;               ///< factor on the force in `running` (item 4)
 };
 
 /// Number of ticks of the ramp of item 2, at least 1.
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// Rise of the authority in a tick (item 4), at least 0. If it is 1 or more, the authority is 1 at once.
+/// Rise of the authority in a tick (item 4), at least 0. If the rise is 1 or more, the authority
+/// is 1 immediately.
 double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Call this when a fault is found at `t_s`. Returns true if this fault is latched.

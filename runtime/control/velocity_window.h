@@ -42,8 +42,8 @@ class VelocityWindow {
   void clear() noexcept { count_ = 0; }
   /// Returns the pose and age of the first state of the window that ends at the newest state. In
   /// the case of item 4, returns instead a pose from which a steady motion to the newest pose has
-  /// the velocity of item 4. If the result has the age 0, the pose of the previous state is to be
-  /// used. `resolution`: that of the measured values (DeviceSpecification::resolution()).
+  /// the velocity of item 4. If the result has the age 0, the caller must use the pose of the
+  /// previous state. `resolution`: that of the measured values (DeviceSpecification::resolution()).
   /// `period_s`: period of the loop.
   PreviousPose begin(double resolution, double period_s) const noexcept;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encoders and motors of the four-legged device: angles come in, torques go out. They can belong to the
-// simulated device in the process, a drive behind UDP, a recording that is replayed, or a test.
-// runtime/mechanism/four_legs.h builds a HandDevice on this interface.
+// Encoders and motors of the four-legged device: angles come in, torques go out. An implementation
+// can be a simulated device in this process, the link to a drive, a recording that is replayed, or
+// a test. runtime/mechanism/four_legs.h builds a HandDevice on this interface.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
@@ -34,8 +34,8 @@ class Device {
  public:
   virtual ~Device() = default;
 
-  /// Begins a session with the device. From then on the device may require a command in each period. May
-  /// block. Called once.
+  /// Connects to the device. From then on the device may require a command in each period. May
+  /// block. The caller calls it once.
   virtual Result<void> start() { return {}; }
   /// Reads the latest state. `state` changes only on kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
@@ -50,12 +50,13 @@ class Device {
   /// Ends a tick of length `dt_s`. A device that is paced by the loop advances its time by `dt_s`. Called on the
   /// thread of read() and write(). May block only if is_paced_by_loop() is true.
   virtual void advance(double /*dt_s*/) {}
-  /// Ends the session.
+  /// Ends the connection to the device.
   virtual void close() {}
 
   /// True if the device's time advances only in advance(), so that a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link, after close(); none for a device without a link.
+  /// Returns the counts of the link. Call this only after close(). A device without a
+  /// link returns nullopt.
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 

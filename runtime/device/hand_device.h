@@ -3,9 +3,11 @@
 // loop, its safety, the force laws and the checks of a scene use only this interface. runtime/mechanism/four_legs.h implements
 // it for the four-legged device of the paper, over encoders and motors (device.h).
 //
-// A session calls start() once, and close() at its end. In every tick it calls those functions of the haptic thread that the tick
-// needs. It reads the device and finds the pose, states how long the last command was held, renders a wrench or fades, writes the
-// command, describes the tick and advances. Functions of the haptic thread do not allocate, lock, throw or block.
+// A session calls start() once, and close() at its end. In every tick the loop calls the functions
+// that the tick needs, in this order. It reads the device and finds the pose, passes on for how
+// long the last command was held (age()), renders a wrench or fades the last command, writes the
+// command, describes the tick and advances the device. Functions of the haptic thread do not
+// allocate, lock, throw or block.
 //
 // Contract:
 //  1. The result of a tick depends only on the construction arguments, on the readings, and on the sequence of calls, so that a
@@ -47,11 +49,11 @@ struct Measurement {
 /// How far a pose is from the limits of the device's own checks. A device without joints does not set the members about joints.
 struct DeviceMargins {
   Fault fault = Fault::kNone;  ///< the fault that these checks raise at this pose, or none
-  /// The device can be at this pose. If false, the following members are not known.
+  /// True if the device can be at this pose. If false, the following members are not known.
   bool is_reachable = true;
   /// Smallest distance of a joint from its limit; negative if a joint is beyond its limit.
   double joint_rad = std::numeric_limits<double>::infinity();
-  int joint = -1;                ///< index of this joint in Measurement::value
+  int joint = -1;                ///< the joint with this distance: its index in Measurement::value
   double inverse_condition = 1;  ///< that of the Jacobian: at most 1, and 0 at a singularity
 };
 
@@ -60,7 +62,8 @@ struct WorkspaceBox {
   std::array<double, 3> min_m{}, max_m{};
 };
 
-/// Limits of the motors and joints, for programs that display a session. A device that does not state them leaves them empty.
+/// Limits of the motors and joints, for programs that display a session. Members that the device
+/// does not know are empty.
 struct MotorsAndJoints {
   std::optional<double> motor_peak_torque_Nm, motor_continuous_torque_Nm;
   std::vector<std::array<double, 2>> joint_limits_rad;  ///< smallest and largest angle
@@ -72,11 +75,12 @@ class DeviceSpecification {
  public:
   virtual ~DeviceSpecification() = default;
 
-  /// Name of the device for people.
+  /// Name of the device, for display.
   virtual std::string_view name() const noexcept = 0;
   /// Text for `--check`: the largest force or torque, such as "6 Nm peak a motor".
   virtual std::string describe_strength() const = 0;
-  /// False if the device measures only its position. The orientation then stays what it was at the start.
+  /// False if the device measures only its position. The plate's orientation is then always that
+  /// of the start.
   virtual bool senses_rotation() const noexcept = 0;
   /// False if the device renders only forces. A wanted moment is then dropped.
   virtual bool renders_moment() const noexcept = 0;
@@ -95,7 +99,8 @@ class DeviceSpecification {
   /// Damping that the device's own friction gives the plate at a pose: the matrix from the twist [v; omega] to the wrench that
   /// opposes it, in SI units. None: the device cannot be at this pose.
   virtual std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const = 0;
-  /// The largest factor, at most 1, with which the device can render a wrench at a pose; 0: the device cannot be at this pose.
+  /// The largest factor, at most 1, such that the device can render the factor times this wrench at
+  /// this pose; 0: the device cannot be at this pose.
   virtual double renderable_share(const Pose& T_device_plate,
                                   const Wrench& wrench_device) const = 0;
   /// Text for `--check`: what rendering a wrench at a pose demands of the device. `what` names the wrench.
@@ -106,7 +111,8 @@ class DeviceSpecification {
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
   /// Text for `--check`: the smallest margins over several reachable poses. Empty: the device has no such limits.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
-  /// Text that says by how much a pose exceeds the limit of this fault of margins(), with value and limit. Empty: it does not.
+  /// Text that says by how much a pose exceeds the limit that belongs to `fault`, with value and
+  /// limit. `fault` is one that margins() can return. Empty: the pose does not exceed this limit.
   virtual std::string describe_fault(Fault /*fault*/, const Pose& /*T_device_plate*/) const {
     return {};
   }
@@ -115,37 +121,41 @@ class DeviceSpecification {
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time since the last reading. From it the device decides whether a reading differs too much from the last one.
+/// The time since the last reading. The device uses this time to decide whether a reading differs
+/// too much from the last one.
 struct ReadingInterval {
-  bool has_last = false;  ///< a reading was kept before this one
-  double step_s = 0;      ///< time in which the device may have moved since then
+  bool has_last = false;  ///< an earlier reading was kept
+  double step_s = 0;      ///< time since that reading in which the device may have moved
 };
 
 struct PlatePose {
   Pose T_device_plate;
-  double residual_m = 0;  ///< how well redundant sensors agree on the pose; 0 if there are none
+  double residual_m = 0;  ///< disagreement of redundant sensors; 0 if there are none
 };
 
 /// The device's own forces that render() cancels, so that the hand does not feel them.
 struct CompensationOptions {
   bool friction = false;
   bool gravity = false;  ///< compensate the plate's weight, by the gravity of the description
-  double friction_fraction = 0.8;  ///< below 1: an overcompensated device would move by itself
-  double still_rad_per_s =
-      0.05;  ///< below this rate Coulomb compensation is proportional to the rate
+  /// Compensated fraction of the friction; keep it below 1, because an overcompensated device would
+  /// move by itself.
+  double friction_fraction = 0.8;
+  /// Below this rate of a joint, the compensation of Coulomb friction is proportional to the rate.
+  double still_rad_per_s = 0.05;
 };
 
 struct RenderInput {
-  Wrench wanted = Wrench::Zero();      ///< on the plate about its origin, in {B}
+  Wrench wanted = Wrench::Zero();      ///< wanted wrench on the plate about its origin, in {B}
   Twist twist_device = Twist::Zero();  ///< the plate's smoothed twist
   double dt_s = 0;                     ///< period of the loop
   CompensationOptions compensation;
-  double authority_rise = 0;  ///< compensation rises from 0 to 1 by this much in each tick
+  /// Rise of the factor on the compensation in each tick, until the factor is 1.
+  double authority_rise = 0;
 };
 
 /// Values of a tick for the display, which are not recorded.
 struct DeviceReadout {
-  std::array<double, kMaxCommanded> command_limit{};  ///< largest command possible now
+  std::array<double, kMaxCommanded> command_limit{};  ///< the largest values that are possible now
   double margin = 0;  ///< smallest distance of a measured value from its limit; negative beyond it
 };
 
@@ -155,40 +165,50 @@ class HandDevice {
 
   virtual const DeviceSpecification& specification() const noexcept = 0;
 
-  /// Begins a session with the device. From then on the device may require a command in each period. May block. Called once.
+  /// Connects to the device. From then on the device may require a command in each period. May
+  /// block. The caller calls it once.
   virtual Result<void> start() { return {}; }
 
   // The haptic thread calls these functions.
 
-  /// Reads the newest state. `t_s`: its time on the device's clock, ascending. `t_s` changes only on kOk.
+  /// Reads the newest state. Sets `t_s` to the state's time on the device's clock; these times
+  /// ascend. `t_s` changes only on kOk.
   virtual DeviceStatus read(double& t_s) noexcept = 0;
-  /// Uses the reading that was kept last. Called if this tick's reading is absent or not new.
+  /// Takes the last kept reading as the reading of this tick. Called if this tick's reading is
+  /// absent or not new.
   virtual void use_last_reading() noexcept = 0;
   /// Checks the reading and the device itself, and computes the pose. `pose` changes only if there is no fault.
   virtual FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept = 0;
   /// This tick's reading, from which velocities are computed.
   virtual const Measurement& measured() const noexcept = 0;
-  /// Keeps this tick's reading as the last one. Returns false, and keeps the older one, if it is not finite.
+  /// Keeps this tick's reading as the last one. If this tick's reading is not finite, returns
+  /// false, and the older reading stays the last one.
   virtual bool keep_reading() noexcept = 0;
   /// Tells the device for how long the last command was held. The device can compute from this, for example, the temperature of its
   /// motors, and returns a fault if they are too hot.
   virtual FaultDetail age(double /*held_s*/) noexcept { return {}; }
-  /// After a fault of age(), returns it again until the device has recovered enough to continue.
+  /// After age() has returned a fault, returns this fault until the device has recovered
+  /// enough to continue.
   virtual FaultDetail check_rested() const noexcept { return {}; }
-  /// Prepares the command that renders the wanted wrench. `scale`: the fraction of the wrench that the device can render. If a fault
-  /// is returned, no command is prepared, and the caller must call stop() and fade().
+  /// Prepares the command that renders the wanted wrench. Sets `scale` to the fraction of the
+  /// wrench that the device can render. If a fault is returned, no command is prepared, and the
+  /// caller must call stop() and fade().
   virtual FaultDetail render(const RenderInput& input, double& scale) noexcept = 0;
-  /// Keeps the last command that was sent or attempted, from which fade() starts. Sends nothing.
+  /// Stores the last command that write() sent or tried to send, as the start for
+  /// fade(). Sends nothing.
   virtual void stop() noexcept = 0;
-  /// Prepares `share` times the command at which stop() was called. Compensation starts again from zero.
+  /// Prepares the command that stop() stored, multiplied by `share`. Compensation then rises from
+  /// zero in the next calls of render().
   virtual void fade(double share) noexcept = 0;
-  /// Sends the prepared command, which is held until the next write. Never returns kEndOfData.
+  /// Sends the prepared command. The device holds it until the next write().
+  /// Never returns kEndOfData.
   virtual DeviceStatus write() noexcept = 0;
   /// Sends a command without force. Used outside of ticks.
   virtual void write_zero() noexcept = 0;
   /// The wrench that the last command renders to the hand, without compensation of the device's own forces.
   virtual Wrench delivered() const noexcept = 0;
-  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque. 0: not known.
+  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
+  /// The value 0 means that the faulty motors are not known.
   virtual std::uint8_t motor_faults() const noexcept { return 0; }
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
@@ -199,12 +219,13 @@ class HandDevice {
   /// is_paced_by_loop() is true.
   virtual void advance(double /*dt_s*/) {}
 
-  /// Ends the session.
+  /// Ends the connection to the device.
   virtual void close() {}
 
   /// True if the device's time advances only in advance(), so that a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link, after close(); none for a device without a link.
+  /// Returns the counts of the link. Call this only after close(). A device without a
+  /// link returns nullopt.
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 

@@ -21,11 +21,12 @@ struct Pose {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit quaternion
 };
 
-/// An earlier pose from which the velocity is computed (runtime/control/velocity_window.h). A
-/// motion at the present velocity leads from it to the present pose in `ago_s`.
+/// An earlier pose from which the present velocity is computed
+/// (runtime/control/velocity_window.h). A steady motion with this velocity leads from the earlier
+/// pose to the present one in the time `ago_s`.
 struct PreviousPose {
   Pose T_device_plate;
-  double ago_s = 0;  ///< time since this pose; 0: there is none, and the last new pose is used
+  double ago_s = 0;  ///< time since this pose; 0: no such pose, the last new pose is used instead
 };
 
 /// Composition: T_a_c = T_a_b * T_b_c.

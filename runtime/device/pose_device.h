@@ -4,7 +4,7 @@
 // this interface and adds all checks and limits. A new device of this kind is therefore one small class.
 //
 // All values are in the device's own frame, in SI units. The device's description
-// (formats/session/pose_device_description.h) states how this frame is oriented, and which values are
+// (formats/session/pose_device_description.h) says how this frame is oriented, and which values are
 // measured and rendered.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
@@ -36,8 +36,8 @@ class PoseDevice {
  public:
   virtual ~PoseDevice() = default;
 
-  /// Begins a session with the device. From then on the device may require a command in each period. May block.
-  /// Called once.
+  /// Connects to the device. From then on the device may require a command in each period. May
+  /// block. The caller calls it once.
   virtual Result<void> start() { return {}; }
   /// Reads the latest pose. `reading` changes only on kOk. The implementation need not check the numbers.
   virtual DeviceStatus read(PoseReading& reading) noexcept = 0;
@@ -48,12 +48,13 @@ class PoseDevice {
   virtual void restore() noexcept {}
   /// Ends a tick of length `dt_s`. A device that is paced by the loop advances its time by `dt_s`.
   virtual void advance(double /*dt_s*/) {}
-  /// Ends the session with zero force.
+  /// Commands zero force and ends the connection to the device.
   virtual void close() {}
 
   /// True if the device's time advances only in advance(), so that a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link, after close(); none for a device without a link.
+  /// Returns the counts of the link. Call this only after close(). A device without a
+  /// link returns nullopt.
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 

@@ -1,16 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hand that a person moves while the session runs. Another process states where the tool's tip is to be (formats/session/telemetry.h,
-// TelemetryHand). The target to which the springs of the simulated hand pull the tip follows this position.
+// A hand that a person moves while the session runs. Another process sends messages with the
+// wanted pose of the tool's tip (TelemetryHand in formats/session/telemetry.h). The springs of
+// the simulated hand (runtime/simulation/hand.h) pull the tip to a target, and the target follows
+// the wanted pose.
 //
-// Contract (tests/runtime/devices/live_hand_test.cpp), whatever the messages say:
-//  1. While the hand is held, the target approaches the stated pose with a time constant of 12 ms, at no more than 0.15 m/s and 1 rad/s.
-//     The springs' far end moves at the target's velocity.
-//  2. The target never leaves the box of LiveHandLimits or exceeds its largest rotation. It never goes to a pose of the plate within
-//     kHandMargin of a limit at which the loop would raise a fault. (A tip that a force has pushed there may come back.)
-//  3. A message that is not finite or far outside the limits is ignored.
-//  4. When the hand lets go, or 250 ms after the last new message, the target follows the tip at no more than 0.3 m/s and 1 rad/s, so that
-//     nobody pushes any more. This speed is higher than that of item 1, so that 300 ms after the last message even a force on a soft tissue
-//     is below a tenth. Before anybody has held the hand, the target rests at the start.
+// Contract (tests/runtime/devices/live_hand_test.cpp), for any messages:
+//  1. While the person holds the hand, the target approaches the wanted pose with a time
+//     constant of 12 ms, at no more than 0.15 m/s and 1 rad/s. HandTarget::twist_device is
+//     the target's velocity.
+//  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within the
+//     largest rotation given there. The target also stays away, by kHandMargin, from poses of the
+//     plate at which the loop would raise a fault. Exception: if the target starts outside these
+//     bounds because a force has pushed the tip there, the target may return.
+//  3. A message whose pose is not finite or far outside the limits is ignored.
+//  4. When the person lets go, or 250 ms after the last new message, the target follows the tip at
+//     no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. The speed of 0.3 m/s is
+//     higher than that of item 1. Therefore, 300 ms after the last message, even a force on a soft
+//     tissue has fallen below a tenth of its value. Until the person first holds the hand, the
+//     target rests at the start.
 //  5. The same calls give the same targets.
 #pragma once
 
@@ -34,31 +41,34 @@ namespace trocar::runtime {
 
 struct LiveHandLimits {
   Pose T_device_tool_start;
-  /// Box of tip positions that the device reaches with the rotation of the start, reduced by 5 mm on each side. If the device can reach it,
-  /// the box goes down to 20 mm below the lowest slice.
+  /// Box of tip positions. With the tool's rotation at the start, the device reaches all of them
+  /// and 5 mm more on each side. The box extends down to 20 mm below the lowest slice, or as far as
+  /// the device can reach.
   Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
-  double turn_max_rad = 0;  ///< largest rotation away from that of the start
+  double turn_max_rad = 0;  ///< largest angle from the rotation at the start
   double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
 };
 
-/// Returns the limits of a scene with a live hand, whose slices are placed (place_body()). Errors: (refused) the start is not in the box,
-/// or there is no box.
+/// Returns the limits for a scene with a live hand. Precondition: the scene's slices have been
+/// placed (place_body()). Errors: kRefused if there is no box, or if the start is not in the box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
 
-/// Returns the description of a live hand with these limits that a session publishes.
+/// Returns what a session publishes about a live hand with these limits.
 PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits);
 
-/// The path of the targets, kept in memory that is allocated once.
+/// Records the targets over time. Memory is allocated only in the constructor.
 class TargetPath {
  public:
-  /// Keeps one target in each `interval_s` of the first `duration_s`. At most 2^18 targets are kept, so the interval is longer in a long
-  /// session. With a duration of 0 nothing is kept.
+  /// Keeps one target in each `interval_s` of the first `duration_s`. At most 2^18 targets are
+  /// kept, so for a long duration the interval is longer than `interval_s`. With a duration of 0 no
+  /// target is kept.
   explicit TargetPath(double duration_s, double interval_s = 0.004);
-  /// Times must ascend. No allocation.
+  /// Precondition: times ascend from call to call. Does not allocate.
   void add(double t_s, const Pose& T_device_tool) noexcept;
   /// Returns a path with at most kMaxKeyframes keyframes, the first at time 0. The path is within 5 um and 0.05 mrad of every target kept.
-  /// If that needs more keyframes, both tolerances are doubled until their number suffices.
+  /// If that needs more than kMaxKeyframes keyframes, both tolerances are doubled
+  /// until kMaxKeyframes suffice.
   HandTrajectory keyframes() const;
 
  private:
@@ -93,20 +103,20 @@ class LiveHand final : public UnscriptedHand, public HandReceiver {
   LiveHandLimits hand_limits_;
   Tool tool_;
   const DeviceSpecification& device_;
-  SafetyLimits margins_;  ///< the loop's limits, less kHandMargin
+  SafetyLimits margins_;  ///< the loop's limits, tightened by kHandMargin
   TargetPath path_;
   bool is_held_ = false, was_held_ = false, restarts_ = false;
   std::uint64_t count_ = 0;  ///< TelemetryHand::count of the last message
   std::int64_t heard_ns_ = 0;
-  Pose wanted_;      ///< the stated pose, within the limits
+  Pose wanted_;      ///< the wanted pose, moved to within the limits
   Pose T_from_, T_;  ///< target at the beginning and at the end of the present step
   Twist twist_ = Twist::Zero();
   double from_s_ = 0;
 };
 
-/// Distance that the target keeps from the limits at which the loop raises a fault.
+/// Distances that the target keeps from the limits at which the loop raises a fault.
 struct HandMargin {
-  double box_m = 1e-3, angle_rad = 0.0175;  ///< angle: of a joint, or of the tilt
+  double box_m = 1e-3, angle_rad = 0.0175;  ///< the angle is that of a joint or a tilt
 };
 inline constexpr HandMargin kHandMargin;
 

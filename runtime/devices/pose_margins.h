@@ -13,12 +13,13 @@ namespace trocar::runtime {
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-/// Distances of a pose from the limits. A distance is negative if the limit is exceeded.
+/// How far a pose is from the limits. The tilts are angles, which pose_fault() compares
+/// with their limits.
 struct PoseMargins {
   DeviceMargins device;
-  double box_m = 0;     ///< distance of the plate's origin from the nearest workspace side
+  double box_m = 0;     ///< plate's origin to the nearest side of the workspace; negative outside
   double tilt_rad = 0;  ///< angle between the z axes of the plate and of {B}
-  double tool_tilt_rad = 0;
+  double tool_tilt_rad = 0;  ///< angle between the tool's axis and the z axis of {B}
 };
 PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& limits,
                          const Tool& tool, const Pose& T_device_plate) noexcept;

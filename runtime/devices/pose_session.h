@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A session with a pose device: the descriptions of known devices, the position of the device in the scene, the limits that
-// follow from both, and the entries about the device in a recording.
+// What a session with a pose device needs: the built-in descriptions of devices, the limits and the
+// force scale that fit a device and a scene, the entries about the device in a recording, and a
+// device that replays a recording.
 // Tests: tests/runtime/devices/pose_session_test.cpp
 #pragma once
 
@@ -21,35 +22,40 @@
 
 namespace trocar::runtime {
 
-/// Suffix of the name of a built-in description whose device measures the orientation of its handle.
+/// Suffix of a built-in description's name, if the device measures the orientation of its handle.
 inline constexpr std::string_view kWithRotation = "+rotation";
 
-/// Returns the built-in description with this name, such as "haply_inverse3" (runtime/device/NAME.json), possibly with
-/// kWithRotation. Errors: (refused) there is none.
+/// Returns the built-in description with this name, such as "haply_inverse3"
+/// (runtime/device/NAME.json). If the name ends with kWithRotation, the description's
+/// senses_rotation is true, otherwise false. Errors: kRefused if there is no such description.
 Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 
-/// Sets the limits that belong to a pose device: the box of its workspace, zero force in the tick that finds a fault, and a force
-/// that rises from zero when a session begins. If the force law is one of separate sheets, a virtual coupling keeps the rendered
-/// stiffness within StiffnessLimits and the stiffness that the device states.
+/// Sets the options that depend on the pose device. The box of the device's workspace becomes the
+/// workspace limit. The force is zero in the tick that finds a fault, without a ramp. When a
+/// session begins, the force rises from zero. The rendered stiffness is limited to StiffnessLimits
+/// and to the largest stiffness that the description gives. If the force law treats slices as
+/// separate sheets, a virtual coupling is switched on to keep that limit.
 void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
                              SessionOptions& options);
 
-/// Returns the largest force scale, at most the scene's, with which the device can render the forces at which the scene's tissues
-/// break. For a bone volume this includes a margin for friction on the shaft. Errors: those of the law's factory.
+/// Returns the largest force scale (factor on all forces of a scene), at most the scene's own, with
+/// which the device can render the forces at which the scene's tissues break. With the force law
+/// `cutting` this includes a margin for friction on the shaft. Errors: those of the law's factory.
 Result<double> fitting_force_scale(const PoseDeviceDescription& description, const Scene& scene,
                                    std::span<const std::unique_ptr<const Sheet>> sheets,
                                    double rate_Hz);
 
-/// Writes the device into the origin of a recording. `device`: the digest of its description, or "built-in/NAME".
+/// Writes the entries about the device into the origin of a recording. `device`: the digest of its
+/// description, or "built-in/NAME".
 void state_pose_device(const std::string& device, const PoseDeviceDescription& description,
                        const Scene& scene, const SessionOptions& options, RecordingOrigin& origin);
 
-/// Entries of an origin about a pose device.
+/// Entries about a pose device in a recording's origin.
 struct StatedPoseDevice {
-  std::optional<std::string> built_in;  ///< the built-in description's name
+  std::optional<std::string> built_in;  ///< none: the description is not built in
   double force_scale = 1, force_max_N = 0, stiffness_margin = 1;
 };
-/// Returns none if the recording was not made with a pose device.
+/// Reads these entries. Returns nullopt if the recording was not made with a pose device.
 std::optional<StatedPoseDevice> stated_pose_device(const RecordingOrigin& recorded);
 
 /// A pose device that returns the readings and statuses of a recording, tick by tick.

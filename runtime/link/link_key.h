@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The file of the device link's shared key. It contains 64 hexadecimal digits and a line feed. Only
-// its owner may have access (mode 0600 or 0400).
+// Reads and writes the file that holds the shared key of the device link. The file
+// contains 64 hexadecimal digits and a line feed. Only the file's owner may have access to
+// it (mode 0600 or 0400).
 #pragma once
 
 #include <filesystem>
@@ -10,12 +11,12 @@
 
 namespace trocar::runtime {
 
-/// Reads the key. Errors: (refused) the file is not a regular file, is owned by another user, is
-/// readable or writable by others, or does not contain 64 digits.
+/// Reads the key. Errors: kRefused if the file cannot be read, is not a regular file, is owned by
+/// another user, or does not contain 64 hexadecimal digits, or if other users have access to it.
 Result<LinkKey> read_link_key(const std::filesystem::path& file);
 
-/// Writes a new random key to a new file of mode 0600. Errors: (unwritable) the file exists, or
-/// cannot be written.
+/// Writes a new random key to a new file of mode 0600, and returns the key. Errors: kUnwritable if
+/// the file exists or cannot be written.
 Result<LinkKey> make_link_key(const std::filesystem::path& file);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The four-legged device's drive behind the device link, as a Device.
+// A Device that exchanges angles and torques with the four-legged device's drive over
+// the device link (udp_link.h).
 #pragma once
 
 #include <cstdint>
@@ -11,14 +12,13 @@ namespace trocar::runtime {
 
 class UdpDevice final : public UdpLink<AngleDrive> {
  public:
-  /// Opens the socket. No packet is sent before start(). Errors: (device fault) the socket
-  /// cannot be opened.
+  /// Opens the socket. No packet is sent before start(). Errors: those of open_link_socket().
   static Result<std::unique_ptr<UdpDevice>> make(const UdpDeviceOptions& options) {
     Result<UdpSocket> socket = open_link_socket(options);
     if (!socket) return socket.error();
     return std::unique_ptr<UdpDevice>(new UdpDevice(options, std::move(*socket)));
   }
-  /// Calls make() and start().
+  /// Calls make() and start(). Errors: those of both.
   static Result<std::unique_ptr<UdpDevice>> connect(const UdpDeviceOptions& options) {
     Result<std::unique_ptr<UdpDevice>> device = make(options);
     if (!device) return device;

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The host's end of the device link (formats/session/device_link.md), for both kinds of drives: UdpDevice
-// (udp_device.h) and UdpPoseDevice (udp_pose_device.h). On the haptic thread it only makes non-blocking receive and
-// send calls: no allocation, lock or exception. Packets that are old or not authentic are counted and otherwise
-// ignored.
+// The host's end of the device link, the UDP protocol between the haptic loop and a drive
+// (formats/session/device_link.md). There is one derived class for each of the two kinds of drives:
+// UdpDevice (udp_device.h) and UdpPoseDevice (udp_pose_device.h). read() and write() only make
+// non-blocking receive and send calls: no allocation, lock or exception. Packets that are old or
+// not authentic are counted and otherwise ignored.
 //
-// After a session is lost, restore() requests a new one. With the real clock a separate thread
-// establishes the session, and is meanwhile the only user of the socket. In lock-step the drive's
-// time does not advance, so advance() establishes the session.
+// A session in this header is a link session. It begins with the handshake (hello, welcome, first
+// state), and ends when it is closed or lost. After a loss, restore() requests a new session. With
+// the real clock a separate thread establishes the new session, and until then only this thread
+// uses the socket. In lock-step, where the drive's time advances only by the loop's commands,
+// advance() establishes the new session.
 // Tests: tests/runtime/link/udp_device_test.cpp, tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
 
@@ -30,16 +33,16 @@ struct UdpDeviceOptions {
   Endpoint peer;
   LinkKey key;
   double period_s = 1e-3;              ///< period of the loop; in lock-step also the drive's step
-  LinkClock clock = LinkClock::kReal;  ///< must be the same as the drive's
-  bool fresh = true;                   ///< start() resets the simulated world
+  LinkClock clock = LinkClock::kReal;  ///< the drive must use the same clock
+  bool fresh = true;                   ///< start() asks a simulated drive to reset its world
   double connect_timeout_s = 5;
-  double no_state_s = 0.01;  ///< real clock: the link is lost after this time without a state
-  /// Lock-step: longest wait for an answer. After a missed answer, the longest wait is no_state_s
-  /// until the next answer arrives.
+  double no_state_s = 0.01;  ///< real clock: without a state for this time, the link is lost
+  /// Lock-step: longest wait for the drive's answer to a command. After a missed answer, the
+  /// longest wait is no_state_s, until an answer arrives again.
   double answer_s = 2;
 };
 
-/// A drive that states the angles of the four-legged device and takes torques.
+/// A drive that reports the angles of the four-legged device and takes torques.
 struct AngleDrive {
   static constexpr LinkContents kContents = LinkContents::kAngles;
   using Interface = Device;
@@ -52,7 +55,7 @@ struct AngleDrive {
   static void pack(const Output& torques, Command& command) noexcept;
 };
 
-/// A drive that states the pose of a handle and takes a wrench.
+/// A drive that reports the pose of a handle and takes a wrench.
 struct PoseDrive {
   static constexpr LinkContents kContents = LinkContents::kPose;
   using Interface = PoseDevice;
@@ -65,7 +68,8 @@ struct PoseDrive {
   static void pack(const Output& wrench, Command& command) noexcept;
 };
 
-/// Kind: AngleDrive or PoseDrive. In the following, torques also stand for the wrench.
+/// `Kind` is AngleDrive or PoseDrive. In the comments below, "torques" also means the
+/// wrench of a PoseDrive.
 template <typename Kind>
 class UdpLink : public Kind::Interface {
  public:
@@ -78,22 +82,27 @@ class UdpLink : public Kind::Interface {
   UdpLink& operator=(const UdpLink&) = delete;
 
   /// Establishes a session: hello, welcome and a first state. Blocks for at most connect_timeout_s.
-  /// Errors: device fault (no answer, another key, another host, another program, or a drive of the other kind);
-  /// usage (the drive has another clock).
+  /// Errors: kDeviceFault if the drive does not answer, has another key, is in a session with
+  /// another host or is of the other kind, or if another program answers; kUsage if the drive uses
+  /// another clock; kBug if start() was called before (real clock).
   Result<void> start() override;
-  /// Ends the session at the drive, and any restore() in progress. The counts can still be read.
+  /// Ends the session, also at the drive, and stops a restore() in progress. The counts can
+  /// still be read afterwards.
   void close() override;
 
-  /// Reads the newest state since the last call.
-  ///  - kNoData: there is no new state, but for less than no_state_s; or, after a slow start of the
-  ///    loop, so many states are queued that the socket may have dropped the newest.
-  ///  - kLinkLost: there has been no state for no_state_s; the other end is closed; the drive has
-  ///    received none of the torques of the last no_state_s (or of the last 2.5 periods if that is
-  ///    longer); or the drive's watchdog tripped.
-  ///  - kEmergencyStop, kMotorFault: the drive reports it.
+  /// Reads the newest state that has arrived since the last call.
+  ///  - kNoData: no state has arrived since the last call, but one has arrived within no_state_s.
+  ///    It is also returned if, after a slow start of the loop, so many states are queued that the
+  ///    socket may have dropped the newest.
+  ///  - kLinkLost: no state has arrived for no_state_s (in lock-step: since the last call); the
+  ///    other end is closed; the drive has received none of the torques of the last no_state_s
+  ///    (or of the last 2.5 periods if that is longer); the drive's watchdog tripped; or a
+  ///    restore() is in progress.
+  ///  - kEmergencyStop, kMotorFault: the drive reports this condition.
   DeviceStatus read(Reading& reading) noexcept override;
-  /// Sends torques. kLinkLost: the other end is closed. kNoData: the torques were not sent, because
-  /// one is not finite or too large, or because the socket's buffer is full.
+  /// Sends torques. Returns kLinkLost if the other end is closed or a restore() is in progress.
+  /// Returns kNoData if the torques were not sent, because one of them is not finite or too large,
+  /// or because the socket's buffer is full.
   DeviceStatus write(const Output& torques) noexcept override;
   /// In lock-step, calls wait_for_answer().
   void advance(double /*dt_s*/) noexcept override {
@@ -101,16 +110,19 @@ class UdpLink : public Kind::Interface {
   }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
-  /// Lock-step: waits at most answer_s for the answer to the last write(). Returns false if there
-  /// is no answer. The next read() returns the answer, or kLinkLost. Blocks.
+  /// Lock-step: blocks for at most answer_s until the answer to the last write() arrives. Returns
+  /// false if no answer arrives. The next read() returns the answer, or kLinkLost if there is
+  /// none. If restore() has requested a new session, this function establishes it instead, and
+  /// blocks for at most connect_timeout_s.
   bool wait_for_answer() noexcept;
 
-  /// Requests a new session with the same drive, or with a drive that was started in its place. The
-  /// session continues the simulated world in its present state. With the real clock, attempts are
-  /// repeated until one succeeds, with a pause after each; in lock-step, attempts end after
-  /// connect_timeout_s. Until there is a session, torques are zero, and read() and write() return
-  /// kLinkLost. The request has an effect only if the last read() returned kLinkLost, or
-  /// kMotorFault (which a drive reports until its session ends).
+  /// Requests a new session with the same drive, or with a drive that was started in its place. A
+  /// simulated world continues in its present state. With the real clock, attempts are repeated
+  /// until one succeeds, with a pause after each. In lock-step there is one attempt of at most
+  /// connect_timeout_s; after its failure, further requests have no effect. Until the new session
+  /// begins, torques are zero, and read() and write() return kLinkLost. The request has an effect
+  /// only if the last read() returned kLinkLost or kMotorFault. (A drive reports a motor fault
+  /// until its session ends.)
   void restore() noexcept override;
 
   // The following functions may be called only while no restore() is in progress, or after close().
@@ -129,19 +141,22 @@ class UdpLink : public Kind::Interface {
 
  private:
   Result<void> shake_hands(bool fresh);
-  /// Calls shake_hands() as a part of restore(), and stores the error in restore_error_.
+  /// Calls shake_hands() as a part of restore(). Returns true on success, and otherwise stores
+  /// the error in restore_error_.
   bool shake_hands_again();
   void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;
-  /// Takes the waiting datagrams, at most kMaxDatagrams. Returns false if the other end is closed.
+  /// Receives the waiting datagrams, at most kMaxDatagrams. Returns false if the
+  /// other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const Output& torques) noexcept;
   void note_round_trip() noexcept;
 
-  /// Largest number of datagrams taken in one tick, so that a flood cannot delay it.
+  /// Largest number of datagrams received in one tick, so that a flood of datagrams
+  /// cannot delay the tick.
   static constexpr int kMaxDatagrams = 512;
-  /// If more states than this were queued, the socket may have dropped the newest. A socket's
-  /// buffer holds about 270.
+  /// If at least this many states were queued, the socket may have dropped the newest. A socket's
+  /// buffer holds about 270 states.
   static constexpr int kLongQueue = 128;
   /// Number of commands whose round trip can be measured at the same time.
   static constexpr std::size_t kRoundTrips = 256;
@@ -152,19 +167,19 @@ class UdpLink : public Kind::Interface {
   std::uint64_t session_ = 0, last_command_ = 0, last_state_ = 0;
   typename Kind::State newest_;
   bool fresh_state_ = false;
-  int queued_ = 0;              ///< number of states that the last drain() took
+  int queued_ = 0;              ///< number of states that the last drain() received
   std::int64_t newest_ns_ = 0;  ///< arrival time of newest_
   bool has_written_ = false;    ///< torques were sent in this session
   LinkCounts counts_;
-  LinkRefusal last_refusal_ = LinkRefusal::kNone;  ///< the result for this session's last packet
+  LinkRefusal last_refusal_ = LinkRefusal::kNone;  ///< result of decoding the session's last packet
   std::uint64_t states_missed_ = 0, sessions_ = 0;
   Histogram round_trip_;                             ///< LinkReport::round_trip
-  std::array<std::int64_t, kRoundTrips> sent_ns_{};  ///< time of each of the latest commands
-  std::uint64_t last_acknowledged_ = 0;  ///< the latest command that a state acknowledged
-  bool counts_missed_ = false;           ///< states missed from now on are counted
-  bool answers_come_ = true;             ///< lock-step: the last answer arrived in time
-  bool is_lost_ = false;                 ///< the last read() returned kLinkLost or kMotorFault
-  bool given_up_ = false;                ///< lock-step: restore() failed
+  std::array<std::int64_t, kRoundTrips> sent_ns_{};  ///< sending times of the latest commands
+  std::uint64_t last_acknowledged_ = 0;              ///< number of the latest acknowledged command
+  bool counts_missed_ = false;                       ///< states missed from now on are counted
+  bool answers_come_ = true;                         ///< lock-step: the last answer arrived in time
+  bool is_lost_ = false;   ///< the last read() returned kLinkLost or kMotorFault
+  bool given_up_ = false;  ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
   /// While this is set, the restoring thread owns all other members; otherwise the
   /// haptic thread does.
@@ -177,7 +192,8 @@ class UdpLink : public Kind::Interface {
 extern template class UdpLink<AngleDrive>;
 extern template class UdpLink<PoseDrive>;
 
-/// Opens the socket to a drive. Errors: (device fault) it cannot be opened.
+/// Opens the socket to a drive. Errors: kDeviceFault if the socket cannot be opened; kBug if the
+/// system has no source of randomness.
 Result<UdpSocket> open_link_socket(const UdpDeviceOptions& options);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive behind the device link that states the pose of a handle and takes a wrench, as a PoseDevice. A state with a
-// fault gives kMotorFault, and restore() acts after it as after kLinkLost.
+// A PoseDevice that exchanges data with a drive over the device link (udp_link.h). The
+// drive reports the pose of a handle, and takes a wrench. If a state reports a fault of the
+// drive, read() returns kMotorFault. A call of restore() then requests a new link session,
+// as it does after kLinkLost.
 #pragma once
 
 #include <memory>
@@ -11,8 +13,7 @@ namespace trocar::runtime {
 
 class UdpPoseDevice final : public UdpLink<PoseDrive> {
  public:
-  /// Opens the socket. No packet is sent before start(). Errors: (device fault) the socket
-  /// cannot be opened.
+  /// Opens the socket. No packet is sent before start(). Errors: those of open_link_socket().
   static Result<std::unique_ptr<UdpPoseDevice>> make(const UdpDeviceOptions& options) {
     Result<UdpSocket> socket = open_link_socket(options);
     if (!socket) return socket.error();

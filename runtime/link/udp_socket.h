@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A non-blocking IPv4 datagram socket and its addresses. Once the socket is made, only wait()
-// blocks. No call allocates or throws: each is one system call.
+// A non-blocking IPv4 datagram socket and its addresses. Once the socket exists, only its function
+// wait() blocks, and no function of the socket allocates or throws: each makes one system call.
 #pragma once
 
 #include <cstddef>
@@ -21,16 +21,18 @@ struct Endpoint {
 };
 std::string to_string(const Endpoint& endpoint);
 
-/// Parses HOST:PORT. HOST is a dotted address or a name, which is looked up (IPv4). Usage errors
-/// quote `text`. If `lowest_port` is 0, port 0 is allowed, for which the system chooses a port
-/// to listen on.
+/// Parses HOST:PORT. HOST is a dotted IPv4 address, or a name whose IPv4 address is looked up.
+/// Errors: kUsage if `text` has another form, the name is unknown, or the port is below
+/// `lowest_port`; the message quotes `text`. Port 0, which is allowed if `lowest_port` is 0, lets
+/// the system choose a port to listen on.
 Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port);
 
 class UdpSocket {
  public:
-  /// Opens a socket bound to `local`. Errors: (unwritable) the address is not available.
+  /// Opens a socket bound to `local`. Errors: kUnwritable if the address is not available.
   static Result<UdpSocket> listen(const Endpoint& local);
-  /// Opens a socket that sends to `peer` and receives from `peer` only.
+  /// Opens a socket that sends to `peer` and receives from `peer` only. Errors: kDeviceFault if the
+  /// system refuses the socket.
   static Result<UdpSocket> connect(const Endpoint& peer);
   UdpSocket(UdpSocket&& other) noexcept;
   UdpSocket& operator=(UdpSocket&&) = delete;
@@ -41,10 +43,10 @@ class UdpSocket {
     kNothing,  ///< no datagram is waiting, or the send buffer is full
     kGone,     ///< the other end is closed, or the socket failed
   };
-  /// Receives one datagram into `buffer`. `bytes` receives its full length even if the
-  /// buffer is shorter.
+  /// Receives one datagram into `buffer`. Sets `bytes` to the datagram's full length, even if the
+  /// buffer is shorter, and `from` to the datagram's sender.
   Outcome receive(std::span<std::uint8_t> buffer, std::size_t& bytes, Endpoint& from) noexcept;
-  /// Sends to the peer of connect().
+  /// Sends a datagram to the peer of connect().
   Outcome send(std::span<const std::uint8_t> datagram) noexcept;
   Outcome send_to(std::span<const std::uint8_t> datagram, const Endpoint& to) noexcept;
   /// Waits at most `seconds` for a datagram. Returns false if none has arrived.

@@ -4,10 +4,12 @@
 //
 // Contract, in addition to those of hand_device.h and mechanism_limits.h:
 //  1. Every torque written is finite and within what its motor's thermal state allows.
-//  2. The pose is fitted to the upper chains. The joints of the lower chains, with theta4, follow from it, so
-//     comparing theta4 with the measured theta4 is a further check.
-//  3. Compensation torques cancel the device's own friction and weight. They rise from zero after stop(), count
-//     as torques of the motors, and do not count as a wrench on the hand.
+//  2. The pose is fitted to the upper chain of each leg (theta1, theta2, theta3). The angles of the
+//     lower chains, which include theta4, follow from the pose. A further check compares theta4 of
+//     the fitted pose with the measured theta4.
+//  3. Compensation torques cancel the device's own friction and weight. They rise from zero after
+//     stop(). The motors' limits apply to the sum of compensation and rendered torques, but
+//     delivered() contains only the wrench of the rendered torques.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_motors_test.cpp
 #pragma once
 

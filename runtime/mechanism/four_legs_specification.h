@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts about the four-legged device that the force laws and the checks of a scene use, from its description.
+// The facts about the four-legged device that the force laws and the checks of a scene use. They
+// are computed from the device's description.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp
 #pragma once
 
@@ -11,7 +12,7 @@ namespace trocar::runtime {
 
 class FourLegsSpecification final : public DeviceSpecification {
  public:
-  /// `limits`: those of the device's own checks. Every program uses the defaults.
+  /// `limits`: the limits that the device's own checks use. Every program uses the defaults.
   explicit FourLegsSpecification(const DeviceDescription& description,
                                  const MechanismLimits& limits = {})
       : description_(description), limits_(limits) {}
@@ -37,7 +38,8 @@ class FourLegsSpecification final : public DeviceSpecification {
                               const Wrench& wrench_device) const override;
   DeviceMargins margins(const Pose& T_device_plate) const noexcept override;
   std::string describe_margins(const DeviceMargins& smallest) const override;
-  /// The faults are kJointLimit, kSingularity and kPoseResidual (out of reach).
+  /// `fault` is kJointLimit, kSingularity or kPoseResidual. The last one means that the pose is
+  /// out of reach.
   std::string describe_fault(Fault fault, const Pose& T_device_plate) const override;
   std::optional<Pose> pose_of(const RecordingRow& row) const override;
 

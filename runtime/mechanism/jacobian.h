@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// First-order kinematics (paper, section III.C): motor rates = G twist, and by duality
-// wrench = G^T motor torques (Eq. 17). The twist [v; omega] and the wrench [f; n] are those of the
-// plate's origin, in {B}. The haptic thread calls these functions: no allocation, no exception.
-// tests/runtime/mechanism/jacobian_test.cpp compares it with central differences and with the
-// paper's influence coefficients (tests/reference/mechanism/influence_jacobian.h).
+// First-order kinematics (paper, section III.C). With the Jacobian G, motor rates = G twist, and by
+// duality wrench = G^T motor torques (Eq. 17). The twist [v; omega] and the wrench [f; n] are those
+// of the plate's origin, in {B}. The haptic thread calls these functions: no allocation, no
+// exception. tests/runtime/mechanism/jacobian_test.cpp compares the Jacobian
+// with central differences and with the paper's influence coefficients
+// (tests/reference/mechanism/influence_jacobian.h).
 #pragma once
 
 #include <Eigen/Core>
@@ -18,12 +19,13 @@ namespace trocar::runtime {
 using Jacobian = Eigen::Matrix<double, kMotors, 6>;
 
 struct JacobianResult {
-  KinematicsStatus status;  ///< kSingular names the leg and motor joint that is stretched or folded
+  KinematicsStatus status;  ///< if kSingular: leg and motor joint of the stretched or folded chain
   Jacobian G = Jacobian::Zero();  ///< valid only if status is kOk
 };
 
-/// Computes the Jacobian by differentiating |C - E| = l2 and |D - F| = l4 (README.md). `joints`
-/// must be the joint angles of the pose (inverse_kinematics()). About 200 multiplications.
+/// Computes the Jacobian by differentiating |C - E| = l2 and |D - F| = l4 (README.md).
+/// Precondition: `joints` are the joint angles of the pose (inverse_kinematics()).
+/// About 200 multiplications.
 JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                         const JointAngles& joints) noexcept;
 
@@ -31,9 +33,9 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
 /// the plate's radius.
 inline constexpr double kCharacteristicLength_m = 0.05;
 
-/// Smallest and largest singular value of G, with its columns of omega divided by a characteristic
-/// length. The errors are about 1e-13 of the largest value. Both are 0 if G is not finite.
-/// singularity.h has further measures.
+/// Smallest and largest singular value of G, after the columns of G that belong to omega are
+/// divided by a characteristic length. The errors are about 1e-13 of the largest value. Both values
+/// are 0 if G is not finite. singularity.h has further measures.
 struct SingularRange {
   double smallest = 0, largest = 0;
 };

@@ -68,27 +68,29 @@ struct InverseResult {
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
-/// The assembly of a leg: the sign of acos in th1 and in th4 (DeviceGeometry).
+/// The assembly branch of a leg, one of several shapes of the leg with the same plate pose. It is
+/// given by the signs of acos in th1 and in th4 (DeviceGeometry).
 struct LegBranch {
   int theta1 = 1, theta4 = 1;
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
 };
 
-/// Finds the first of th1..th4 that is outside its limits or not finite.
+/// Finds the first of the angles th1..th4 that is outside its limits or not finite. Returns
+/// kBeyondLimit with the leg and joint of this angle, or kOk if there is none.
 KinematicsStatus check_joint_limits(const DeviceDescription& device,
                                     const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct ForwardResult {
   KinematicsStatus status;
   Pose T_device_plate;    ///< valid only if status is kOk
-  double residual_m = 0;  ///< measures how well the encoders agree; see the functions
+  double residual_m = 0;  ///< disagreement of the encoders; see the functions
   int iterations = 0;
 };
 
-/// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). The angles determine the
-/// ball joints C_m. The pose is the least-squares rigid fit to these points (Kabsch), which has a
-/// closed form because the C_m form a square on the plate. residual_m is the root mean square
-/// distance between measured and fitted C_m. It is zero if the encoders agree.
+/// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). These angles determine
+/// the positions of the ball joints C_m. The pose is the least-squares rigid fit to these points
+/// (Kabsch), which has a closed form because the C_m form a square on the plate. residual_m is the
+/// root mean square distance between measured and fitted C_m. It is zero if the encoders agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 

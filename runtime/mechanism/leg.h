@@ -3,7 +3,7 @@
 // up, and the origin is that of {B}. README.md defines the points A, B, C, D, E and F. Only
 // kinematics and simulation use this header. The haptic thread calls its functions: no allocation,
 // no exception. The device's legs are at kAzimuth. The functions take any azimuth, so that tests
-// can compare other numbers of legs (tests/reference/mechanism/leg_ring.h).
+// can also compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
 // Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
@@ -17,8 +17,8 @@
 
 namespace trocar::runtime::leg {
 
-/// If the distance between the ends of a chain is less than this, its direction is undefined
-/// (kSingular).
+/// If the distance between the ends of a chain is less than this, the chain's direction
+/// is undefined (kSingular).
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {
@@ -103,9 +103,9 @@ struct LegStatus {
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// Finds on which branch each chain is assembled, from the positions of its links. inverse() with
-/// this branch returns these th1 and th4. The branch is 0 if the chain is stretched or folded, so
-/// that both branches coincide.
+/// Finds the branch on which each of the two chains is assembled, so that inverse() with the result
+/// returns these th1 and th4. The branch of a chain is 0 if the chain is stretched or folded,
+/// because its two branches then coincide.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 

@@ -4,22 +4,25 @@
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):
-//  1. A check returns kNone within its limit, and its own fault beyond it, with the quantity, its value and the
-//     limit. A value that is not finite is beyond every limit. A limit of nan always trips, and so does a
-//     negative limit of a quantity that cannot be negative.
+//  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the
+//     quantity, the quantity's value and the limit. A value that is not finite is beyond every
+//     limit. A limit of nan always trips, and so does a negative limit of a quantity that
+//     cannot be negative.
 //  2. The thermal state of a motor is the i2t model of motor.h. It determines the torque available from the
 //     motor. As the motor warms up, this torque falls smoothly from the peak to the continuous torque. The wrench
 //     is scaled down along its own direction, and no motor exceeds its thermal limit. This is not a fault,
 //     because a force that falls slowly is less surprising than one that vanishes. The fault kMotorOverload is
-//     raised if a thermal limit was exceeded (because torques other than those of item 4 were written). It is
-//     also raised if derated motors have rendered less than `overload_scale_min` of the wanted wrench in every
-//     tick of `overload_time_max_s`.
+//     raised if a thermal limit was exceeded (because torques other than those of item 4
+//     were written). It is also raised if, during `overload_time_max_s`, in every tick a
+//     motor was too warm for its peak torque and less than `overload_scale_min` of the
+//     wanted wrench was rendered.
 //  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step from the last
-//     torques is shortened by one factor, so that the change of the wrench keeps its direction. A torque rises by
-//     the growth of its magnitude; if it reverses, by its new magnitude. A fall towards zero, as at a puncture,
-//     is not limited. Exception: if the largest torque of all motors grows, every change counts as a rise.
-//  4. The torques that limit_torques() returns are within every motor's limit. If item 3 leaves more than a
-//     motor's limit, all torques are scaled down by one factor.
+//     torques is shortened by one factor, so that the change of the wrench keeps its direction. The
+//     rise of a torque is the growth of its magnitude or, if the torque changes its sign, its new
+//     magnitude. A fall towards zero, as at a puncture, is not limited. Exception: if the largest
+//     magnitude of all motors' torques grows, every change of a torque counts as a rise.
+//  4. The torques that limit_torques() returns are within every motor's limit. If a torque still
+//     exceeds its motor's limit after item 3, all torques are scaled down by one factor.
 #pragma once
 
 #include "formats/session/fault_words.h"
@@ -41,8 +44,8 @@ struct MechanismLimits {
   double branch_distance_min_m = 0.5e-3;
   double torque_max_Nm = 0;  ///< torque of each motor; 0: the torque that its thermal state allows
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
-  /// Longest time for which item 3 may shorten steps. A tick whose step is at most half the limit
-  /// resets the time.
+  /// Longest time for which item 3 may shorten steps. A tick in which no torque changes by more
+  /// than half of the rate limit resets this time to zero.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< factor of item 2
   double overload_time_max_s = 1;   ///< time of item 2
@@ -55,7 +58,7 @@ struct MotorState {
   double overload_s = 0;  ///< time for which too little of the wanted wrench was rendered (item 2)
 };
 
-/// Returns kSingularity or none.
+/// Returns kSingularity if the pose is too close to a singularity, or none.
 FaultDetail check_singularity(const MechanismLimits& limits,
                               const Singularity& singularity) noexcept;
 
@@ -73,12 +76,15 @@ FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
 FaultDetail check_overload(const MechanismLimits& limits, const MotorModel& motor, double scale,
                            double dt_s, MotorState& state) noexcept;
 
-/// Applies item 3. Returns the torques, and sets `shortened` if they differ from `wanted`.
+/// Applies item 3. Returns the torques. Sets `shortened` to true if they differ from `wanted`, and
+/// otherwise to false.
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
                        bool& shortened) noexcept;
 
-/// Applies items 3 and 4: changes `wanted_Nm` to the torques that may be written. Returns kTorqueLimit,
-/// kTorqueRate, kTorqueNotFinite or none. `limit_Nm` must be positive, for example from available_torque().
+/// Applies items 3 and 4: changes `wanted_Nm` to the torques that may be written. Returns
+/// kTorqueLimit if a wanted torque exceeds its limit, kTorqueRate if item 3 has shortened steps for
+/// too long, kTorqueNotFinite, or none. Precondition: all values of `limit_Nm` are positive, for
+/// example those of available_torque().
 FaultDetail limit_torques(const MechanismLimits& limits, const MotorVector& limit_Nm,
                           const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
                           MotorState& state) noexcept;

@@ -3,7 +3,7 @@
 // continuous current with an i2t thermal limit; torques that compensate friction and weight. The
 // haptic thread calls these functions: no allocation, no exception.
 //
-// The laws hold for a current that never exceeds available_current()
+// The following laws hold if a current never exceeds available_current()
 // (tests/runtime/mechanism/motor_test.cpp):
 //  1. Over any interval of length T the integral of I^2 is at most continuous^2 T + capacity, where
 //     the i2t capacity is (peak^2 - continuous^2) peak_time. A motor that starts cold can draw the
@@ -18,8 +18,8 @@
 
 namespace trocar::runtime {
 
-/// While the last kFoldBack of the i2t capacity is used up, the available current falls from peak
-/// to continuous. A tick must be shorter than this fraction of peak_time.
+/// While the last fraction kFoldBack of the i2t capacity is used up, the available current falls
+/// from peak to continuous. A tick must be shorter than this fraction of peak_time.
 inline constexpr double kFoldBack = 0.25;
 
 /// Constants of the motors, in the order of MotorVector.
@@ -62,7 +62,7 @@ MotorVector available_current(const MotorModel& model, const MotorLoad& load) no
 /// cold motor it is exactly peak_Nm.
 MotorVector available_torque(const MotorModel& model, const MotorLoad& load) noexcept;
 
-/// Returns the torques that compensate friction and weight. They are added to the rendered
+/// Returns the torques that compensate friction and weight. The caller adds them to the rendered
 /// torques. Weight is not compensated if G lacks full rank; friction is not compensated if a rate
 /// is not finite.
 MotorVector compensation_torques(const DeviceDescription& device, const MotorModel& model,

@@ -16,28 +16,28 @@ namespace trocar::runtime {
 struct BranchDistance {
   /// theta1_m is the distance of the ball joint C to the nearest point at which th1's branches
   /// coincide, and theta4_m the distance of D to the nearest point at which th4's branches
-  /// coincide. While the point moves by less than that, in any direction, the branch cannot change.
-  /// A negative distance means that the point is outside the workspace.
+  /// coincide. While C or D moves by less than its distance, in any direction, its branch cannot
+  /// change. A negative distance means that the point is outside the workspace.
   double theta1_m = 0, theta4_m = 0;
 };
 
 struct Singularity {
-  /// Smallest motor rate in rad/s of any plate motion of 1 m/s, where a radian counts as the
-  /// characteristic length. By duality it is also the force in N that a torque vector of length 1
-  /// N*m can resist in the weakest direction. It is 0 at a loss of stiffness and if G is not
-  /// finite. Its error is about 1e-13 of the largest singular value.
+  /// Smallest norm of the motor rates, in rad/s, over all plate motions of 1 m/s. For a rotation, a
+  /// radian counts as the characteristic length. By duality this value is also the force in N that
+  /// a torque vector of length 1 N*m can resist in the weakest direction. The value is 0 at a loss
+  /// of stiffness and if G is not finite. Its error is about 1e-13 of the largest singular value.
   double smallest_singular_value_per_m = 0;
   /// Smallest singular value divided by the largest one: at most 1; 0 at a singularity and if G
   /// is not finite.
   double inverse_condition = 0;
   std::array<BranchDistance, kLegs> branch;
-  double nearest_branch_m = 0;    ///< the smallest of these distances
+  double nearest_branch_m = 0;    ///< the smallest distance in `branch`
   std::int8_t nearest_leg = 0;    ///< 1..4
   std::int8_t nearest_joint = 0;  ///< 1 or 4
 };
 
-/// Computes all measures at a pose. `joints` and `G` must be those of the pose (inverse_kinematics,
-/// jacobian).
+/// Computes all measures at a pose. Precondition: `joints` and `G` are those of the
+/// pose (inverse_kinematics, jacobian).
 Singularity measure_singularity(const DeviceDescription& device, const Pose& T_device_plate,
                                 const JointAngles& joints, const Jacobian& G,
                                 double characteristic_length_m = kCharacteristicLength_m) noexcept;

@@ -13,8 +13,8 @@
 //     do, scale is the largest factor for which some torques within the working limits produce
 //     scale * wanted.
 //  5. Among the torques that produce scale * wanted, tau minimises |tau|^2 + sum_i stiffness_i
-//     max(0, |tau_i| - working_i)^2, where working_i is a working limit and stiffness_i = (|limit|
-//     / (kTorqueReserve limit_i))^2.
+//     max(0, |tau_i| - working_i)^2, where working_i is the working limit of motor i and
+//     stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
 //  6. Along any path of wrench and pose, tau changes no faster than K (|dc| + |limit| |dP|), at any
 //     pose, with K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
 //     pose is constant, tau changes no faster than sqrt(1 + max stiffness / 4) |dc|; for eight
@@ -59,7 +59,7 @@ struct AllocationResult {
 };
 
 /// Allocates the torques. `wrench_device` is the wanted wrench [f; n] on the plate, about its
-/// origin, in {B}. `G` is the Jacobian at the current pose. Each motor has one positive limit.
+/// origin, in {B}. `G` is the Jacobian at the current pose. Each motor has its own positive limit.
 AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
                                   const MotorVector& limit_Nm) noexcept;
 

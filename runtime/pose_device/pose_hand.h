@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes a HandDevice of a device that measures its own pose (PoseDevice): checks the readings, and limits the commands.
+// Turns a device that measures its own pose (PoseDevice) into a HandDevice, the interface that the
+// haptic loop uses. This class checks the readings and limits the commands.
 //
 // Contract, in addition to that of hand_device.h:
-//  1. A reading is a fault if it contains a number that is not finite, a quaternion whose length is not 1, or a step that
-//     no hand can make. Its pose is then not used.
-//  2. Every command is finite. Its force and moment are at most those of the description, and have the wanted direction. A
-//     device that renders no moment is never commanded one, and delivered() then contains none.
+//  1. A reading raises a fault if it contains a number that is not finite or a quaternion whose
+//     length is not 1, or if it differs from the last reading by more than a hand can move. The
+//     pose of such a reading is not used.
+//  2. Every command is finite. The force and the moment of a command are at most the largest ones
+//     of the description. If necessary, the whole wanted wrench is scaled down, so that it keeps
+//     its direction. A device that renders no moment is never commanded a moment, and delivered()
+//     then contains no moment.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -16,7 +20,8 @@
 
 namespace trocar::runtime {
 
-/// A faster motion between two readings is an error of the device, because no hand moves that fast.
+/// Largest speed and rotation rate of a hand. If two readings show a faster motion, the
+/// device is faulty.
 inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
 
 class PoseHand final : public HandDevice {

@@ -11,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// The largest factor, at most 1, with which a device of this description can render a wrench. A
-/// moment is taken into account only if the device renders moments.
+/// Returns the largest factor, at most 1, such that a device of this description can render the
+/// factor times the wrench. A moment is taken into account only if the device renders moments.
 double renderable_share(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
 class PoseSpecification final : public DeviceSpecification {
@@ -33,7 +33,8 @@ class PoseSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.stiffness_max_N_per_m;
   }
-  /// The resolution is 1, because PoseHand states readings in counts of the device's resolution; 0: readings are exact.
+  /// Returns 1, because PoseHand gives measured values in multiples of the device's resolution.
+  /// Returns 0 if the readings are exact.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_share(const Pose& T_device_plate, const Wrench& wrench_device) const override;

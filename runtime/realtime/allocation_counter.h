@@ -4,8 +4,8 @@
 // inside a NoAllocationScope.
 //
 // Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
-// allocations. The shipped programs and sanitizer builds do not; in these a scope costs
-// one thread-local store.
+// allocations. The shipped programs and sanitizer builds do not count them. There the beginning and
+// the end of a scope cost one thread-local store each.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 

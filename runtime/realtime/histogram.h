@@ -37,8 +37,9 @@ class Histogram {
     return max_us();
   }
 
-  /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in ascending
-  /// order: `count` samples were at most upper_us and above the previous quarter.
+  /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in
+  /// ascending order. `count` is the number of samples in this quarter, and upper_us is the
+  /// quarter's upper end.
   template <typename Found>
   void each_quarter_octave(Found&& found) const {
     constexpr std::size_t kPerQuarter = (std::size_t{1} << kBits) / 4;

@@ -23,8 +23,10 @@ class LateTicks {
  public:
   using Counts = std::array<std::uint64_t, kTickParts>;
 
-  /// Call this when a tick begins. Deadlines that passed while the thread slept count as late waking. Those that
-  /// passed before count for the longest part of the previous tick.
+  /// Call this when a tick begins. A deadline that passed between the requested and the actual
+  /// wake-up of the thread counts as late waking. All other deadlines that were missed since the
+  /// last call passed during the previous tick. They count for that part of the previous tick which
+  /// took the longest time.
   void begin(const TickTiming& timing, double period_ns) noexcept {
     const std::uint64_t missed = timing.missed_deadlines - missed_;
     missed_ = timing.missed_deadlines;
@@ -40,7 +42,9 @@ class LateTicks {
   void spend(TickPart part, std::int64_t duration_ns) noexcept {
     spent_ns_[static_cast<std::size_t>(part)] += duration_ns;
   }
-  /// Number of missed deadlines for each part. Their sum is the number of missed deadlines before this tick.
+  /// Number of missed deadlines for each part. The sum of these numbers is
+  /// TickTiming::missed_deadlines of the last begin(), which includes the deadlines missed by the
+  /// late waking of that tick.
   const Counts& counts() const noexcept { return counts_; }
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A background thread that calls a function at a fixed interval. Worker threads poll, because the
-// haptic thread would need a system call to wake them.
+// A background thread that calls a function again and again, and sleeps for a fixed interval after
+// each call. Worker threads poll, because the haptic thread would need a system call to wake them.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -29,8 +29,8 @@ class PollingThread {
       }
     });
   }
-  /// Ends the thread and waits for it; does nothing if it was not started. The caller must handle
-  /// what arrived after the last call of `serve`.
+  /// Ends the thread and waits for it; does nothing if it was not started. Work that arrived after
+  /// the last call of `serve` is left to the caller.
   void stop() {
     if (!thread_.joinable()) return;
     stopping_.store(true, std::memory_order_release);

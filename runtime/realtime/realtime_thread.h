@@ -16,9 +16,10 @@ namespace trocar::runtime {
 
 struct RealtimeOptions {
   double rate_Hz = 1000;
-  int priority = 80;                        ///< priority of SCHED_FIFO, 1 to 99
-  int cpu = -1;                             ///< processor to use, see keep_off(); -1: any
-  const std::atomic<bool>* stop = nullptr;  ///< ends the thread before its next call
+  int priority = 80;  ///< priority of SCHED_FIFO, 1 to 99
+  int cpu = -1;       ///< processor to use, see keep_off(); -1: any
+  /// If set to true, the thread ends before its next call.
+  const std::atomic<bool>* stop = nullptr;
 };
 
 struct RealtimeReport {
@@ -32,8 +33,8 @@ struct RealtimeReport {
   int timer_slack_ns = -1;
   std::string note;  ///< requests that were not granted, with the reasons; empty if all were
   /// Number of times at which a call should have started, but another call still ran or the thread
-  /// had not woken up. So a call that takes three periods misses three deadlines. Missed calls are
-  /// skipped; there is no burst of calls to catch up.
+  /// had not woken up. For example, a call that takes between three and four periods misses three
+  /// deadlines. Missed calls are skipped: the thread does not catch up by a burst of calls.
   std::uint64_t missed_deadlines = 0;
   int missed_in_row_max = 0;      ///< largest TickTiming::missed_in_row; <= missed_deadlines
   std::uint64_t page_faults = 0;  ///< page faults of the thread, from the first call to the last
@@ -43,8 +44,9 @@ struct RealtimeReport {
 /// Timing of one call.
 struct TickTiming {
   double gap_s = 0;  ///< time since the previous call started; 0 in the first call
-  /// Number of deadlines missed directly before this call. Three are missed if the previous call
-  /// took three periods, or if the thread woke up three periods late.
+  /// Number of deadlines missed directly before this call. Three deadlines are missed if
+  /// the previous call took between three and four periods, or if the thread woke up
+  /// three periods late.
   int missed_in_row = 0;
   std::uint64_t missed_deadlines = 0;  ///< all deadlines missed so far
   std::int64_t late_ns = 0;            ///< wake-up time minus the requested time
@@ -57,12 +59,13 @@ RealtimeReport run_realtime(const RealtimeOptions& options,
                             const std::function<bool(const TickTiming&)>& tick,
                             const std::function<void()>& at_end = {});
 
-/// Requests the priority of SCHED_FIFO, 1 to 99, and exact timers for the calling thread. It goes on without what is not granted.
+/// Requests realtime priority (SCHED_FIFO with `priority`, 1 to 99) and exact timers for the
+/// calling thread. If the system does not grant a request, the function ignores this.
 void request_priority(int priority) noexcept;
 
-/// Excludes the calling thread, and all threads that it starts from then on, from a
-/// processor, unless it may use no other one. Does nothing if `cpu` is -1. This is needed
-/// because, on a kernel that does not preempt itself, their system calls would delay a
+/// Keeps the calling thread, and all threads that it starts from then on, off a processor. Does
+/// nothing if `cpu` is -1, or if the calling thread may use no other processor. This is needed
+/// because, on a kernel that does not preempt itself, system calls of these threads would delay a
 /// realtime thread on that processor.
 void keep_off(int cpu);
 

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // A ring buffer with the latest values of one writing thread. The writer never waits; it overwrites
-// the oldest value. One reading thread copies values out, and detects if the writer overwrote them
-// meanwhile. (This is a sequence lock, after H.-J. Boehm, "Can seqlocks get along with programming
-// language memory models?", 2012.)
+// the oldest value. One reading thread copies values out, and detects whether the writer has
+// overwritten them during the copying. (This is a sequence lock, after H.-J. Boehm, "Can seqlocks
+// get along with programming language memory models?", 2012.)
 // Tests: tests/runtime/realtime/handover_test.cpp
 //
-// Values are stored as atomic words, so that it is no data race to read a value while it is
-// overwritten. On x86 atomic words cost as much as plain words. A word is stored with release and
-// loaded with acquire. So a reader that has seen a word of value number c afterwards reads a count
-// of at least c.
+// Values are stored as atomic 64-bit words. Therefore it is no data race if the reader reads a
+// value while the writer overwrites it. On x86 atomic words cost as much as plain words. Words are
+// stored with memory order release and loaded with memory order acquire. Therefore, if the reader
+// has loaded a word of value number c (counted from 0), its next load of the count of pushed values
+// gives at least c.
 #pragma once
 
 #include <array>
@@ -39,12 +40,13 @@ class RingBuffer {
       to[w].store(words[w], std::memory_order_release);
     count_.store(++pushed_, std::memory_order_release);
   }
-  /// The writer calls this. Returns the number of values pushed.
+  /// The writer calls this. Returns the number of values that have been pushed.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
-  /// The reader calls this. Appends the values number first, ..., end - 1, counted from the first
-  /// push, to `out`. All of them must have been pushed. If one has been overwritten, returns false
-  /// and appends nothing.
+  /// The reader calls this. Appends copies of the values number `first` to end - 1 to `out`;
+  /// the first value that was pushed is number 0. Precondition: all these values have been
+  /// pushed. If the writer has overwritten one of them, or may be overwriting one now, returns
+  /// false and appends nothing.
   bool copy(std::uint64_t first, std::uint64_t end, std::vector<T>& out) const {
     const auto overwritten = [&] {
       // The writer may be writing value number `count` now.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Passes the latest value from one writing to one reading thread. Neither waits. The reader
+// Passes the latest value from one writing to one reading thread. Neither thread waits. The reader
 // receives only complete values, and never an older value after a newer one.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once

@@ -1,20 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drive's side of the device link: the simulated device, together with session, watchdog
-// and supervision. It can inject faults. It uses no socket: datagrams are received and
-// returned as bytes.
+// The drive's side of the device link (udp_link.h is the host's side), with the simulated device
+// behind it. The drive keeps the link session with a host, has a watchdog, supervises the motors,
+// and can inject faults. It uses no socket: the caller passes received datagrams to the drive, and
+// sends the datagrams that the drive returns.
 //
 // Contract (tests/runtime/simulation/drive_test.cpp):
 //  1. Torques are nonzero only while three conditions hold: the newest accepted command has the
-//     mode torque, it is not older than the watchdog's time (real clock), and no emergency stop is
-//     pressed. After the watchdog or the stop has set the torques to zero, they stay zero until the
-//     host acknowledges this. The host acknowledges by sending a command of zero torques after it
-//     has received a state that reports the zeroing. Commands sent earlier have no effect, and
-//     neither have nonzero torques of a host that ramps down.
-//  2. A refused datagram only changes a count. There is one exception: a hello is answered with a
-//     denial if it is refused because of its key, because it is for drives that state poses, or
-//     because a session is alive. Denials are sent at most once in kDenialPeriod_s, and for the
-//     same nonce once in kRepeatedDenial_s.
-//  3. While a session is alive, no other session begins.
+//     mode torque; with the real clock, this command is not older than the watchdog's time; and no
+//     emergency stop is pressed. After the watchdog or the stop has set the torques to zero,
+//     torques stay zero until the host acknowledges this. The host acknowledges by a command of
+//     zero torques that it sends after it has received a state that reports the zero torques. Until
+//     then commands have no effect, for example nonzero torques of a host that ramps down.
+//  2. A refused datagram only changes a count. There is one exception: a hello, which requests a
+//     session, is answered with a denial if it has another key, is for drives that report poses, or
+//     arrives while a session is alive. At most one denial is sent in kDenialPeriod_s, and if the
+//     hello has the same nonce as the last denied one, at most one in kRepeatedDenial_s.
+//  3. While a session is alive, no other session begins. A session is alive as long as its last
+//     command is not older than the watchdog's time (real clock) or session_s (lock-step).
 //  4. In lock-step each torque command advances time by one period of the host. Nothing
 //     else advances time.
 #pragma once
@@ -38,8 +40,8 @@ struct DriveOptions {
   /// Time without a command after which torques are set to zero. If 2.5 periods of the host are
   /// longer, that time is used instead.
   double watchdog_s = 0.01;
-  /// Time without a command after which a session is over, and its host receives no more states. In
-  /// lock-step, this is the time after which another host may begin a session.
+  /// Time without a command. With the real clock, the session is over after this time, and its host
+  /// receives no more states. In lock-step, another host may begin a session after this time.
   double session_s = 1;
   FaultPlan faults;
   std::size_t record_steps = 0;  ///< capacity of DriveReport::steps
@@ -59,7 +61,7 @@ struct DriveStep {
   TrueTip tip;                        ///< tip at the end of the step
 };
 
-/// A peak of the force on the hand: the force afterwards fell to less than half of it.
+/// A peak of the force on the hand. After a peak, the force fell to less than half of the peak.
 struct ForcePeak {
   double t_s = 0;
   double force_N = 0;
@@ -69,9 +71,10 @@ struct ForcePeak {
 struct DriveReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
-  std::uint64_t commands_missed = 0;  ///< commands never accepted: lost or overtaken
+  std::uint64_t commands_missed = 0;  ///< commands that were lost or overtaken by a newer one
   std::uint64_t watchdog_trips = 0;   ///< watchdog trips with nonzero torques
-  std::uint64_t stale_commands = 0;   ///< refused until the acknowledgement of contract 1
+  /// Commands without effect until the acknowledgement of item 1.
+  std::uint64_t stale_commands = 0;
   std::uint64_t emergency_stops = 0;
   double largest_torque_Nm = 0;     ///< largest applied torque
   double largest_hand_force_N = 0;  ///< norm of the hand's force on the tool's tip
@@ -91,9 +94,10 @@ class Drive {
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
 
-  /// Processes one datagram. `answer` is to be sent to its sender. Returns kNone if the datagram
-  /// was accepted. Sets `from_host` if the datagram was a command of the session. States are then
-  /// sent to the sender of that command.
+  /// Processes one datagram. The caller must send `answer` to the datagram's sender. Returns kNone
+  /// if the datagram was accepted, and otherwise the reason for its refusal. Sets `from_host` to
+  /// true if the datagram was a command of the session. From then on the caller must send states to
+  /// the sender of this command.
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
@@ -120,9 +124,9 @@ class Drive {
     std::uint64_t number = 0;
     double period_s = 0;    ///< period of the host
     double watchdog_s = 0;  ///< watchdog time for this period
-    bool fresh = false;     ///< resets the simulated world
+    bool fresh = false;     ///< the session resets the simulated world when it begins
     std::uint64_t last_command = 0, last_state = 0;
-    /// Sequence number of the first state that reports zeroed torques (contract 1); 0:
+    /// Sequence number of the first state that reports zero torques (item 1); 0: there is
     /// nothing to acknowledge.
     std::uint64_t reported_from = 0;
     std::int64_t last_command_ns = 0;
@@ -153,7 +157,7 @@ class Drive {
   std::array<std::optional<LinkSession>, kOffers> offers_;
   std::size_t next_offer_ = 0;
   std::optional<std::int64_t> denied_ns_;  ///< time of the last denial
-  LinkNonce denied_nonce_{};               ///< nonce of the host that received it
+  LinkNonce denied_nonce_{};               ///< nonce of the host that received the last denial
   DeviceCommand command_;
   std::array<double, kMotors> not_following_s_{};
   std::array<std::optional<double>, kEncoders> stuck_at_rad_;

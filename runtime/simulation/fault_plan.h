@@ -3,14 +3,16 @@
 // Random choices are seeded, so the same plan, seed and packets give the same faults.
 // Tests: tests/runtime/simulation/drive_test.cpp
 //
-// A plan is a text of items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]]. Times are
-// in s of the session; P is a probability per packet.
-//   loss:P  delay:P:MS  duplicate:P  reorder:P  flip:P      packets, either way; with "command-" or
-//                                                            "state-" before the kind, only these
-//   stuck:ENCODER  jump:ENCODER:RAD                          encoders 0 to 15
-//   dead:MOTOR                                               motors 0 to 7
-//   stop                                                     the emergency stop is pressed
-//   kill                                                     the process is killed
+// A plan is a text of items separated by commas. Each item has the form
+// KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO are times of the session in s. P is a probability
+// per packet, MS a delay in ms, and RAD an error of the angle in rad.
+//   loss:P  delay:P:MS  duplicate:P  reorder:P  flip:P    faults of packets
+//   stuck:ENCODER  jump:ENCODER:RAD                        faults of an encoder, 0 to 15
+//   dead:MOTOR                                             fault of a motor, 0 to 7
+//   stop                                                   the emergency stop is pressed
+//   kill                                                   the process is killed
+// Faults of packets concern commands and states. With "command-" or "state-" before the kind they
+// concern only commands or only states.
 // Example: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
 #pragma once
 
@@ -49,12 +51,13 @@ struct PlannedFault {
   double delay_s = 0;
   int channel = 0;  ///< encoder or motor
   double jump_rad = 0;
-  double from_s = 0, to_s = std::numeric_limits<double>::infinity();  ///< [from, to)
+  double from_s = 0, to_s = std::numeric_limits<double>::infinity();  ///< active in [from_s, to_s)
   bool is_on(double t_s) const noexcept { return t_s >= from_s && t_s < to_s; }
 };
 using FaultPlan = std::vector<PlannedFault>;
 
-/// Parses a plan. Usage errors quote the item. If the text is empty, the plan is empty.
+/// Parses a plan. An empty text gives an empty plan. Errors: kUsage; the message quotes the item
+/// that is wrong.
 Result<FaultPlan> parse_fault_plan(std::string_view text);
 
 /// One direction of a link with faults. The link holds back at most kHeld packets. Further packets
@@ -71,9 +74,9 @@ class FaultyLink {
 
   FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
-  /// Passes `datagram` to the callback `deliver`, which takes a Datagram. Depending on the faults
-  /// it is called once, twice, with changed bytes, later or never. `t_s` is the session's time, and
-  /// `now_ns` the time of a monotonic clock.
+  /// Passes `datagram` to the callback `deliver`, which takes a Datagram. Depending on the faults,
+  /// `deliver` is called once, several times, with changed bytes, later or never. `t_s` is the
+  /// session's time, and `now_ns` the time of a monotonic clock.
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;

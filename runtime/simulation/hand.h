@@ -17,8 +17,10 @@
 namespace trocar::runtime {
 
 enum class HandInterpolation : std::uint8_t {
-  kLinear,       ///< constant velocity between keyframes
-  kMinimumJerk,  ///< at rest in every keyframe; 10 s^3 - 15 s^4 + 6 s^5 in between
+  kLinear,  ///< constant velocity between keyframes
+  /// At rest in every keyframe. Between two keyframes the progress is 10 s^3 - 15 s^4 + 6 s^5,
+  /// where s is the fraction of the time between them that has passed.
+  kMinimumJerk,
 };
 
 struct HandKeyframe {
@@ -27,7 +29,8 @@ struct HandKeyframe {
 };
 
 /// Before the time of the first keyframe, the target rests at the first keyframe. After the time of
-/// the last one it rests there. If there are no keyframes, there is no hand and no force.
+/// the last keyframe, the target rests at the last keyframe. If there are no keyframes, there is no
+/// hand and no force.
 struct HandTrajectory {
   std::vector<HandKeyframe> keyframes;  ///< t_s must increase strictly
   HandInterpolation interpolation = HandInterpolation::kLinear;
@@ -41,7 +44,7 @@ struct HandImpedance {
   double damping_Ns_per_m = 100;
   double rotational_stiffness_Nm_per_rad = 20;
   double rotational_damping_Nms_per_rad = 0.3;
-  /// Mass rigidly attached to the tool's tip. It has no weight, because the arm carries it.
+  /// Mass rigidly attached to the tool's tip. It has no weight, because the arm carries the hand.
   double mass_kg = 0;
   /// Time at which the hand releases the tool. From then on there is no hand.
   double let_go_t_s = std::numeric_limits<double>::infinity();
@@ -67,14 +70,15 @@ class UnscriptedHand {
   virtual ~UnscriptedHand() = default;
   /// Returns the target before the first step.
   virtual Pose start() const noexcept = 0;
-  /// Decides the targets of the device's next step, which lasts from `t_s` to t_s + dt_s. At its
-  /// beginning the tool's tip is at `T_device_tool`.
+  /// Decides the targets of the device's next step, which lasts from `t_s` to t_s + dt_s.
+  /// `T_device_tool` is the pose of the tool's tip at the beginning of the step.
   virtual void begin_step(double t_s, double dt_s, const Pose& T_device_tool) noexcept = 0;
-  /// Returns the target at a time of this step.
+  /// Returns the target at a time within the step that begin_step() began.
   virtual HandTarget target(double t_s) const noexcept = 0;
 };
 
-/// The target's motion: either a trajectory, or a hand that must outlive the user of this variant.
+/// The target's motion: either a trajectory, or an UnscriptedHand, which must outlive the user
+/// of this variant.
 using HandMotion = std::variant<HandTrajectory, std::reference_wrapper<UnscriptedHand>>;
 
 /// Returns the target at a time. If there is no keyframe, the target is the identity, at rest.
@@ -85,9 +89,8 @@ HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept;
 Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
                    const Pose& T_device_tool, const Twist& twist_tool) noexcept;
 
-/// Checks a hand. Errors: (refused) times that do not increase, values that are not finite,
-/// quaternions that are not of unit length, negative impedances or masses, a release time that is
-/// not a number.
+/// Checks a hand. Errors: kRefused if times do not increase, a value is not finite, a quaternion is
+/// not of unit length, an impedance or the mass is negative, or the release time is not a number.
 Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance);
 
 }  // namespace trocar::runtime

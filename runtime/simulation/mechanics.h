@@ -3,12 +3,13 @@
 //   M(pose) V' + h(pose, V) = sum of the wrenches on the plate about its origin.
 // V' is the time derivative of V. The plate is a rigid body. Each link is modelled by two point
 // masses, half of its mass at each end (a mass on a motor's axis does not move). Each motor is a
-// rotor inertia at its joint. The hand's mass moves with the tool's tip. Let G be the motors'
-// Jacobian, J_i the Jacobian of point mass i and m_i its mass. Then
+// rotor inertia at its joint. The hand's mass moves with the tool's tip. Let I be the plate's
+// moment of inertia in {B}, I_rotor the inertia of a rotor, G the motors' Jacobian, and J_i the
+// Jacobian of the point mass m_i. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i,
-// where the accelerations a_motors and a_i are those at V' = 0, in closed form. No
-// allocation, no exception.
+// where, at V' = 0, a_motors and a_i are the accelerations of the motors' joints and of the point
+// masses. Both are computed in closed form. No allocation, no exception.
 #pragma once
 
 #include <Eigen/Core>
@@ -27,13 +28,15 @@ namespace trocar::runtime {
 /// loop of 500 Hz.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
-  double rotor_inertia_kg_m2 = 1.5e-4;  ///< inertia of each rotor at its joint, with gear squared
-  double coulomb_friction_Nm = 0.004;   ///< Coulomb friction of each motor joint
-  double presliding_rad = 5e-4;         ///< deflection of the friction's spring at Coulomb torque
-  double presliding_damping_s = 1e-3;   ///< damping of that spring divided by its stiffness
-  double current_lag_s = 3e-4;          ///< time constant of torque after command; 0: no lag
-  double encoder_noise_rad = 0;         ///< standard deviation, before quantisation
-  std::uint64_t seed = 1;               ///< seed of the noise
+  /// Inertia of each rotor at its joint, which includes the gear ratio squared.
+  double rotor_inertia_kg_m2 = 1.5e-4;
+  double coulomb_friction_Nm = 0.004;  ///< Coulomb friction of each motor joint
+  double presliding_rad = 5e-4;        ///< deflection at which the spring of dry friction slips
+  double presliding_damping_s = 1e-3;  ///< damping of that spring divided by its stiffness
+  /// Time constant with which a torque follows its command; 0: no lag.
+  double current_lag_s = 3e-4;
+  double encoder_noise_rad = 0;  ///< standard deviation, before quantisation
+  std::uint64_t seed = 1;        ///< seed of the noise
   /// Options without links, rotors, dry friction, lag and noise.
   static constexpr MechanicsOptions none() noexcept {
     return {{0, 0, 0, 0}, 0, 0, 5e-4, 1e-3, 0, 0, 1};
@@ -43,16 +46,16 @@ struct MechanicsOptions {
 using MassMatrix = Eigen::Matrix<double, 6, 6>;
 
 struct Mechanics {
-  KinematicsStatus status;        ///< status of the Jacobian; the rest is valid only if it is kOk
+  KinematicsStatus status;        ///< status of the Jacobian; if not kOk, the rest is invalid
   Jacobian G = Jacobian::Zero();  ///< motor rates per twist
   MassMatrix mass = MassMatrix::Zero();
   Wrench bias = Wrench::Zero();    ///< the term h
   Wrench weight = Wrench::Zero();  ///< weight of plate and links under the description's gravity
 };
 
-/// Evaluates the equation of motion. `joints` must be the joint angles of the pose. The mass
-/// `tip_mass_kg` moves with the tip, at `lever_m` from the plate's origin, in {B}. Its weight is
-/// not counted, because it belongs to the hand.
+/// Evaluates the equation of motion. Precondition: `joints` are the joint angles of the pose. The
+/// mass `tip_mass_kg` moves with the tip, which is at `lever_m` from the plate's origin, in {B}.
+/// The weight of this mass is not counted, because the mass belongs to the hand.
 Mechanics mechanics(const DeviceDescription& device, const MechanicsOptions& options,
                     const Pose& T_device_plate, const JointAngles& joints,
                     const Twist& twist_device, double tip_mass_kg,

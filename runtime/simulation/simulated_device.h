@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of the haptic device in the process. Three things move the model: the motors' wrench G^T
-// tau at its true pose, the joints' friction, and a simulated hand. There are two variants. In the
-// light model only the plate has mass, and friction is viscous. The full model of mechanics.h
-// (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
-// noise. The mechanism is assumed to be balanced (gravity 0) unless the description says otherwise.
-// The model is deterministic: the same calls give the same bits.
+// A model of the four-legged haptic device that runs in this process. Three things act on the
+// model: the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, and a
+// simulated hand. There are two variants. In the light model only the plate has mass, and
+// friction is viscous. The full model of mechanics.h (SimulatedDeviceOptions::mechanics) has
+// links, rotors, dry friction, current lag and encoder noise. The mechanism is assumed to be
+// balanced (gravity 0) unless the description says otherwise. The model is deterministic: the
+// same calls give the same bits.
 #pragma once
 
 #include <optional>
@@ -30,8 +31,9 @@ struct SimulatedDeviceOptions {
 /// If there is no hand, the plate starts upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, computed with midpoint velocities. In the light model the error of the
-/// energy balance is only rounding for translation, and of first order in the substep for rotation.
+/// Work since the start, computed with midpoint velocities. In the light model, the energy balance
+/// of a translation is exact except for rounding. For a rotation, the error is of first order in
+/// the length of a substep.
 struct EnergyBalance {
   double hand_J = 0;    ///< work of the hand on the plate
   double motors_J = 0;  ///< work of the motors on the plate
@@ -66,15 +68,15 @@ struct TrueTip {
 
 class SimulatedDevice final : public Device {
  public:
-  /// Makes a device. Errors: (refused) a hand that check_hand() refuses, invalid mechanics, or a
-  /// start pose outside the workspace.
+  /// Makes a device. Errors: kRefused if check_hand() refuses the hand, the mechanics are invalid,
+  /// or the start pose is outside the workspace.
   static Result<SimulatedDevice> make(const DeviceDescription& device, const HandMotion& motion,
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
   /// Reads the time (in whole nanoseconds, as over the link) and the encoder angles of the true
-  /// pose. The angles have the noise of the mechanics, which is new in each call, and are quantised
-  /// as the description says.
+  /// pose. The angles contain the encoder noise of MechanicsOptions, with new random numbers in
+  /// each call. They are quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
   /// Sets the torques that are held (zero-order hold) in the following steps.
   DeviceStatus write(const DeviceCommand& command) noexcept override;

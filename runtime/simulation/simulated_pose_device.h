@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pose device in the process: a rigid handle with the mass and damping of the description. The commanded wrench and a
-// simulated hand move it. If the device does not sense rotation, the handle keeps its orientation. The device is
-// deterministic: the same calls give the same bits.
+// A simulated pose device in this process: a rigid handle with the mass and damping of the
+// description. The commanded wrench and a simulated hand move the handle. If the device does not
+// sense rotation, the handle keeps its orientation. The device is deterministic: the same calls
+// give the same bits.
 // Tests: tests/runtime/simulation/simulated_pose_device_test.cpp
 #pragma once
 
@@ -13,16 +14,18 @@ namespace trocar::runtime {
 
 class SimulatedPoseDevice final : public PoseDevice {
  public:
-  /// The tool's tip begins at the hand's first target. `T_plate_tool`: pose of the tip on the plate, which is the
-  /// handle. Errors: (refused) a hand that check_hand() refuses.
+  /// Makes a device. The tool's tip begins at the hand's first target. `T_plate_tool`: pose of
+  /// the tip on the plate; here the plate is the handle. Errors: kRefused if check_hand()
+  /// refuses the hand.
   static Result<SimulatedPoseDevice> make(const PoseDeviceDescription& description,
                                           const PoseFrame& frame, const HandMotion& motion,
                                           const HandImpedance& impedance, const Pose& T_plate_tool);
 
-  /// Returns the pose, rounded to the description's resolution, at a time in whole nanoseconds.
+  /// Reads the pose, rounded to the description's resolution, and its time, rounded to nanoseconds.
   DeviceStatus read(PoseReading& reading) noexcept override;
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
-  /// Advances time by dt_s, by semi-implicit Euler in substeps of at most 0.1 ms. No allocation.
+  /// Advances time by dt_s. The integrator is semi-implicit Euler with substeps of at most 0.1 ms.
+  /// Does not allocate.
   void advance(double dt_s) noexcept override;
   bool is_paced_by_loop() const noexcept override { return true; }
 

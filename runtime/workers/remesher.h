@@ -25,28 +25,31 @@ namespace trocar::runtime {
 /// Outcome of one request for a hole.
 struct CutRecord {
   CutRequest request;
-  /// If set, the cut failed: the sheet keeps its mesh, and the hole still acts as open. Errors:
-  /// (refused) the capacity of the mesh did not suffice; anything else is an internal error.
+  /// If set, the cut failed: the sheet keeps its mesh, but the force law still treats the hole as
+  /// open. The error is kRefused if the capacity of the mesh did not suffice, and otherwise kBug.
   std::optional<Error> error;
-  CutReport cut;                            ///< obtuse_boundary_edges are those after refinement
+  /// obtuse_boundary_edges is counted after the quality pass.
+  CutReport cut;
   std::int64_t doubled_area_before = 0;     ///< twice the sheet's area before the cut, steps^2
-  std::uint32_t quality_vertices = 0;       ///< number of vertices added by the quality pass
+  std::uint32_t quality_vertices = 0;       ///< vertices that the quality pass added
   std::uint32_t hole_vertices = 0;          ///< number of vertices of the hole's rings
-  std::uint32_t first_ring = 0, rings = 0;  ///< arguments of Remesher::hole()
+  std::uint32_t first_ring = 0, rings = 0;  ///< the hole's rings, for Remesher::hole()
   double remesh_us = 0;  ///< wall time from the start of the cut until the sheet can be used
 };
 
 struct RemesherOptions {
-  /// Smallest angle of new triangles where the outline permits it; 0: no quality pass.
+  /// Smallest angle of new triangles, where the outline permits it. The quality pass
+  /// (local_refinement.h) inserts vertices until new triangles have this angle; 0: no quality pass.
   double min_angle_deg = 20;
 };
 
 /// Cuts holes into sheets. There are two replicas of each sheet: the haptic thread reads one, the
 /// cut is made in the other, and one atomic store swaps them. Once the haptic thread no longer uses
-/// the older replica, the same edit is applied to it. No mesh is copied as a whole, nothing is
-/// allocated after the constructor (except for error messages), and the time depends on the hole
-/// alone. Exception: if free slots run short, after some hundred holes or at a large hole, slots
-/// are added to each replica while the haptic thread does not use it.
+/// the older replica, the same change is applied to the older replica, too. No mesh is copied as a
+/// whole, nothing is allocated after the constructor (except for error messages), and the time
+/// depends on the hole alone. Exception: if free slots for vertices or triangles run short, after
+/// some hundred holes or at a large hole, slots are added to each replica while the haptic thread
+/// does not use this replica.
 ///
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
 /// this sheet and all later requests wait; in real time they wait at most one tick.
@@ -68,14 +71,15 @@ class Remesher {
 
   /// Requests a hole. Returns false if the queue is full.
   bool request(const CutRequest& request) noexcept { return requests_.push(request); }
-  /// Returns the published version of a sheet. It is valid until the next call for the same sheet.
+  /// Returns the published version of a sheet. The pointer is valid until the next call for
+  /// the same sheet.
   const Sheet* current(std::size_t sheet) noexcept;
 
   // One other thread calls these functions: the thread that start() creates, or a thread
   // of the caller.
 
-  /// Starts a thread that serves requests and publishes each version at once, until stop(). It
-  /// calls `between` whenever the queue is empty.
+  /// Starts a thread that repeats the following until stop(): it serves the waiting requests,
+  /// publishes the new versions immediately, and calls `between`.
   void start(std::function<void()> between = {});
   /// Call this after the haptic thread's last tick. Serves and publishes the remaining requests.
   void stop();
@@ -93,9 +97,10 @@ class Remesher {
   // These functions may be called after stop(), or on the thread that calls serve().
 
   const std::vector<CutRecord>& records() const noexcept { return records_; }
-  /// Returns the rings of a CutRecord, like CutResult::hole; empty if kMaxHolePoints was reached.
+  /// Returns the rings of a record's hole, as in CutResult::hole; empty if
+  /// kMaxHolePoints was reached.
   std::vector<Ring> hole(const CutRecord& record) const;
-  /// Returns the sheet without holes, without free slots and without a grid.
+  /// Returns the sheet as it was before any cut, without free slots and without a grid.
   const Sheet& first_version(std::size_t sheet) const { return pairs_[sheet]->first; }
   const Sheet& last_version(std::size_t sheet) const {
     return pairs_[sheet]->replica[pairs_[sheet]->newer];
@@ -112,8 +117,8 @@ class Remesher {
     SheetEdit edit;
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
-    std::atomic<std::uint32_t> used_cuts{
-        0};  ///< `cuts` of the version that the haptic thread took last
+    /// `cuts` of the version that the haptic thread took last.
+    std::atomic<std::uint32_t> used_cuts{0};
   };
 
   /// Slots are added if fewer than these are free. A cut and its quality pass use free slots.
@@ -128,7 +133,7 @@ class Remesher {
   void improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
 
-  SpscQueue<CutRequest, 256> requests_;  ///< a break-through in a bone volume makes many
+  SpscQueue<CutRequest, 256> requests_;  ///< a break-through in a bone volume makes many requests
   RemesherOptions options_;
   std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< capacity of the workspaces
   std::unique_ptr<CutWorkspace> work_;
@@ -138,7 +143,7 @@ class Remesher {
   std::vector<CutRecord> records_;
   std::vector<LatticePoint> hole_points_;
   std::vector<std::uint32_t> ring_end_;  ///< end of each ring in hole_points_
-  std::optional<CutRequest> waiting_;    ///< request taken from the queue, waits for its replica
+  std::optional<CutRequest> waiting_;    ///< request from the queue that waits for its replica
   bool reader_stopped_ = false;
   PollingThread thread_;
 };
