@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures in a dry run what a hand would notice as unlike bone: a tool that sinks in elastically and then snaps,
-// forces that alternate from tick to tick, and a plate that is thrown out when the hand lets go.
+// Measures, in a dry run (dry_run.h), what a hand would notice as unlike bone: a tool that sinks in
+// elastically and then snaps, forces that alternate from tick to tick, and a plate that is pushed
+// away when the hand lets go.
 // Tests: tests/runtime/checking/contact_feel_test.cpp
 #pragma once
 
@@ -12,7 +13,7 @@
 
 namespace trocar::runtime {
 
-/// A largest value and when it occurred.
+/// A largest value and the time at which it occurred.
 struct Peak {
   double value = 0, t_s = 0;
   void include(double candidate, double at_s) noexcept {
@@ -21,28 +22,31 @@ struct Peak {
 };
 
 struct ContactFeel {
-  // Force law `cutting` only.
-  /// Depth past the cutting front that bears it of the tip of a tool that is fixed to the plate, m.
+  // Force law `cutting` only. The cutting front is the depth down to which bone has been cut.
+  /// Depth of the plate's tip below the front while the front bears force, m. The plate's tip is
+  /// where the tool's tip would be if the tool were fixed to the plate.
   Peak past_front;
-  /// Distance over which the front cuts, or the tip falls, in one tick, m.
+  /// Distance by which the front moves down in one tick, m. If the front reaches a gap, the
+  /// distance counts only down to the tip.
   Peak front_jump;
   // Every force law.
-  /// Force that alternates from tick to tick, N: the smallest of kAlternations successive changes of a component
-  /// of the wanted force, each against the last.
+  /// Force that alternates from tick to tick, N. If kAlternations successive changes of a component
+  /// of the wanted force have alternating signs, the smallest of these changes counts.
   Peak alternation;
-  double wanted_least_N = 0;                      ///< least wanted force along z
+  double wanted_least_N = 0;                      ///< smallest wanted force along z
   Peak wanted_most;                               ///< largest wanted force along z, N
-  double contact_from_s = -1, contact_to_s = -1;  ///< first and last tick with force; -1: none
-  // After the hand has let go.
-  double let_go_distance_m = 0;     ///< largest distance of the plate from where it was
-  double let_go_speed_m_per_s = 0;  ///< largest speed of the plate
+  double contact_from_s = -1, contact_to_s = -1;  ///< first and last time with force; -1: no force
+  // Motion of the plate after the hand has let go.
+  double let_go_distance_m = 0;     ///< largest distance from the position at letting go
+  double let_go_speed_m_per_s = 0;  ///< largest speed
 };
 
 class ContactFeelMeter {
  public:
   static constexpr int kAlternations = 4;
 
-  /// `tip_plate_m`: the tool's tip in the plate's frame.
+  /// `tip_plate_m`: the tool's tip in the plate's frame. `let_go_t_s`: time at which the hand lets
+  /// go; none: the hand does not let go.
   ContactFeelMeter(const Eigen::Vector3d& tip_plate_m, std::optional<double> let_go_t_s)
       : tip_plate_m_(tip_plate_m), let_go_t_s_(let_go_t_s) {}
 
@@ -59,8 +63,8 @@ class ContactFeelMeter {
   std::optional<double> let_go_t_s_;
   ContactFeel feel_;
   bool has_last_ = false;
-  RecordingRow last_;  ///< the row before
-  /// The last changes of each component of the wanted force, the latest first.
+  RecordingRow last_;  ///< the previous row
+  /// The last changes of each component of the wanted force, the latest change first.
   std::array<std::array<double, kAlternations>, 3> changes_N_{};
   std::optional<Eigen::Vector3d> let_go_p_m_;
 };

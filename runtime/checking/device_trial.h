@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tries a device without force: reads it at the rate of a session, commands zero torques, and measures times,
-// losses, resolution, noise and the pose at the end. describe() says in words whether a session at this rate would hold.
+// Tries a device without force: reads the device at the rate of a session, commands zero torques,
+// and measures times, losses, resolution, noise and the pose at the end. describe() says in words
+// whether a session at this rate would run undisturbed.
 // Tests: tests/runtime/checking/device_trial_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
@@ -24,13 +25,14 @@ namespace trocar::runtime {
 struct DeviceTrialOptions {
   double rate_Hz = 1000, duration_s = 5;
   int cpu = -1;               ///< RealtimeOptions::cpu
-  bool is_simulated = false;  ///< no motors, so that late ticks of this machine do no harm
-  /// The limit of the time without data that a session with this device would have.
+  bool is_simulated = false;  ///< the device has no motors, so late ticks do no harm
+  /// SafetyLimits::no_data_max_s of a session with this device.
   double no_data_max_s = SafetyLimits{}.no_data_max_s;
   const std::atomic<bool>* stop = nullptr;  ///< ends the trial between two ticks
 };
 
-/// Noise of a value that moves slowly, from its second differences: a steady motion does not count.
+/// Measures the noise of a value that changes slowly, by the value's second differences, to which a
+/// steady motion does not contribute.
 class NoiseMeter {
  public:
   void add(double value) noexcept {
@@ -42,7 +44,8 @@ class NoiseMeter {
     last_ = value;
     ++count_;
   }
-  /// Standard deviation of independent noise in each value. (That of a second difference is sqrt(6) times as large.)
+  /// Standard deviation of the noise of one value, if the noise of successive values is
+  /// independent. (The standard deviation of the second differences is sqrt(6) times as large.)
   double deviation() const noexcept;
 
  private:
@@ -52,20 +55,21 @@ class NoiseMeter {
 
 /// The measurements of a trial.
 struct DeviceTrial {
-  std::uint64_t ticks = 0, readings = 0;  ///< readings: ticks that had a new state
+  std::uint64_t ticks = 0, readings = 0;  ///< readings: ticks with a new state of the device
   RealtimeReport realtime;
   LateTicks::Counts late_ticks{};
-  Histogram state_interval;  ///< interval of two states, on the device's clock
-  Histogram
-      without_state;  ///< time of the loop from one new state to the next, if it woke up in time
-  std::uint64_t lost_ticks = 0;  ///< ticks in which the link was lost
+  Histogram state_interval;  ///< time from one new state to the next, on the device's clock
+  /// Time from one new state to the next on the loop's clock, without intervals in which the loop
+  /// missed a deadline.
+  Histogram without_state;
+  std::uint64_t lost_ticks = 0;  ///< ticks in which the link was lost or the device had a fault
   FaultDetail fault;             ///< the first fault of the device's own checks
-  double fault_t_s = 0;          ///< time of the trial at which it came
+  double fault_t_s = 0;          ///< time of this fault, from the start of the trial
   double value_noise = 0;        ///< largest noise of a measured value, in its own unit
-  double smallest_step = 0;      ///< smallest change of a measured value; 0: none changed
+  double smallest_step = 0;      ///< smallest change of a measured value; 0: no value changed
   double position_noise_m = 0;   ///< largest noise of the plate's position along an axis
   std::optional<Pose> last_T_device_plate;  ///< the last pose that the device's own checks accepted
-  std::optional<LinkReport> link;           ///< counts of the link, with its round trips
+  std::optional<LinkReport> link;           ///< packets and round trips of the link; none: no link
 };
 
 /// Runs a trial. Blocks for the trial's duration. Errors: those of HandDevice::start().
@@ -73,9 +77,9 @@ Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& opt
 
 /// The trial in words.
 struct DeviceVerdict {
-  std::string text;  ///< lines with what was measured, each with its line feed
-  std::vector<std::string>
-      troubles;  ///< reasons why a session would end or be disturbed, with advice; empty: none
+  std::string text;  ///< lines about the measurements; each line ends with a line feed
+  /// Reasons why a session would end or be disturbed, with advice; empty: it would run undisturbed.
+  std::vector<std::string> troubles;
 };
 DeviceVerdict describe(const DeviceTrial& trial, const DeviceTrialOptions& options,
                        const DeviceSpecification& specification);

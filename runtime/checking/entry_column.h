@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the column of an asset where its bone is thickest, which is the entry point of a proposed scene.
+// Finds the column of an asset where its bone is thickest. A column is a vertical line through the
+// slices; a proposed scene has its entry point there.
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
@@ -24,25 +25,27 @@ struct MaterialBox {
 };
 MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels);
 
-/// The point where the tool enters. The tool crosses the levels from `first` to `last`.
+/// A column. The tool crosses the levels from `first` to `last`.
 struct EntryColumn {
-  std::array<double, 2> at_mm{};
+  std::array<double, 2> at_mm{};  ///< u, v
   std::size_t first = 0, last = 0;
-  double thickness_mm = 0;  ///< total thickness of the material there
-  std::vector<std::uint8_t>
-      has_material;  ///< per level: 1 if there is material all around the tool
+  double thickness_mm = 0;  ///< total thickness of the material in the column
+  /// One value per level: 1 if the whole cross-section of the tool lies over material, otherwise 0.
+  std::vector<std::uint8_t> has_material;
 };
 
-/// Returns the thickest column within a height of `height_mm`. `levels`: sorted, the topmost first.
-/// Consecutive levels of the column are at most `max_gap_mm` apart. Among equally thick columns, the
-/// one with the most material around it is chosen, then the most central one. None: the bone is
-/// nowhere as wide as the tool.
+/// Returns the column with the thickest bone. A column is at most `height_mm` high, and its
+/// consecutive levels are at most `max_gap_mm` apart. `radius_mm`: the radius of the tool.
+/// `levels`: sorted, the topmost first. Among equally thick columns, the one with the most
+/// material around it is chosen, and among these the most central one. None: the bone is nowhere
+/// as wide as the tool.
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 
-/// Returns the thickness that each level stands for, from half-way to one neighbour to half-way to
-/// the other. At an end the outward distance is assumed to equal the inward distance. A single
-/// slice counts as a millimetre. Distances count as at most `max_gap_mm`.
+/// Returns the thickness that each level stands for: from half-way to the level above to half-way
+/// to the level below. The topmost and the lowest level are assumed to have a second neighbour at
+/// the same distance as their only neighbour. A single slice counts as a millimetre. A distance of
+/// more than `max_gap_mm` counts as `max_gap_mm`.
 std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm);
 
 }  // namespace trocar::runtime

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the path of the scene's hand with the limits of the device and the safety layer: the
-// points where the path exceeds a limit, and the points where it crosses a sheet. The tool is assumed to follow the hand exactly. The dry run (dry_run.h) shows how the tool
-// moves if forces act on it.
+// Follows the path of the scene's hand, and finds the points where the path exceeds a limit of the
+// device or of the safety layer, and the points where the path crosses a sheet. The tool is assumed
+// to follow the hand exactly. The dry run (dry_run.h) shows how the tool moves if forces act on it.
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
@@ -19,14 +19,14 @@
 
 namespace trocar::runtime {
 
-/// Describes how a pose exceeds the limit of a fault, with value and limit. The faults are kWorkspace,
-/// kToolTilt, and those of the device's own checks. The text is empty for other faults, and if the
-/// limit is not exceeded.
+/// Describes how a pose exceeds the limit that belongs to a fault, with value and limit. The faults
+/// are kWorkspace, kToolTilt, and those of the device's own checks. Returns an empty text for other
+/// faults, and if the pose does not exceed the limit.
 std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
                                 const SafetyLimits& limits, const Tool& tool,
                                 const Pose& T_device_plate);
 
-/// The first point of a path that exceeds the limit of a fault.
+/// The first point of a path at which the limit that belongs to a fault is exceeded.
 struct PathBreach {
   Fault fault = Fault::kNone;
   double t_s = 0;
@@ -35,21 +35,24 @@ struct PathBreach {
 };
 
 struct PathReport {
-  double end_s = 0;  ///< end of the part that was evaluated
+  double end_s = 0;  ///< time of the last point that was evaluated
   Eigen::Vector3d tip_min_m = Eigen::Vector3d::Zero(), tip_max_m = Eigen::Vector3d::Zero();
+  /// Smallest distance of the plate from a side of the workspace (negative: outside), largest tilt.
   double box_min_m = 0, tilt_max_rad = 0;
   double speed_max_m_per_s = 0;  ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 0;
-  DeviceMargins device;  ///< is_reachable: every point is; others: smallest of the reachable points
+  /// Margins of the device. `is_reachable`: every point is reachable. The other members: the
+  /// smallest values over the reachable points.
+  DeviceMargins device;
   std::vector<PathBreach> breaches;  ///< the first breach of each fault, in ascending time
 };
 
-/// Evaluates the path from `from_s` to `to_s`. On a short path the points are 0.5 mm or 0.5 deg
-/// apart; on a long path there are about 20,000 points.
+/// Evaluates the path from `from_s` to `to_s`, at points that are at most 0.5 mm and 0.5 deg apart.
+/// On a path that would need more than 16,000 steps of this size, the points are farther apart.
 PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
                          const SafetyLimits& limits, const Tool& tool, double from_s, double to_s);
 
-/// A point of the path where the tip goes from above to below a sheet.
+/// A point of the path at which the tip goes from above a sheet to below it.
 struct SheetCrossing {
   double t_s = 0;
   Pose T_device_plate;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The straight path of a proposed scene's needle through the slices: where the bone is thickest, or through points that a
-// person has chosen.
+// The straight path of a proposed scene's needle through the slices: at the position where the bone
+// is thickest, or through points that a person has chosen.
 // Tests: tests/runtime/checking/needle_path_test.cpp, tests/e2e/new_scene_test.py
 #pragma once
 
@@ -17,7 +17,8 @@
 
 namespace trocar::runtime {
 
-/// Points in the patient's frame (DICOM's LPS, mm). Without a target the needle goes straight down.
+/// Points that a person has chosen, in the patient's frame (DICOM's LPS, mm). Without a target the
+/// needle goes straight down.
 struct ChosenPoints {
   std::array<double, 3> entry_mm{};
   std::optional<std::array<double, 3>> target_mm;
@@ -25,29 +26,36 @@ struct ChosenPoints {
 
 /// Positions are (u, v, z) in mm, with z as in Level::z_mm.
 struct NeedlePath {
-  Eigen::Vector3d entry_mm =
-      Eigen::Vector3d::Zero();  ///< the point where the needle meets the bone
+  /// The point where the needle meets the bone.
+  Eigen::Vector3d entry_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d direction = -Eigen::Vector3d::UnitZ();  ///< has unit length and points down
   bool has_target = false;
   Eigen::Vector3d end_mm = Eigen::Vector3d::Zero();  ///< the target, or the point at the last level
-  std::size_t first = 0, last = 0;  ///< levels that the needle crosses, down to the target
+  std::size_t first = 0, last = 0;  ///< first and last level that the needle crosses
   double thickness_mm = 0;          ///< total thickness of the material on the path
-  double max_gap_mm =
-      0;  ///< largest distance between consecutive levels; only from plan_needle_path()
-  std::vector<std::uint8_t> has_material;  ///< per level: 1 if the path goes through material
-  double entry_shift_mm = 0;               ///< distance between `entry_mm` and the chosen entry
+  /// Largest distance between consecutive levels of the path. Only plan_needle_path() sets it.
+  double max_gap_mm = 0;
+  /// One value per level: 1 if the path goes through material there, otherwise 0.
+  std::vector<std::uint8_t> has_material;
+  double entry_shift_mm = 0;  ///< distance between `entry_mm` and the chosen entry
 };
 
 /// Returns the vertical path through a column, with u and v rounded to 0.01 mm.
 NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& levels);
 
-/// Plans a path through points. `levels`: sorted, the topmost first. The path enters the bone that contains the chosen entry, or
-/// else the first bone below it. `entry_mm` is the chosen entry if that lies between the topmost level of this bone and half a
-/// slice above it; otherwise it is the path's point at that level. Without a target the path ends at the lowest level with material
-/// that is at most `height_mm` below the first one and is not separated from it by a gap of more than `max_gap_mm`. Such gaps
-/// count as `max_gap_mm` in the thickness. Errors: (refused) the slices are shifted or turned against each other (for example
-/// by a tilted gantry), the target is less than 1 mm below the entry or not below the top of this bone, the path goes through no
-/// bone, or other bone lies on it above the entry. Complexity: linear in the triangles.
+/// Plans a path through chosen points. `levels`: sorted, the topmost first.
+///  - Entry: the path enters the bone in which the chosen entry lies, or else the first bone below
+///    that point. NeedlePath::entry_mm is the chosen entry if it lies at most half a slice above
+///    the topmost level of this bone, and not below that level. Otherwise it is the path's point
+///    at that level.
+///  - End without a target: the path ends at the lowest level with material that is at
+///    most `height_mm` below the first level, with no gap of more than `max_gap_mm`
+///    between these levels.
+///  - Thickness: a gap of more than `max_gap_mm` between two levels counts as `max_gap_mm`.
+/// Errors: kRefused if the slices are shifted or turned against each other (for example by a tilted
+/// gantry), if the target is less than 1 mm below the entry or not below the top of the bone, if
+/// the path goes through no bone, or if other bone lies on the path above the entry. Complexity:
+/// linear in the number of triangles.
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
                                     const ChosenPoints& points, double height_mm,
                                     double max_gap_mm);

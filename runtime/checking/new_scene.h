@@ -27,21 +27,28 @@ enum class NewSceneHand : std::uint8_t { kScripted, kLive };
 
 struct NewSceneChoices {
   NewSceneHand hand = NewSceneHand::kScripted;
-  std::optional<ChosenPoints> points;  ///< none: the needle enters where the bone is thickest
+  std::optional<ChosenPoints> points;  ///< none: the needle goes through the thickest bone
 };
 
-/// Proposes a scene. `asset` was read from `asset_file` and has been through weld_materials(). The
-/// scene will be written to `scene_file`. First the force law `cutting` is tried, through one bone volume with a strength
-/// computed from HU; it needs HU in every slice with material, and slices at most 3 mm apart. If that does not apply, or each such
-/// proposal has a warning, `hooke` is tried, with slices far enough apart for each to be felt separately. Slices are at
-/// their true spacing. Proposals are checked one after another, as `--check --strict` would with `options`; the first that
-/// has no warning and punctures a slice is returned. If `choices.hand` is kLive, the hand's trajectory is then replaced by
-/// a live hand at its first pose, and the scene is checked again. With chosen points the scene has goals for them. If there is a target
-/// and the hand is scripted, the tip must end within 1.5 mm of the target's height. If no proposal through chosen points is free of
-/// warnings, the one with the fewest is returned. Errors: (refused, with the reason) the asset is empty, two of its slices are
-/// less than 0.1 mm apart, its bone is nowhere as wide as the tool, or `options.stop` was set; without chosen points: every
-/// proposal has a warning; with chosen points: no needle can take the path (needle_path.h), the device cannot turn or move so
-/// far, or no scene along it runs.
+/// Proposes a scene. Precondition: `asset` was read from `asset_file`, and weld_materials() was
+/// applied to it. The caller will write the scene to `scene_file`.
+///  - Candidates: first scenes with the force law `cutting`, through one bone volume with a
+///    strength computed from HU. They need HU in every slice with material, and slices at most 3 mm
+///    apart. Then scenes with the law `hooke`, with slices far enough apart for each puncture to be
+///    felt separately. In all scenes the slices keep their true spacing.
+///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
+///    would do. The first candidate that has no warning and punctures a slice is returned.
+///  - Live hand: if `choices.hand` is kLive, a candidate is first checked with a scripted hand.
+///    Then a live hand, which starts at the first pose of the trajectory, replaces the scripted
+///    hand, and the scene is checked again.
+///  - Chosen points: the scene has goals for the points. If there is a target and the hand is
+///    scripted, the lowest height of the tip must be within 1.5 mm of the target's height. If every
+///    candidate has a warning, the one with the fewest warnings is returned.
+/// Errors: kRefused if no slice of the asset has material, if two slices are less than 0.1 mm
+/// apart, if the bone is nowhere as wide as the tool, or if `options.stop` was set. Without chosen
+/// points, also if every candidate has a warning. With chosen points, also if no needle can take
+/// the path (needle_path.h), if the device cannot turn or move as far as the path requires, or if
+/// no candidate runs.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices = {});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the figures from which scene_check.h makes its text and its warnings.
+// Computes the figures from which scene_check.h makes the text and the warnings of a check.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -18,18 +18,20 @@ namespace trocar::runtime {
 
 /// Reason why the tool does not touch a slice.
 enum class Miss : std::uint8_t {
-  kTouched,      ///< the slice is touched, or only a fault prevents that
+  kTouched,      ///< the slice is touched, or a fault or the end of the dry run leaves that open
   kBeginsBelow,  ///< the path begins below the slice and never comes from above
   kStaysAbove,   ///< the path never goes below the slice
   kTooLate,      ///< the path goes below the slice only after the session's end
   kLetGo,        ///< the path goes below the slice only after the hand has let go
   kMissed,       ///< too little material is under the tool where the path crosses the slice
-  kHeld,         ///< the tool does not follow the path that far
+  kHeld,         ///< the tool does not follow the path down to the slice
 };
 
-/// One sheet on the path.
+/// One sheet and the hand's path.
 struct SheetView {
-  std::optional<SheetCrossing> crossing;  ///< the first crossing over material, else the first
+  /// The first crossing with enough material under the tool before the hand lets go, or else the
+  /// first crossing. None: the path does not cross the sheet.
+  std::optional<SheetCrossing> crossing;
   Miss miss = Miss::kTouched;
 };
 
@@ -45,8 +47,9 @@ struct SceneEvaluation {
   double let_go_s = 0;  ///< time until which the hand holds the tool, at most end_s
   PathReport report{};
   std::optional<DryRun> dry_run{};  ///< none: the session cannot start, or the hand is live
-  std::optional<LetGoTrial>
-      let_go{};  ///< force law `cutting` only, after a dry run without a fault
+  /// Force law `cutting` only: the result of try_letting_go(), if the dry run had contact
+  /// and no fault.
+  std::optional<LetGoTrial> let_go{};
   std::vector<SheetView> views{};
 
   bool has_fault() const { return !dry_run || dry_run->fault != Fault::kNone; }
@@ -55,8 +58,10 @@ struct SceneEvaluation {
   }
 };
 
-/// Follows the path and does a dry run; with a live hand there is neither, and no sheet counts as missed. The references must outlive the result. Errors: those of
-/// run_dry_run(); (refused) SessionOptions::stop was set.
+/// Follows the path and does a dry run. With a live hand there is no dry run, and no sheet counts
+/// as missed. The references must outlive the result. Errors: those of run_dry_run(); kRefused if
+/// SessionOptions::stop was set. A device that cannot reach the hand's first pose is no error: the
+/// result then has no dry run.
 Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The requirements of a scene, a part of `trocar-run --check`: bytes loaded and kept, torques at the
-// threshold force, and the time to prepare the prefetched stiffness of its force law.
+// threshold force and, with the force law `network`, the time to prepare the prefetched stiffness.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -34,17 +34,17 @@ struct SceneRequirements {
   std::string stability_warning;  ///< ForceLaw::stability_warning()
 };
 
-/// Describes the requirements. `sheets`: result of place_slices(). `T_device_plate`: a pose for each
-/// sheet. Errors: (refused) with the force law `network`, NetworkPrefetch::make() refuses a tissue
-/// or the tool.
+/// Describes the requirements. `sheets`: result of place_slices(). `T_device_plate`:
+/// for each sheet, a pose of the plate at which the tool touches this sheet. Errors:
+/// those of make_force_law().
 Result<SceneRequirements> describe_requirements(
     const Scene& scene, const DeviceSpecification& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets,
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options);
 
-/// Returns the number of bytes kept for a sheet during the session, for two replicas and
-/// its first version.
+/// Returns the number of bytes kept for a sheet during the session: for the two replicas of its
+/// mesh (runtime/workers/remesher.h) and for its first version.
 std::uint64_t kept_bytes(const Sheet& sheet) noexcept;
 
 }  // namespace trocar::runtime

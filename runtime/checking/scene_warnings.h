@@ -13,7 +13,7 @@
 
 namespace trocar::runtime {
 
-/// Returns the warnings. Each is a line with position, value, limit and advice.
+/// Returns the warnings. Each warning is a line with position, value, limit and advice.
 std::vector<std::string> find_warnings(const SceneEvaluation& evaluation,
                                        const std::vector<SliceTissue>& tissues);
 

@@ -13,7 +13,7 @@
 
 namespace trocar::runtime {
 
-/// Returns a text such as "slice 3" or "slices 0-46, 50": the slices in order, each once.
+/// Returns a text such as "slice 3" or "slices 0-46, 50", with each slice once, in ascending order.
 std::string name_slices(std::vector<int> slices);
 
 struct SliceTissue {
@@ -29,9 +29,9 @@ std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset);
 /// Returns a text such as: tissue "bone": mean HU 412.
 std::string describe_choice(const Scene& scene, const TissueChoice& choice);
 
-/// Returns a warning if some slice gets the default tissue although nobody chose it. This is so if
-/// the scene has tissues by label or HU, none of them fits the slice, and the scene has no `tissue`
-/// for the remaining slices.
+/// Returns a warning if some slice gets the default tissue although the scene does not ask for this
+/// tissue. That happens if the scene has tissues by label or HU, none of them fits the slice, and
+/// the scene has no `tissue` for the remaining slices.
 std::optional<std::string> warn_of_unfitting(const Scene& scene,
                                              const std::vector<SliceTissue>& tissues);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Answers the requests below /api/ (protocol.md). The caller has already checked who asks. This
-// code does not use sockets.
+// Answers the requests below /api/ (protocol.md). The caller must have checked who asks. This code
+// does not use sockets.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -27,11 +27,11 @@ struct Answer {
   unsigned status = 200;  ///< HTTP status
   std::string type = "application/json", body;
   std::string policy = kPolicyOfData;  ///< Content-Security-Policy
-  /// Takes the place of `body` if several answers share it; else null.
+  /// A body that several answers share. It is sent instead of `body`. Null: `body` is sent.
   std::shared_ptr<const std::string> shared = {};
 };
 
-/// Returns an answer with a JSON object that contains `ok` false and the message.
+/// Returns an answer with the JSON object {"ok": false, "error": message}.
 Answer failure(unsigned status, const std::string& message);
 Answer method_not_allowed();
 
@@ -43,13 +43,14 @@ struct ApiRequest {
   std::string from;  ///< address of the peer, for the log
 };
 
-/// An answer, or a function that makes the answer and is run on the worker thread.
+/// An answer, or a function that makes the answer. The caller must run the function on
+/// the worker thread.
 using Reply = std::variant<Answer, std::function<Answer()>>;
 
 Reply answer_api(ConsoleState& console, const ApiRequest& request);
 
-/// Answers an emergency stop. It needs no token, so the caller calls this before it
-/// checks the role.
+/// Answers a request for an emergency stop. Such a request needs no token, so the caller calls this
+/// function before it checks the role.
 Answer answer_emergency_stop(ConsoleState& console);
 
 }  // namespace trocar::runtime

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stores what one WebSocket client has received so far, and determines the message that it
-// gets next. Each message is made from the supervisor's present state, so nothing is queued
-// for a slow client.
+// Stores what one WebSocket client has received so far, and determines its next message. Each
+// message is made from the supervisor's present state, so nothing is queued for a slow client.
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -28,12 +27,12 @@ class ClientProgress {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Call this if the client already has the events of this session up to `last_event`.
+  /// Call this before the first next() if the client already has the events of this session up to
+  /// the number `last_event`.
   void resume_after(std::uint64_t last_event) noexcept { first_cursor_ = last_event; }
   /// Returns the next message, if there is one that the client may get now. Events come before the
-  /// state, and the state before binary messages. `has_new_snapshot`: a snapshot has just been
-  /// read, so it is as recent as possible.
-  /// `hand`: the client's share in the live hand, if the session has one.
+  /// state, and the state before binary messages. `has_new_snapshot`: a new snapshot has just been
+  /// read. `hand`: who holds the live hand, if the session has one.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
                                     bool has_new_snapshot, Clock::time_point now);
   /// Call this when the client has drawn the binary messages up to `number`.
@@ -54,8 +53,8 @@ class ClientProgress {
 
   bool said_hello_ = false, has_history_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
-  std::optional<HandShare>
-      hand_;  ///< last share that the client was told; none: it was told nothing
+  /// Holder of the live hand as the client was told last; none: the client was told nothing.
+  std::optional<HandShare> hand_;
   std::vector<std::uint64_t> sheet_versions_;
   std::uint64_t shape_version_ = 0;
   std::uint32_t number_ = 0;  ///< number of the last binary message

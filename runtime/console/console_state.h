@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state that all connections of one console share. Only the network thread uses it, except for
-// the bone cache, which belongs to the worker thread.
+// The state that all connections of one console share. Only the network thread uses this state,
+// with two exceptions, which belong to the worker thread: the bone caches and Files::list().
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -23,11 +23,11 @@
 
 namespace trocar::runtime {
 
-/// Reports each kind of refusal once on stderr, however often it comes.
+/// Reports refused requests on stderr, each kind of refusal only once.
 class RefusalLog {
  public:
   void refused(const char* kind, const std::string& from);
-  /// Prints at most one line in 10 s.
+  /// Reports an emergency stop. Prints at most one line in 10 s.
   void emergency_stop(const std::string& from);
 
  private:
@@ -35,8 +35,8 @@ class RefusalLog {
   std::optional<std::chrono::steady_clock::time_point> last_stop_;
 };
 
-/// The answer to the last request for a bone, or for its volume. It is kept because all pages of a session ask for
-/// the same one.
+/// The answer to the last request for a bone, or for its volume. The answer is kept because all
+/// pages of a session ask for the same bone.
 struct BoneCache {
   std::string key;  ///< names and times of the files
   std::shared_ptr<const std::string> answer;
@@ -66,8 +66,8 @@ struct ConsoleState {
   RefusalLog log;
   std::vector<std::weak_ptr<HttpConnection>> connections;
   std::vector<std::weak_ptr<TelemetryClient>> clients;
-  std::function<void()> poll_soon;
-  bool has_new_snapshot = false;  ///< the last poll found one
+  std::function<void()> poll_soon;  ///< makes the server poll the session immediately
+  bool has_new_snapshot = false;    ///< the last poll has read a new snapshot
   /// The worker thread reads files of any size, so that they never delay live data.
   boost::asio::thread_pool worker{1};
   BoneCache bone, volume;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scenes, assets and recordings that pages may name. They are in a folder, or were given on the command line.
-// The files are not trusted.
+// The scenes, assets and recordings that pages may name. These files are in a folder, or were given
+// on the command line. The files are not trusted.
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -16,28 +16,32 @@
 
 namespace trocar::runtime {
 
-/// Searches the folder two levels deep, without following links. The names of files in the folder of sessions
-/// begin with "sessions/", wherever that folder is. Sessions in the folder itself are found, too. Only one thread
-/// at a time may call list(); any thread may call find().
+/// Lists and finds files. The folder is searched two levels deep, without following links. The
+/// names of files in the folder of sessions begin with "sessions/", wherever that folder is. If the
+/// folder of sessions is elsewhere, a subfolder sessions/ of the folder is searched, too. Only one
+/// thread at a time may call list(); any thread may call find().
 class Files {
  public:
-  /// Uses the files of a folder. The sessions are in the folder's own sessions/, or in `sessions` if that is not
-  /// empty; it need not exist yet. Errors: (refused) `folder` is not a folder.
+  /// Uses the files of a folder. `sessions`: the folder of sessions, which need not exist yet;
+  /// empty: the subfolder sessions/ of `folder`. Errors: kRefused if `folder` is not a folder;
+  /// kUnwritable if the path `sessions` cannot be resolved.
   static Result<Files> of_folder(const std::filesystem::path& folder,
                                  const std::filesystem::path& sessions = {});
-  /// Uses the files of a playback. A page knows them by the last parts of their names. `against` may be empty.
+  /// Uses the files of a playback: a recording, a second recording to compare with (`against`,
+  /// which may be empty), and their scene. Pages name these files without their folders.
   static Files of_recording(const std::filesystem::path& recording,
                             const std::filesystem::path& against,
                             const std::filesystem::path& scene);
 
-  /// Returns the regular file of that name (as in list()). Errors: (refused) the name leads out of the folder,
-  /// also by a link, or to no file.
+  /// Returns the regular file with this name from list(). Errors: kRefused if the name leads out of
+  /// the folder, if a link is on the way, or if there is no such file.
   Result<std::filesystem::path> find(std::string_view name) const;
   /// The folder; empty for playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }
   const std::filesystem::path& sessions() const noexcept { return sessions_; }
-  /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md), and with `truncated`
-  /// if there are more files than it lists. A file is read again only if its size or time has changed.
+  /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md). If
+  /// there are too many files to list all of them, the object also has the key `truncated`. A file
+  /// is read again only if its size or time has changed.
   std::string list();
 
  private:
@@ -52,8 +56,8 @@ class Files {
   Known read(const std::filesystem::path& file, const std::string& name) const;
 
   std::filesystem::path path_of(std::string_view name) const;
-  /// Calls inspect(file, name) for the files below `root` that may be listed. Their names begin with `prefix`.
-  /// Returns false after kMaxInspected entries.
+  /// Calls inspect(file, name) for each file below `root` that may be listed. Each name begins with
+  /// `prefix`. If there are more than kMaxInspected entries, stops after these and returns false.
   template <typename Inspect>
   bool search(const std::filesystem::path& root, const std::string& prefix, int depth,
               Inspect inspect) const;

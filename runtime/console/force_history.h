@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force on the hand and the height of the tip since a session began, for pages that come later. If there are more
-// than kMaxPoints points, each pair is replaced by its point with the larger force, so that peaks stay.
+// The force on the hand and the height of the tip since a session began, for pages that connect
+// later. If there are more than kMaxPoints points, each pair of points is replaced by the one with
+// the larger force, so that peaks stay.
 // Tests: tests/runtime/console/force_history_test.cpp
 #pragma once
 
@@ -18,16 +19,16 @@ class ForceHistory {
   static constexpr std::size_t kMaxPoints = 4000;
 
   void clear() { *this = {}; }
-  /// Adds a point. One that is not later than the last one is ignored.
+  /// Adds a point. A point that is not later than the previous one is ignored.
   void add(const Point& point);
   const std::vector<Point>& points() const noexcept { return points_; }
 
  private:
   std::vector<Point> points_;
   double last_t_s_ = -1;
-  int every_ = 1;    ///< one of so many points is kept, the one with the largest force
-  int pending_ = 0;  ///< points since the last that was kept
-  std::optional<Point> largest_;
+  int every_ = 1;    ///< one of this many successive points is kept: the one with the largest force
+  int pending_ = 0;  ///< number of points since a point was kept
+  std::optional<Point> largest_;  ///< the one of these points with the largest force
 };
 
 }  // namespace trocar::runtime

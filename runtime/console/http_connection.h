@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One HTTP connection. It reads requests one after the other, checks who asks, and
-// sends the answers.
+// One HTTP connection: reads requests one after the other, checks who asks, and sends the answers.
 // Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
@@ -29,7 +28,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void refuse_host(const Request& request);
   void answer(const Request& request);
   void answer_file(const std::string& path, bool is_get);
-  /// Sends the answer that `work` makes on the worker thread.
+  /// Runs `work` on the worker thread, and then sends the answer that `work` returned.
   void later(std::function<Answer()> work);
   void send(Answer answer);
   template <typename Response>

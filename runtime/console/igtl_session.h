@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The console's session as OpenIGTLink clients get it (docs/openigtlink.md).
+// Sends the console's session to OpenIGTLink clients (docs/openigtlink.md).
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -15,8 +15,8 @@
 
 namespace trocar::runtime {
 
-/// Gives what the supervisor has read to an IgtlServer. Bones are loaded on the worker thread, and only
-/// if there is a client.
+/// Gives an IgtlServer the telemetry that the supervisor has read. A session's bone is loaded on
+/// the worker thread, and only if there is a client.
 class IgtlSession {
  public:
   using Clock = std::chrono::steady_clock;
@@ -27,7 +27,7 @@ class IgtlSession {
   void poll(Clock::time_point now);
 
  private:
-  /// The session's position in the patient, and its surface, ready to be sent.
+  /// The position of the session's bone in the patient, and the packed message with its surface.
   struct Position {
     std::optional<Eigen::Affine3d> T_patient_device;
     IgtlBytes surface;
@@ -39,10 +39,10 @@ class IgtlSession {
   ConsoleState& console_;
   std::unique_ptr<IgtlServer> server_;
   IgtlState state_;
-  std::optional<std::uint64_t> asked_;  ///< the session whose position is known or is being loaded
-  std::optional<Position> position_;    ///< none: not known yet
-  double shown_ticks_ = 0;              ///< number of ticks at the last pose
-  std::pair<RunState, int> shown_status_{RunState::kIdle, -1};  ///< last sent state and fault
+  std::optional<std::uint64_t> asked_;  ///< the session whose position is loaded or being loaded
+  std::optional<Position> position_;    ///< none: not loaded yet
+  double shown_ticks_ = 0;              ///< number of ticks of the pose that was sent last
+  std::pair<RunState, int> shown_status_{RunState::kIdle, -1};  ///< state and fault sent last
 };
 
 }  // namespace trocar::runtime

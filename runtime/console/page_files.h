@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of the page, a fixed table that is read once at start, and the policy that says which
-// scripts may run.
+// The files of the page, which are read once when the console starts, and the policies that say
+// which scripts may run in a browser (Content-Security-Policy).
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -20,16 +20,18 @@ struct PageFile {
 
 class PageFiles {
  public:
-  /// Reads the page's files in `folder` and in its subfolders hand/, view/ and vendor/, at most 64 files
-  /// of at most 8 MiB each. If vendor/ is empty, the page only says how to get its libraries. Errors: (refused)
-  /// there is no index.html.
+  /// Reads the page's files in `folder` and in its subfolders hand/, imaging/, planning/, view/
+  /// and vendor/: at most 64 files of at most 8 MiB each. If vendor/ is empty, the page only says
+  /// how to get its libraries. Errors: kRefused if there is no index.html, or if there are more
+  /// or larger files.
   static Result<PageFiles> read(const std::filesystem::path& folder);
   /// Returns the file for the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null:
   /// there is none.
   const PageFile* find(std::string_view target) const;
-  /// The page's Content-Security-Policy. It allows scripts of this server and, by their hashes, the
-  /// page's import map and the scripts of session reports and of the history.
+  /// Returns the page's Content-Security-Policy. This policy allows scripts of this server and, by
+  /// their hashes, the page's import map and the scripts of session reports and of the history.
   const std::string& security_policy() const noexcept { return policy_; }
+  /// Returns false if vendor/ is empty.
   bool is_complete() const noexcept { return complete_; }
 
  private:
@@ -38,17 +40,18 @@ class PageFiles {
   bool complete_ = true;
 };
 
-/// Returns the folder share/trocar/console beside the program's bin/; if there is none, the folder
-/// in the sources from which the program was built.
+/// Returns the folder with the page's files: share/trocar/console next to the program's folder
+/// bin/. If there is none, returns the folder in the sources from which the program was built.
 std::filesystem::path page_folder();
 
-/// Content-Security-Policy of session reports, and of the history. The files in the folder are not
-/// trusted, so the only script that may run is that of this version's template.
+/// The Content-Security-Policy of session reports, and that of the history. Reports in
+/// the console's folder are not trusted, so the only script that may run is that of
+/// this version's template.
 const std::string& report_policy();
 const std::string& history_policy();
 
-/// Returns the hashes of the scripts in an HTML page that begin with this tag, as needed in a
-/// Content-Security-Policy: 'sha256-...', each with a blank before it.
+/// Returns the hashes of those scripts in an HTML page that begin with `tag`, as a
+/// Content-Security-Policy needs them: 'sha256-...', each with a blank before it.
 std::string script_hashes(std::string_view html, std::string_view tag);
 
 }  // namespace trocar::runtime

@@ -15,10 +15,10 @@ struct RequestTarget {
   std::string path;  ///< begins with '/'
   std::map<std::string, std::string> parameters;
 
-  /// Parses a target. Returns none if the text is malformed, repeats a parameter, or has more
-  /// than 8 parameters.
+  /// Parses a target. None: the text is malformed, repeats a parameter, or has more than 8
+  /// parameters.
   static std::optional<RequestTarget> parse(std::string_view text);
-  /// Returns the value of a parameter; empty if it is missing.
+  /// Returns the value of a parameter; empty if the parameter is missing.
   std::string parameter(const char* name) const;
 };
 

@@ -19,15 +19,17 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
-  /// The links begin with this address, made by public_url_of(); if it is empty, with that on which the console listens.
+  /// Address with which the printed links begin: a result of public_url_of(). Empty: the links
+  /// begin with the address on which the console listens.
   std::string public_url;
-  std::string start;     ///< JSON of /api/folder's `start`, the scene's name; empty: none
-  std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
+  std::string start;     ///< JSON for `start` of /api/folder, the name of a scene; empty: none
+  std::string playback;  ///< JSON for `playback` of /api/folder; empty: none
   std::optional<IgtlAddress> igtl;  ///< address for OpenIGTLink clients; none: they are not served
 };
 
-/// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends its sessions. Errors:
-/// (usage) the address is not numerical; (unwritable) the server cannot listen on it.
+/// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends what the console runs
+/// (Supervisor::end_all()). Errors: kUsage if the address is not numerical; kUnwritable if the
+/// server cannot listen on the address.
 Result<void> serve(const ServerSettings& settings, Files files, PageFiles page);
 
 }  // namespace trocar::runtime

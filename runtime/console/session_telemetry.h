@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's copy of one session's shared-memory telemetry: description, events, the latest
-// snapshot and the meshes, each ready to be sent to clients. The copy is kept after the session has
-// ended, until the next session is attached.
+// snapshot (the numbers of one tick) and the meshes, each ready to be sent to clients. The copy is
+// kept after the session has ended, until the next session begins.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -19,6 +19,7 @@
 
 namespace trocar::runtime {
 
+/// The contents of a binary message, which all clients share.
 using Frame = std::shared_ptr<const std::string>;
 
 class SessionTelemetry {
@@ -29,27 +30,30 @@ class SessionTelemetry {
   };
   struct Mesh {
     std::uint64_t version = 0;  ///< changes with each new mesh
-    Frame frame;                ///< without kind and number; null: nothing to show
+    Frame frame;                ///< result of mesh_message() (messages.h); null: nothing to show
   };
 
-  /// Begins a new session.
+  /// Begins to copy another session.
   void attach(std::unique_ptr<TelemetryReader> reader);
-  /// Forgets the session; a new one is about to begin.
+  /// Forgets the session. Called when another session is about to begin.
   void clear();
   bool is_attached() const noexcept { return reader_ != nullptr; }
-  /// Reads what is new. Takes less than a millisecond, plus the time for at most two cut sheets.
+  /// Reads new events, the latest snapshot and changed meshes. Takes less than a millisecond, plus
+  /// the time for at most two cut sheets.
   void poll();
-  /// Passes a command on. A session must be attached.
+  /// Passes a command on. Precondition: is_attached().
   void command(TelemetryCommand command) { reader_->command(command); }
-  /// Holds X-ray screening or lets it go (TelemetryReader::screen()). A session must be attached.
+  /// Holds X-ray screening or ends it (TelemetryReader::screen()). Precondition: is_attached().
   void screen(bool is_held) { reader_->screen(is_held); }
-  /// True if a live hand can be moved.
+  /// True if the session has a live hand and has not ended.
   bool has_hand() const noexcept { return reader_ && reader_->has_hand() && !has_ended_; }
-  /// Moves the live hand, which must exist; none: it lets go.
+  /// Moves the live hand to a target (TelemetryHand::target); none: the hand lets go. Precondition:
+  /// has_hand().
   void move_hand(const std::optional<std::array<double, 6>>& target);
 
-  std::uint64_t sessions() const noexcept { return sessions_; }  ///< number of attached sessions
-  const SessionAbout& about() const noexcept { return about_; }  ///< json empty: no session yet
+  std::uint64_t sessions() const noexcept { return sessions_; }  ///< changes with each new session
+  /// The description of the session; SessionAbout::json is empty if there is no session yet.
+  const SessionAbout& about() const noexcept { return about_; }
   /// The latest 20,000 events, in the order of their numbers.
   const std::deque<Event>& events() const noexcept { return events_; }
   std::uint64_t last_event() const noexcept { return last_event_; }
@@ -58,7 +62,7 @@ class SessionTelemetry {
   std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of snapshots read
   const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: none yet
   const ForceHistory& history() const noexcept { return history_; }
-  /// Returns a number of the latest snapshot; 0: there is no such column.
+  /// Returns value number `at` of a column of the latest snapshot; 0 if there is no such value.
   double value(const char* column, std::size_t at = 0) const;
   const std::vector<Mesh>& sheets() const noexcept { return sheets_; }
   const Mesh& shape() const noexcept { return shape_; }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor of the one session that a console shows. It starts the session's programs, or
-// finds a session that runs, follows it, and passes commands on.
+// The supervisor of the one session that a console shows. The supervisor starts the session's
+// programs, or finds a session that already runs. It then follows this session, and passes commands
+// on to it.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -24,7 +25,9 @@
 
 namespace trocar::runtime {
 
-/// kSilent: the session runs, but no new telemetry has come for kSilentAfter. kLost: its process is gone without an end.
+/// The state of the session. kSilent: the session's process runs, but no new telemetry has
+/// come for kSilentAfter. kLost: the process is gone, without the event `ended` and without a
+/// known exit code.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
@@ -34,11 +37,11 @@ enum class XrayRequest : std::uint8_t { kShot, kScreen, kEnd };
 
 struct StartRequest {
   std::filesystem::path scene;
-  std::filesystem::path asset;  ///< empty: the scene's own
+  std::filesystem::path asset;  ///< empty: the asset that the scene names
   std::optional<double> duration_s;
   DeviceChoice device;
   std::string clock = "real";  ///< "real" or "virtual"
-  std::string force_law;       ///< empty: the scene's own
+  std::string force_law;       ///< empty: the force law that the scene names
   Trainee trainee;
 };
 
@@ -46,10 +49,12 @@ class Supervisor {
  public:
   using Clock = std::chrono::steady_clock;
   struct Settings {
-    std::filesystem::path
-        folder;  ///< the folder of the scenes; empty: the console only plays recordings
+    /// The folder of the scenes; empty: the console only plays recordings.
+    std::filesystem::path folder;
     std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
-    std::filesystem::path attach;    ///< telemetry link to follow instead of starting sessions
+    /// The telemetry link (--live) of a session to follow; the console then starts no sessions.
+    /// Empty: the console starts sessions.
+    std::filesystem::path attach;
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
     /// The devices that pages may choose; there is at least one, and the first is the default.
     std::vector<DeviceChoice> devices = {DeviceChoice{}};
@@ -57,38 +62,44 @@ class Supervisor {
   };
   explicit Supervisor(Settings settings);
 
-  /// Starts a session. Errors: (refused) a session or a test already runs, or a program cannot be
-  /// started.
+  /// Starts a session. Errors: kRefused if this console starts no programs, if a session, a test or
+  /// the making of a scene already runs, or if a program cannot be started; kUnwritable if a file
+  /// of the session cannot be written.
   Result<void> start(const StartRequest& request);
-  /// Starts the test of a device, which gets no force. Errors: (refused) as for start(), or the console
-  /// itself simulates the device.
+  /// Starts the test of a device, in which the device gets no force. Errors: those of start();
+  /// kRefused if the device is one that Trocar itself simulates.
   Result<void> test_device(const DeviceChoice& device);
   const DeviceTest& test() const noexcept { return test_; }
-  /// Makes a scene in the console's folder. Errors: (refused) as for start(), or those of SceneMaker::start().
+  /// Makes a scene in the console's folder. Errors: those of start() and of SceneMaker::start().
   Result<void> make_scene(const NewSceneRequest& request);
   const SceneMaker& scene_maker() const noexcept { return scene_maker_; }
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
-  /// Hides what pages must not see: absolute paths and the files of the devices' options.
+  /// The texts that pages must not see: absolute paths, and the files in the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
-  /// Takes an X-ray picture, or switches screening on or off. It goes off after 1 s unless this is repeated. Errors: (refused)
-  /// there is no session, or it takes no X-ray.
+  /// Takes an X-ray picture, or switches screening on or off. Screening ends after 1 s unless
+  /// kScreen is requested again. Errors: kRefused if no session runs, or if the session takes no
+  /// X-ray or is paused.
   Result<void> xray(XrayRequest request);
-  /// Passes a command on; `stop` also ends a test or the making of a scene. Errors: (refused) there is no session.
+  /// Passes a command on to the session. The command `stop` also ends a test or the making of a
+  /// scene. Errors: kRefused if no session runs.
   Result<void> command(TelemetryCommand command);
   /// True if a session runs whose live hand can be moved.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
-  /// Sets the target of the live hand, which must exist: the tip in {B} in m, and the rotation vector in rad; none: it lets go.
+  /// Sets the target of the live hand: the position of the tip in {B} in m, and the rotation vector
+  /// in rad. None: the hand lets go. Precondition: has_hand().
   void move_hand(const std::optional<std::array<double, 6>>& target) {
     telemetry_.move_hand(target);
   }
-  /// Sends the emergency stop, and kills the session if its ticks do not show zero torques
-  /// within 100 ms.
+  /// Sends the emergency stop. poll() kills the session if its telemetry does not show zero
+  /// torques within 100 ms. A session that has only been started is killed immediately, and a
+  /// test is stopped.
   Result<void> emergency_stop();
-  /// Ends this console's own sessions: first with a command, after `patience` with SIGKILL. Returns
-  /// true as soon as all of them have ended.
+  /// Ends the session, unless this console only watches it (Settings::attach), and also a device
+  /// process, a test and the making of a scene. Uses a command or signal first, and SIGKILL after
+  /// `patience`. Call this repeatedly until it returns true, which means that all have ended.
   bool end_all(Clock::time_point now, Clock::duration patience);
-  /// Reads telemetry, follows the console's processes, and checks an emergency stop that was sent. The caller must call this every
-  /// few milliseconds.
+  /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
+  /// The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
 
   /// Telemetry of the present session, or of the last one.
@@ -99,7 +110,7 @@ class Supervisor {
     return state_ == RunState::kStarting || state_ == RunState::kRunning ||
            state_ == RunState::kSilent || state_ == RunState::kPaused;
   }
-  /// The message `state` of protocol.md. Its version changes when its text changes.
+  /// The message `state` of protocol.md. state_version() changes whenever this text changes.
   const std::string& state_json() const noexcept { return state_json_; }
   std::uint64_t state_version() const noexcept { return state_version_; }
   const std::filesystem::path& scene_file() const noexcept { return scene_file_; }
@@ -107,13 +118,15 @@ class Supervisor {
   std::filesystem::path log_file() const;
 
  private:
-  /// After an emergency stop a tick later than `ticks` must show zero torques, at `until` at the latest.
+  /// The deadline of an emergency stop: until then, a tick with a number above `ticks` must
+  /// show zero torques.
   struct StopCheck {
     Clock::time_point until;
     double ticks = 0;
   };
 
-  /// Errors: (refused) this console starts nothing, or something runs already.
+  /// Checks that nothing runs. Errors: kRefused if this console starts no programs, or if a
+  /// session, a test or the making of a scene already runs.
   Result<void> check_free();
   Result<void> start_run();
   Result<void> start_device(const std::string& endpoint);
@@ -144,7 +157,7 @@ class Supervisor {
   std::vector<Process> ending_devices_;  ///< devices that have been asked to end
   bool waits_for_device_ = false, recover_when_ready_ = false;
   std::string device_endpoint_;
-  std::uint64_t device_log_from_ = 0;  ///< size of the log when the device was started
+  std::uint64_t device_log_from_ = 0;  ///< size of the log when the device process was started
   Clock::time_point started_at_, searched_at_, polled_at_;
   std::uint64_t heard_ = 0;  ///< SessionTelemetry::snapshots() at the last poll
   Clock::duration silence_{};

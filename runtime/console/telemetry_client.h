@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket /live of one client: a page that watches, or a script (protocol.md).
+// The WebSocket /live of one client, which is a page or a script (protocol.md).
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -20,8 +20,8 @@ namespace trocar::runtime {
 
 /// A client's message for the live hand.
 struct HandRequest {
-  std::optional<std::array<double, 6>> target;  ///< none: it lets go
-  std::uint64_t number = 0;
+  std::optional<std::array<double, 6>> target;  ///< none: the client lets go of the hand
+  std::uint64_t number = 0;                     ///< increases with each message of the client
 };
 
 class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
@@ -30,12 +30,12 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   TelemetryClient(ConsoleState& console, beast::tcp_stream stream, std::string from)
       : console_(console), socket_(std::move(stream)), from_(std::move(from)) {}
 
-  /// Answers the handshake. After that the client must send its token within 5 s.
+  /// Answers the handshake. The client must send its token within 5 s.
   void run(const Request& request);
-  /// Sends the next message if the last one has been sent. Closes the connection of a client
-  /// that has stalled.
+  /// Sends the next message if the previous one has been sent. Closes the connection if the
+  /// client has stalled.
   void pump(Clock::time_point now);
-  /// Ends the connection without a word.
+  /// Closes the connection without a closing message.
   void abort();
   Role role() const noexcept { return role_; }  ///< kNone until the first message
 
@@ -47,7 +47,7 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   bool on_later(const std::string& text);
   bool on_hand(const HandRequest& request);
   void release_hand();
-  /// True if not too many other clients have this client's role.
+  /// True if the number of clients with this client's role is within the limit.
   bool has_place() const;
   void close(websocket::close_code code);
   std::function<void(beast::error_code, std::size_t)> written();
@@ -64,7 +64,7 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   std::array<std::uint32_t, 2> head_{};
 };
 
-/// Number of living clients of a role.
+/// Returns the number of connected clients with a role.
 std::size_t count_clients(const ConsoleState& console, Role role);
 
 }  // namespace trocar::runtime

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting), and a coupling
-// connects it to the plate as stiffly as the device allows. The law is passive by itself
-// (cutting_law.h, contract 1).
+// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). A coupling
+// connects the tool to the plate as stiffly as the device allows, by springs or rigidly. The law is
+// passive by itself (cutting_law.h, contract 1).
 // Tests: tests/runtime/session/cutting_session_test.cpp
 #pragma once
 
@@ -16,15 +16,16 @@
 
 namespace trocar::runtime {
 
-/// Results of a session. Forces and energies are those of the tissue, before SceneForceLaw::force_scale.
+/// Results of a session. Forces and energies are those of the tissue, before they are multiplied by
+/// SceneForceLaw::force_scale.
 struct CuttingReport {
   DeviceCoupling coupling;
   double force_scale = 1;
   double tip_max_N = 0, force_max_N = 0;
-  BoneEnergyAccount energy;  ///< account at the end
-  std::uint64_t unconverged_ticks = 0;
-  int steps_max = 0;            ///< largest number of Newton steps in a tick
-  std::uint64_t side_cuts = 0;  ///< number of holes requested where walls yielded
+  BoneEnergyAccount energy;             ///< energy account after the last tick
+  std::uint64_t unconverged_ticks = 0;  ///< ticks in which Newton's method did not converge
+  int steps_max = 0;                    ///< largest number of Newton steps in a tick
+  std::uint64_t side_cuts = 0;          ///< number of holes requested where walls yielded
 };
 
 class CuttingForceLaw final : public ForceLaw {
@@ -63,8 +64,8 @@ class CuttingForceLaw final : public ForceLaw {
   double rate_Hz_;
   bool has_unused_damping_ = false;  ///< a tissue has damping_N_s_per_m, which this law ignores
   double last_force_N_ = 0;          ///< rendered force on the tip in the previous tick
-  std::uint64_t loaded_layers_ =
-      0;  ///< soft layers under load after the previous tick, one bit each
+  /// Soft layers that were under load after the previous tick: bit i stands for layer i.
+  std::uint64_t loaded_layers_ = 0;
   CuttingReport report_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of force laws. README.md of this folder explains how to add a law to the product. Tests add
-// a law with add_force_law().
+// The table of force laws. README.md of this folder explains how to add a law to the program. Tests
+// add a law with add_force_law().
 #pragma once
 
 #include <memory>

@@ -2,10 +2,10 @@
 // The prefetch worker of the force law `network`. It computes the stiffness of a sheet's spring network
 // (runtime/deformation) under the tool, outside the haptic thread.
 //
-// The forces of the network are proportional to the depth of the tool. So the response to the tool is fully
-// described by a stiffness and by the point where the force acts, and the haptic thread need not solve equations.
-// If the scene names the solver `propagation` (runtime/deformation/propagation.h), the stiffness is the force per
-// depth to which it converges.
+// The forces of the network are proportional to the depth of the tool. So a stiffness and the point
+// where the force acts fully describe the response to the tool, and the haptic thread need not
+// solve equations. If the scene names the solver `propagation` (runtime/deformation/propagation.h),
+// the stiffness is the force per depth to which this solver converges.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -30,18 +30,20 @@ namespace trocar::runtime {
 
 struct PrefetchReport {
   std::uint64_t answers = 0, failures = 0;
-  std::uint32_t calibrations = 0;  ///< one for each distinct stiffness among the sheets
-  Histogram prepare;               ///< wall times of the answers
+  std::uint32_t calibrations = 0;  ///< number of distinct stiffnesses among the sheets
+  Histogram prepare;               ///< wall times that the answers took
   std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
-  double force_bound_max = 0, displacement_bound_max = 0;  ///< largest RingBounds of all answers
+  /// Largest error bounds (RingBounds) of all answers.
+  double force_bound_max = 0, displacement_bound_max = 0;
   std::uint32_t negative_springs_max = 0;
 };
 
 class NetworkPrefetch final : public PrefetchWorker {
  public:
-  /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of place_slices(). `lattice` is
-  /// that of the asset. This takes some milliseconds for each distinct stiffness, or some hundred if the tool has
-  /// many corners. Errors: (refused) for one of the tissues and this tool, no membrane tension and foundation
+  /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
+  /// place_slices(). `lattice`: the lattice of the asset. The call takes some milliseconds for each
+  /// distinct stiffness, or some hundred milliseconds if the tool has many corners. Errors:
+  /// kRefused if, for one of the tissues and this tool, no membrane tension and foundation
   /// stiffness give the tissue's stiffness (runtime/deformation/calibration.h).
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
@@ -52,7 +54,7 @@ class NetworkPrefetch final : public PrefetchWorker {
     return answered_.read(stiffness);
   }
   void serve(const std::function<const Sheet&(std::size_t)>& sheet) override;
-  /// Failures of the solver are counted in PrefetchReport::failures.
+  /// If the solver fails, also increases PrefetchReport::failures.
   std::optional<PrefetchedStiffness> answer(const PrefetchRequest& request,
                                             const Sheet& sheet) override;
   std::shared_ptr<const SheetShape> shape() const override;

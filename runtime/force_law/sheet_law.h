@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force laws of separate sheets. With `hooke`, each sheet is a spring under the tool. With `network`,
-// contact is the same, but the stiffness is that of the sheet's spring network, which a prefetch worker
-// computes. Contact and puncture are those of runtime/contact/puncture.h. A virtual coupling can connect
-// the tool to the plate.
+// The force laws of separate sheets. With `hooke`, each sheet is a spring under the tool. With
+// `network`, the stiffness of a sheet is that of its spring network, which a prefetch worker
+// computes. In all other respects the two laws are the same: runtime/contact/puncture.h defines
+// contact and puncture, and a virtual coupling can connect the tool to the plate.
 // Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 
@@ -15,7 +15,7 @@
 
 namespace trocar::runtime {
 
-/// The force law `hooke`, and the contact of `network`.
+/// The force law `hooke`, and the common part of `hooke` and `network`.
 class SheetLaw : public ForceLaw {
  public:
   /// `force_scale`: SceneForceLaw::force_scale.

@@ -20,13 +20,15 @@ enum class Hdf5Type : std::uint8_t { kFloat64, kInt32, kInt64, kUint8, kUint32 }
 struct Hdf5Table {
   std::string name;
   Hdf5Type type = Hdf5Type::kFloat64;
-  std::size_t width = 1;  ///< numbers in a row; with 1 the dataset has one dimension
-  /// Names of 0, 1, ...: an enumeration of 8-bit numbers. Empty: plain numbers.
+  std::size_t width = 1;  ///< numbers in a row; with 1 the dataset has one dimension, else two
+  /// Names of the values 0, 1, ... The dataset is then an enumeration of 8-bit numbers. Empty: the
+  /// dataset has plain numbers.
   std::vector<std::string> enumerators;
   std::vector<std::byte> data;  ///< row by row, in the machine's byte order
 };
 
-/// A file with datasets in its root group. A call that fails makes bytes() fail.
+/// A file with datasets in its root group. Calls report no errors; if one has failed, bytes()
+/// returns an error.
 class Hdf5File {
  public:
   Hdf5File();
@@ -36,11 +38,12 @@ class Hdf5File {
 
   /// Adds a dataset in compressed chunks.
   void add(const Hdf5Table& table);
-  /// Gives a dataset, or the root group ("/"), an attribute: a text, or a list of texts.
+  /// Adds an attribute, a text or a list of texts, to a dataset or the root group. `object`: the
+  /// name of the dataset, or "/".
   void set_attribute(const std::string& object, const std::string& name, const std::string& text);
   void set_attribute(const std::string& object, const std::string& name,
                      std::span<const std::string> texts);
-  /// The file's bytes. Errors: (bug) libhdf5 refused a call, or had no memory.
+  /// Returns the file's bytes. Errors: kBug if libhdf5 refused a call, or had no memory.
   Result<std::vector<std::uint8_t>> bytes();
 
  private:

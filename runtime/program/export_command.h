@@ -19,7 +19,8 @@ struct ExportArguments {
 /// Adds the subcommand `export`.
 CLI::App& declare_export(CLI::App& app, ExportArguments& arguments);
 
-/// Becomes the program trocar-export in the folder of this program. Returns an exit code only if it cannot be started.
+/// Replaces this process by the program trocar-export, which is in the same folder as this program.
+/// Returns only if trocar-export cannot be started: prints the reason, and returns an exit code.
 int run_export(const ExportArguments& arguments);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `trocar-run fit`: a tissue from a measured force-depth curve (runtime/calibration).
+// `trocar-run fit`: fits the parameters of a tissue to a measured force-depth curve
+// (runtime/calibration).
 // Tests: tests/e2e/fit_test.py
 #pragma once
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The versions of the libraries that all programs of this folder use, as a text for --version.
+// A text for --version: the versions of the libraries that all programs of this folder use.
 // Tests: tests/install/install_test.py
 #pragma once
 

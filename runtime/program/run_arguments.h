@@ -20,7 +20,7 @@ namespace trocar::runtime {
 
 inline constexpr const char* kProgram = "trocar-run";
 inline constexpr double kDefaultRate_Hz = 1000;
-/// Missed deadlines in a row that are a fault if the device has motors.
+/// If the device has motors, this number of missed deadlines in a row is a fault.
 inline constexpr int kDefaultLateTicks = 3;
 
 /// The options of the command line. An empty string means that the option was not given.
@@ -41,7 +41,8 @@ struct RunArguments {
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
   std::optional<double> force_limit_N, force_scale;
-  /// None: the default for the device, kDefaultLateTicks or any number.
+  /// Number of missed deadlines in a row that is a fault; 0: missed deadlines are never a fault.
+  /// None: kDefaultLateTicks for a device with motors, 0 for a simulated device.
   std::optional<int> late_ticks_in_row;
   int cpu = -1;
   std::string energy_budget;  ///< the option's old name, which is refused with a hint
@@ -49,16 +50,18 @@ struct RunArguments {
 
 void declare_run_options(CLI::App& app, RunArguments& arguments);
 
-/// Checks the options. Errors: (usage) a value is out of range, or options exclude each other.
+/// Checks the options. Errors: kUsage if a value is out of range, or if options exclude each other.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
-/// Returns the points of --entry and --target; none: there is no --entry. Errors: (usage) one is not three numbers in mm.
+/// Returns the points of --entry and --target; none: --entry was not given. Errors: kUsage if one
+/// of the points is not three numbers in mm.
 Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& arguments);
 
 /// Returns the SafetyLimits::no_data_max_s of a session with these arguments.
 double no_data_max_s(const RunArguments& arguments);
 
-/// Sets the options of the haptic loop and of its safety layer.
+/// Sets those members of `options` that concern the haptic loop, its safety layer and
+/// the black boxes.
 void set_loop_options(const RunArguments& arguments, SessionOptions& options);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What trocar-run does: a session or a replay, the check of a scene, a new scene, or the test of a device.
+// The commands of trocar-run: a session or a replay, the check of a scene, a new scene, the test of
+// a device, the list of procedures, and the history of sessions.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -11,17 +12,19 @@ namespace trocar::runtime {
 
 // Each function prints its errors and returns the exit code.
 
-/// Runs or replays a session; with --check, checks the scene instead. The operator sets `recover`
-/// to request recovery.
+/// Runs or replays a session; with --check, checks the scene instead. `recover`: the flag that
+/// requests a recovery (SessionOptions::recover).
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
-/// Prints the values of one procedure, or of all, with their ranges and sources (--explain).
+/// Prints the values of one procedure, or of all procedures, with the ranges and sources of
+/// the values (--explain).
 int explain_procedures(const RunArguments& arguments);
 
 /// Writes the history of a folder's sessions as a page and a table (--history).
 int write_history(const RunArguments& arguments);
 
-/// Tries the device without force (--test), and says whether a session would hold. Exit code 5: it would not.
+/// Tries the device without force (--test), and says whether a session would run undisturbed. The
+/// exit code is 5 if a session would not.
 int test_device(const RunArguments& arguments);
 
 /// Proposes a scene (--new-scene).

@@ -23,12 +23,12 @@ namespace trocar::runtime {
 struct SessionInputs {
   Scene scene;                    ///< the scene with the changes made by the command line
   DeviceDescription description;  ///< description of the four-legged device
-  std::optional<PoseDeviceDescription>
-      pose_device;                 ///< the session's device, if it measures its own pose
-  std::string pose_device_origin;  ///< digest of its description, or "built-in/NAME"
+  /// Description of the session's device, if this device measures its own pose.
+  std::optional<PoseDeviceDescription> pose_device;
+  std::string pose_device_origin;  ///< digest of the file of this description, or "built-in/NAME"
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<SliceTissue> tissues;  ///< tissue of each sheet
-  std::vector<RecordingRow> replay;
+  std::vector<RecordingRow> replay;  ///< rows of the recording to replay; empty: no replay
   RecordingOrigin replay_origin;
   LoadedBytes bytes;
 
@@ -37,11 +37,13 @@ struct SessionInputs {
   }
 };
 
-/// Reads the description of the device. If `file` is empty, returns the built-in description for `uri`, by default that of the
-/// four-legged device.
+/// Reads the description of the device from `file`. If `file` is empty, returns the built-in
+/// description for the device `uri`; if there is none for it, that of the four-legged device.
 Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
                                               std::string_view uri);
 
+/// Loads everything that the arguments name. Errors: kRefused if an input is not acceptable; kUsage
+/// if an option does not fit the device.
 Result<SessionInputs> load_inputs(const RunArguments& arguments);
 
 }  // namespace trocar::runtime

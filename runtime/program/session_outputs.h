@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files that trocar-run writes besides the recording: summary, meshes, frames, session report.
+// The files that trocar-run writes in addition to the recording: summary, meshes, frames, path of a
+// live hand, session report.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -19,8 +20,8 @@
 
 namespace trocar::runtime {
 
-/// Checks the names of the outputs. Errors: (usage) two outputs have the same name, or an output is
-/// also an input.
+/// Checks the names of the outputs. Errors: kUsage if two outputs have the same name, or if an
+/// output is also an input; kUnwritable if an output cannot be written.
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs);
 
 class SessionOutputs {
@@ -30,8 +31,8 @@ class SessionOutputs {
 
   /// Sets the functions that collect frames and figures during the session.
   void collect(SessionOptions& options);
-  /// Writes every output, even if another one could not be written. `hand`: a live hand, or null. Returns the
-  /// errors.
+  /// Writes every output, even if another one could not be written. Returns the errors. `hand`: the
+  /// hand that a person moved; null: the scene has no live hand.
   std::vector<Error> write(const SessionOptions& options, const SessionReport& report,
                            const Remesher& remesher, const LiveHand* hand,
                            const std::optional<LinkReport>& link);

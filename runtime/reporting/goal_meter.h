@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares a session with its scene's goals: the distances of definition 6 in session_figures.h,
-// and the result of each goal.
+// Compares a session with its scene's goals: measures the distances of definition 6 in
+// session_figures.h, and determines the result of each goal.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -13,18 +13,20 @@
 
 namespace trocar::runtime {
 
-/// Returns the distance of a point from a zone in m, negative inside the zone.
+/// Returns the distance in m of a point from a zone, a volume in which the tip must not be. The
+/// distance is negative inside the zone.
 double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m);
 
 class GoalMeter {
  public:
   /// The goals must outlive this object.
   explicit GoalMeter(const SceneGoals& goals) : goals_(goals), in_zone_(goals.zones.size()) {}
-  /// Takes a counted row (definition 1). `figures` has an entry for each zone.
+  /// Takes a counted row (definition 1). Precondition: figures.zones has an entry for each zone.
   void observe(const RecordingRow& row, SessionFigures& figures);
-  /// The next row begins new breaches.
+  /// Call this for a row that is not counted. Ends all breaches: the next row in a zone begins
+  /// a new breach.
   void interrupt() { in_zone_.assign(in_zone_.size(), false); }
-  /// Adds the result of each goal; all other figures must be complete.
+  /// Adds the result of each goal. Precondition: all other figures are complete.
   void judge(SessionFigures& figures) const;
 
  private:
@@ -32,7 +34,7 @@ class GoalMeter {
   void observe_zone(std::size_t index, const RecordingRow& row, ZoneFigures& figures);
 
   const SceneGoals& goals_;
-  std::vector<bool> in_zone_;  ///< one flag per zone: the tip was inside in the last row
+  std::vector<bool> in_zone_;  ///< one flag per zone: the tip was inside in the previous row
 };
 
 }  // namespace trocar::runtime

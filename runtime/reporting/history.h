@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The record of learning: the sessions whose figures are in a folder, as one series for each trainee,
-// course and scene, ordered by attempt and time. In: the files that `trocar-run --session-report` and
-// `--summary` write. Out: JSON (formats/session/history.schema.json), a table and one HTML page.
-// The files are not trusted. This is a library of its own (trocar_history), because the console has it too.
+// The history: all sessions whose figures are in a folder. Each trainee, course and scene has one
+// series of sessions, ordered by attempt and then by time. In: the files that `trocar-run
+// --session-report` and `--summary` write; they are not trusted. Out: JSON
+// (formats/session/history.schema.json), a table and one HTML page. The history is a separate
+// library (trocar_history), because the console uses it too.
 // Tests: tests/e2e/history_test.py
 #pragma once
 
@@ -16,25 +17,26 @@
 namespace trocar::runtime {
 
 inline constexpr std::size_t kMaxHistoryFiles = 10000;
-inline constexpr int kMaxHistoryDepth = 8;  ///< largest depth of a folder that is read
+inline constexpr int kMaxHistoryDepth = 8;  ///< number of levels of subfolders that are read
 
 struct History {
-  std::string json;  ///< the document, on one line
-  std::size_t sessions = 0;
-  std::vector<std::string>
-      skipped;  ///< "NAME: why", for each file that is no session, or is damaged
+  std::string json;          ///< document of history.schema.json, on one line
+  std::size_t sessions = 0;  ///< number of sessions in the document
+  /// "NAME: REASON" for each file that does not have the figures of a session, or is damaged.
+  std::vector<std::string> skipped;
 };
 
-/// Reads all files that end in .json, also in folders below, without following links. A summary is only
-/// taken if its folder has no report, because it is then of the same session; it has fewer figures. A
-/// session's time is that at which its file was last changed. Errors: (refused) `folder` cannot be read.
+/// Reads all files that end in .json, in `folder` and its subfolders, without following links. If a
+/// folder has a session report, the summaries in that folder are ignored, because they are assumed
+/// to be of the same session. The time of a session is the time at which its file was last changed.
+/// Errors: kRefused if `folder` cannot be read, or has more than kMaxHistoryFiles such files.
 Result<History> read_history(const std::filesystem::path& folder);
 
-/// The table as text for a terminal, and as CSV with a line for each session.
+/// A table of the sessions, as text for a terminal and as CSV with a line for each session.
 std::string history_text(const History& history);
 std::string history_csv(const History& history);
 
-/// One HTML page (history_page.html) that contains the same document and needs no other file.
+/// One HTML page (history_page.html) that contains the JSON document and needs no other file.
 std::string history_page(const History& history);
 
 }  // namespace trocar::runtime

@@ -11,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// Returns the intervals over material in ascending order, in m in {B}. The line runs along x at y
-/// = at_m if `axis` is 0, and along y at x = at_m if `axis` is 1.
+/// Returns the intervals over material in ascending order, in m in {B}. If `axis` is 0, the line
+/// runs along x at y = at_m. If `axis` is 1, the line runs along y at x = at_m.
 std::vector<std::array<double, 2>> material_along(const Sheet& sheet, int axis, double at_m);
 
 }  // namespace trocar::runtime

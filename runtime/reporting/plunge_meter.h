@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures the plunge after a break-through (definition 4 of session_figures.h).
+// Measures the plunge: how far the tip moves down after it has broken through a sheet or a soft
+// layer (definition 4 of session_figures.h).
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -17,12 +18,14 @@ namespace trocar::runtime {
 class PlungeMeter {
  public:
   PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz);
-  /// Takes a counted row. `punctured`: the lowest sheet or layer that is punctured in this row.
+  /// Takes a counted row. `punctured`: the lowest sheet or layer that is punctured in this row, if
+  /// any.
   void observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
                SessionFigures& figures);
-  /// Ends the measurement, if one is open, because a row is not counted.
+  /// Call this for a row that is not counted. Ends the measurement of a plunge, if one
+  /// is in progress.
   void interrupt(double t_s, SessionFigures& figures);
-  /// Ends the measurement, if one is open.
+  /// Ends the measurement of a plunge, if one is in progress.
   void end(PlungeEnd end, double t_s, SessionFigures& figures);
 
  private:
@@ -31,7 +34,8 @@ class PlungeMeter {
   const Scene& scene_;
   const std::vector<ReportSheet>& sheets_;
   double last_wanted_N_ = 0;
-  /// Heights of the tip, and of the tip of a tool fixed to the plate, in one row.
+  /// Two heights in one row: `tip_m` is the height of the tip, and `plate_m` is the height that the
+  /// tip would have if the tool were fixed to the plate.
   struct Heights {
     double tip_m = 0, plate_m = 0;
   };
@@ -40,12 +44,13 @@ class PlungeMeter {
   Eigen::Vector3d tip_plate_m_;
   std::optional<Heights> last_;       ///< heights in the last counted row
   std::optional<BreakThrough> open_;  ///< the break-through whose plunge is being measured
-  Heights from_, lowest_;             ///< before the break-through, and with the lowest tip
-  std::vector<double> recent_m_;      ///< ring of the tip's heights since the break-through
+  /// Heights in the row before the break-through, and in the row with the lowest tip since then.
+  Heights from_, lowest_;
+  std::vector<double> recent_m_;  ///< ring buffer: heights of the tip in the last stop_ticks_ rows
   std::uint64_t ticks_ = 0, stop_ticks_ = 1, max_ticks_ = 1;
 };
 
-/// Returns the height of the sheet, or of the layer's top.
+/// Returns the height of a punctured sheet, or of the top of a punctured layer.
 double height_of(const Punctured& what, const Scene& scene, const std::vector<ReportSheet>& sheets);
 
 }  // namespace trocar::runtime

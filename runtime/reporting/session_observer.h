@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Collects the figures of a session tick by tick.
+// Collects the figures of a session (session_figures.h) tick by tick.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -50,7 +50,9 @@ class SessionObserver {
   std::optional<Vector3> last_tip_;
   Vector3 contact_tip_{};
   double length_since_contact_m_ = 0, lowest_inserted_m_ = 0;
-  std::optional<Vector3> in_bone_tip_;  ///< tip in the last row in bone; none: it has left the bone
+  /// Position of the tip in the last row in bone; none: the tip has left the bone, or
+  /// not reached it.
+  std::optional<Vector3> in_bone_tip_;
   bool is_missed_ = false;
   std::int32_t missed_slice_ = -1;
   Fault last_fault_ = Fault::kNone;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of `trocar-run --session-report`: figures as JSON and as CSV, and a page that shows them.
-// session_figures.h defines the figures.
+// The session report for the debriefing (`trocar-run --session-report`): figures as JSON and as
+// CSV, and a page that shows these figures. session_figures.h defines the figures. This report
+// is not the struct SessionReport (runtime/session/session_statistics.h), from which it takes
+// only some facts.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -21,21 +23,22 @@
 
 namespace trocar::runtime {
 
-/// Facts that the report states besides the figures.
+/// Facts that the report states in addition to the figures.
 struct ReportFacts {
   std::string asset;      ///< name of the asset's file
   std::string force_law;  ///< name of the force law
   bool is_virtual = false;
   SessionEnd end = SessionEnd::kDone;
-  std::uint64_t lost_ticks = 0;
+  std::uint64_t lost_ticks = 0;    ///< ticks that are missing in the figures
   std::vector<FaultEvent> faults;  ///< the session's faults with measured values
   std::vector<ReportSheet> sheets;
   Trainee trainee;
   XrayUse xray;
-  std::optional<WallViolation>
-      final_wall;  ///< at the final position; none: the tool is not in bone
-  /// Intervals over material of each sheet, on the lines through the lowest tip, in m: first along x,
-  /// then along y.
+  /// Wall violation at the final position (definition 10); none: the tool is not in bone there.
+  std::optional<WallViolation> final_wall;
+  /// Material in two sections through the tip's lowest position. material_m[0][i] lists the
+  /// intervals of x, in m, in which uncut sheet i has material along the line parallel to x;
+  /// material_m[1][i] lists the intervals of y along the line parallel to y.
   std::array<std::vector<std::vector<std::array<double, 2>>>, 2> material_m;
 };
 
@@ -43,11 +46,12 @@ struct ReportFacts {
 /// at its end.
 std::string session_report_json(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts);
-/// Returns the figures of that document as CSV, one line each: figure,value. The name of a figure is its
-/// path in the document, such as "path/length_m" or "punctures/0/t_s". The samples are left out.
+/// Converts the document that session_report_json() returned to CSV, with one line "figure,value"
+/// for each value. The name of a figure is its path in the document, such as "path/length_m" or
+/// "punctures/0/t_s". The samples are left out.
 std::string session_report_csv(const std::string& report_json);
-/// Returns one HTML page (session_page.html) that contains the same document and needs
-/// no other file.
+/// Returns one HTML page (session_page.html) that contains the document of session_report_json()
+/// and needs no other file.
 std::string session_report_page(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The outputs of a session as JSON: the summary, and the sheets before and after the punctures.
+// Two outputs of a session as JSON: the summary, and the sheets before and after the punctures.
 // Tests: tests/runtime/session/puncture_experiment_test.cpp
 #pragma once
 
@@ -10,19 +10,20 @@
 namespace trocar::runtime {
 
 /// Returns the document of formats/session/summary.schema.json, which describes the fields and
-/// their units. The text is indented by two spaces and has no line feed at its end. All fields are
-/// always present, and are 0 or empty if nothing happened. Exceptions are the fields of one force
-/// law (`network`, `cutting`), `replay` and `link`. The field `allocations_in_loop` is null if the
-/// program does not count allocations (allocation_counter.h). The fields remesh_us and
-/// hole_vertices of a puncture are null if its cut failed. Only the last name of an absolute path
-/// is written. `link_json` is the object `link` as JSON text; empty: the device has no link.
+/// their units. The text is indented by two spaces and has no line feed at its end. The fields of
+/// the document are always present, and are 0 or empty if nothing happened. The exceptions are
+/// `network` and `cutting`, which only these force laws have, `replay` and `link`. The field
+/// `allocations_in_loop` is null if the program does not count allocations (allocation_counter.h).
+/// The fields remesh_us and hole_vertices of a puncture are null if its hole was not cut. Of an
+/// absolute path only the file's name is written. `link_json`: the object `link` as JSON text;
+/// empty: the device has no link.
 std::string summarize(const Scene& scene, const SessionOptions& options,
                       const SessionReport& report, const Remesher& remesher,
                       const std::string& link_json = {});
 
 /// Returns the document of formats/session/sheets.schema.json, on one line without a line feed at
-/// its end. The topmost sheet comes first. Points are in lattice steps (2^-lattice_bits mm) in
-/// the slice's plane.
+/// its end. The topmost sheet comes first. The coordinates of points are integers in the slice's
+/// plane, in steps of 2^-lattice_bits mm.
 std::string describe_sheets(const Scene& scene, const Remesher& remesher);
 
 }  // namespace trocar::runtime

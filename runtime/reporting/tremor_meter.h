@@ -15,7 +15,7 @@ namespace trocar::runtime {
 class TremorMeter {
  public:
   explicit TremorMeter(double rate_Hz);
-  /// Takes a counted row and adds its tremor to the figures.
+  /// Takes a counted row, and adds the filters' output in this row to the figures.
   void observe(const RecordingRow& row, SessionFigures& figures);
   /// Resets the filters before the next row.
   void restart() noexcept { filtered_ = 0; }
@@ -28,7 +28,7 @@ class TremorMeter {
     Vector3 pass(const Vector3& in) noexcept;
   };
   std::array<Filter, 2> filter_;  ///< the high-pass, then the low-pass
-  Vector3 origin_{};              ///< position of the tip in the first row
+  Vector3 origin_{};              ///< position of the tip in the first row after a reset
   std::uint64_t filtered_ = 0, settle_ticks_ = 0;
 };
 

@@ -1,19 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far the tool's outline is outside bone along its path, for the grade of a final position.
+// How far the tool is outside bone along its shaft, for the grade of its final position.
 //
 // Definitions:
-//  1. Bone is the material of the uncut sheets. The outline on a slice is the section of the tool, a
-//     prism from the tip up, with the plane of the slice. Slices below the tip have none.
-//  2. A corner of an outline is 0 outside if it is over material of its slice. Otherwise its distance
-//     is the smallest over all slices of the square root of the sum of two squares: the distance in
-//     the plane to that slice's material, and the difference of the heights.
-//  3. The outline on a slice is as far outside as its farthest corner.
-//  4. The bone begins at the first slice, counted from the top, with the tool's axis over material.
-//     The entry is excluded: it ends before the first slice from there whose outline is not outside at
-//     all, and at most kEntry_m below the begin. The slices from its end to the tip are judged. If
-//     there is none, the tool is not in bone and has no grade.
-//  5. The violation is the largest distance of a judged slice, rounded to 1 nm. Grade 0: 0; 1: under 2 mm; 2: 2 to 4 mm;
-//     3: over 4 mm.
+//  1. Bone is the material of the uncut sheets. The tool is a prism that begins at the tip and
+//     extends upwards. The outline on a slice is the section of this prism with the plane of the
+//     slice. Slices below the tip have no outline.
+//  2. The distance of an outline's corner is 0 if the corner is over material of its slice.
+//     Otherwise each slice gives the value sqrt(d^2 + h^2): d is the horizontal distance from the
+//     corner to the slice's material, and h is the difference between the heights of the corner
+//     and the slice. The distance of the corner is the smallest of these values.
+//  3. The distance of an outline is the largest distance of its corners.
+//  4. The bone begins at the first slice, counted from the top, at which the tool's axis is over
+//     material. The entry is the part of the bone that is not judged. The entry begins with that
+//     first slice, and ends before the first slice whose outline has the
+//     distance 0 or which is more than kEntry_m below the beginning of the bone. All slices from
+//     the end of the entry to the tip are judged. If there is no such slice, the tool is not in
+//     bone and has no grade.
+//  5. The violation is the largest distance of a judged outline, rounded to 1 nm. The grade is 0
+//     for a violation of 0, 1 for less than 2 mm, 2 for 2 to 4 mm, and 3 for more than 4 mm.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -25,24 +29,27 @@
 
 namespace trocar::runtime {
 
-inline constexpr double kEntry_m = 5e-3;
+inline constexpr double kEntry_m = 5e-3;  ///< largest height of the entry (definition 4)
 
 struct WallViolation {
-  double outside_m = 0;
-  int slice =
-      -1;  ///< slice index of the largest distance, the topmost of several; -1: nothing is outside
+  double outside_m = 0;  ///< the violation
+  /// Slice index of the outline with the largest distance, the topmost if there are several; -1:
+  /// the violation is 0.
+  int slice = -1;
   int first_slice = 0;  ///< slice index of the first slice that is judged
   int slices_judged = 0;
 };
 
-/// `sheets`: the topmost first. `tip_m`: the tool's tip in {B}. `q`: orientation of the plate, w x y z.
+/// Returns none if the tool is not in bone (definition 4) or tilted too far (is_upright()).
+/// `sheets`: the uncut sheets, the topmost first. `tip_m`: the tool's tip in {B}. `q`: orientation
+/// of the plate, w x y z.
 std::optional<WallViolation> measure_wall_violation(std::span<const Sheet* const> sheets,
                                                     const Tool& tool,
                                                     const std::array<double, 3>& tip_m,
                                                     const std::array<double, 4>& q);
 
 int grade_of(double outside_m);
-/// "0", "under 2 mm", "2 to 4 mm" or "over 4 mm".
+/// Returns the violations of a grade: "0", "under 2 mm", "2 to 4 mm" or "over 4 mm".
 const char* words_of_grade(int grade);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Receives the messages of a hand that a person moves while the session runs (formats/session/telemetry.h,
-// TelemetryHand). The session passes the messages on. Their effect is decided by runtime/devices/live_hand.h.
+// Receives the messages of a live hand, which is a hand that a person moves while the session runs
+// (TelemetryHand in formats/session/telemetry.h). The session only passes the messages on;
+// runtime/devices/live_hand.h decides what they do.
 // Tests: tests/runtime/devices/live_hand_session_test.cpp
 #pragma once
 
@@ -15,12 +16,13 @@ namespace trocar::runtime {
 class HandReceiver {
  public:
   virtual ~HandReceiver() = default;
-  /// Takes the latest message, which may be one that was taken before. Called once in each tick or paused
-  /// period. `now_ns`: CLOCK_MONOTONIC. If the message changes who holds the tool, returns kHand,
-  /// kHandLetGo or kHandLost.
+  /// Takes the latest message, which may be one that was taken before. Called once in each tick
+  /// and, while the session is paused, once in each period. `now_ns`: CLOCK_MONOTONIC. Returns
+  /// kHand, kHandLetGo or kHandLost if the message changes who holds the tool, and none otherwise.
   virtual std::optional<TelemetryEventKind> receive(const TelemetryHand& latest,
                                                     std::int64_t now_ns) noexcept = 0;
-  /// Makes the target of the hand start at the tip in the next step. Called after a pause.
+  /// Called after a pause. Makes the hand's target, to which its springs pull the tip, start at the
+  /// tip in the next tick.
   virtual void restart_at_tip() noexcept = 0;
 };
 

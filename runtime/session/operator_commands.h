@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The operator's commands while a session runs: pause, zero, emergency stop, resume, recover.
 //
-// Pause, zero and emergency stop are latched. While one is set, its fault is raised in every tick.
-// Its fault therefore returns after any other fault, and recovery is blocked. `resume` releases the
-// pause, and `recover` releases all three.
+// Pause, zero (no forces) and emergency stop are latched: each stays set until it is released.
+// While one is set, its fault is raised in every tick, and no recovery begins, from this fault or
+// any other. `resume` releases the pause. `recover` releases all three and requests a recovery.
+// With RecoveryPolicy::kOnRequest, the recovery signal (SIGUSR1, which sets
+// SessionOptions::recover) does the same as `recover`.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -17,24 +19,25 @@ namespace trocar::runtime {
 
 class OperatorCommands {
  public:
-  /// `recover` is SessionOptions::recover and may be null.
+  /// `recover`: the flag SessionOptions::recover, which the recovery signal sets; may be null.
   OperatorCommands(RecoveryPolicy policy, std::atomic<bool>* recover)
       : policy_(policy), recover_(recover) {}
 
   // The haptic thread calls these functions.
 
-  /// Applies the commands given since the last tick. `latched`: fault latched by the
-  /// safety state machine.
+  /// Applies the commands given since the last tick. `latched`: the fault that the safety state
+  /// machine has latched (Safety::fault), or none.
   void apply(const TelemetryCommands& given, Fault latched) noexcept;
-  /// Returns the fault to raise in each tick while a command is latched, or none.
+  /// Returns the fault to raise in this tick because a command is latched; none if no command is.
   Fault latched_fault() const noexcept;
   bool is_paused() const noexcept { return is_paused_ && !is_stopped_; }
-  /// If this returns true, a session with RecoveryPolicy::kNever waits for the operator
-  /// instead of ending.
+  /// Returns true if `latched` is the fault of a pause or of zero, and no emergency stop is set. A
+  /// session with RecoveryPolicy::kNever then waits for the operator instead of ending.
   bool waits_for_operator(Fault latched) const noexcept {
     return is_by_operator(latched) && !is_stopped_;
   }
-  /// Returns true if recovery is to be requested in this tick, and clears the operator's request.
+  /// Returns true if recovery is to be requested in this tick, and then clears the operator's
+  /// request. While a command is latched, returns false and keeps the request.
   bool take_recovery() noexcept;
   /// Clears the operator's request. Called when a fault is latched, because a request made before
   /// the fault does not apply to it.
@@ -44,7 +47,7 @@ class OperatorCommands {
   RecoveryPolicy policy_;
   std::atomic<bool>* recover_;
   bool is_paused_ = false, is_zeroed_ = false, is_stopped_ = false;
-  bool is_recovery_requested_ = false;  ///< a command requested it
+  bool is_recovery_requested_ = false;  ///< `recover` or `resume` requested a recovery
 };
 
 }  // namespace trocar::runtime

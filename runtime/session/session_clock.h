@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A clock decides when the ticks of a session happen, and from which tick on new meshes and
 // prefetched stiffness are used. There are three clocks:
-//  - real: ticks follow the wall clock. Results of the workers are used as soon as they are ready.
-//  - virtual: ticks follow each other without a pause. Results are used a fixed number of ticks
-//    after the request, so that the same input gives the same recording.
-//  - replay: like virtual, but results are used from the recorded ticks on (columns
-//    `cuts_published` and `response_*`). Commands and faults from outside the loop also come
-//    from the recording.
+//  - real: ticks follow the wall clock. Meshes and stiffness are used as soon as they are ready.
+//  - virtual: ticks follow each other without a pause. Meshes and stiffness are used a fixed number
+//    of ticks after their request, so that the same input gives the same recording.
+//  - replay: like virtual, but meshes and stiffness are used from the ticks on that the recording
+//    states (columns `cuts_published` and `response_*`). Requests for recovery, faults from outside
+//    the loop, and X-ray also come from the recording.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -34,15 +34,17 @@ class SessionClock {
 
   // The haptic thread calls these functions during a tick.
 
-  /// Returns the recorded row of a tick that is replayed; null: the session is not a replay.
+  /// Returns the recorded row of this tick; null: the session is not a replay.
   virtual const RecordingRow* recorded(std::uint64_t) const noexcept { return nullptr; }
   /// Returns the prefetched stiffness to use in this tick.
   virtual const PrefetchedStiffness& stiffness() noexcept { return stiffness_; }
-  /// Requests the stiffness that is to be prefetched after this tick.
+  /// Called at the end of a tick with its request. Only the real clock passes the request to the
+  /// prefetch worker here.
   virtual void prefetch(const PrefetchRequest&) noexcept {}
 
-  /// Runs the session to its end, and stops the remesher. Torques are set to zero directly after
-  /// the last tick. Otherwise the motors would hold the last torques while the other threads end.
+  /// Runs the session to its end, and stops the remesher. The torques are set to zero directly
+  /// after the last tick; otherwise the motors would hold the last torques while the other threads
+  /// end.
   virtual RealtimeReport run(SessionLoop& loop) = 0;
 
  protected:
@@ -53,8 +55,8 @@ class SessionClock {
   std::uint64_t ticks_;
 };
 
-/// Returns the clock for these options. `prefetch` may be null. The arguments must
-/// outlive the clock.
+/// Returns the clock for these options. `prefetch`: the worker of the force law; may be null. The
+/// arguments must outlive the clock.
 std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher& remesher,
                                          PrefetchWorker* prefetch);
 

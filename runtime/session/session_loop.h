@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic tick of a session. Its inputs are the operator's commands and the current meshes. Its outputs are the command to
-// the device, requests for holes, and the result of the tick for the observers.
+// The haptic tick of a session. Inputs are the device's pose, the operator's commands and the
+// current meshes. Outputs are the command to the device, requests for holes, and the result of the
+// tick for the observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -24,19 +25,20 @@ namespace trocar::runtime {
 
 class SessionLoop {
  public:
-  /// All references must outlive the loop. `advance` is called after each tick with the period; it moves a simulated device.
+  /// All references must outlive the loop. `advance(dt_s)` is called after each tick with the
+  /// duration of a tick; it moves a simulated device.
   SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
               const std::function<void(double dt_s)>& advance, const SessionOptions& options,
               const SessionWorkers& workers, SessionClock& clock);
 
   // The haptic thread calls these functions.
 
-  /// Runs one tick, or one period without a tick while the session is paused. Returns false if the
-  /// session is over.
+  /// Runs one tick. While the session is paused, only takes commands, writes zero torques to a
+  /// device with its own clock, and updates the telemetry. Returns false if the session is over.
   bool tick(const TickTiming& timing) noexcept;
   void write_zero_torques() noexcept { device_.write_zero(); }
 
-  // In virtual time, the thread that calls tick() may call these functions after it.
+  // The thread that calls tick() may call these functions between two ticks (in virtual time).
 
   std::uint64_t ticks_done() const noexcept { return state_.tick; }
   bool is_paused() const noexcept { return is_paused_; }
@@ -65,7 +67,7 @@ class SessionLoop {
   LoopModel model_;
   LoopState state_;
   TickResult result_;
-  double last_hand_N_ = 0;  ///< force on the hand in the tick before
+  double last_hand_N_ = 0;  ///< force on the hand in the previous tick
   Remesher& remesher_;
   HandDevice& device_;
   ForceLaw& law_;
@@ -75,13 +77,13 @@ class SessionLoop {
   SessionPublisher* publisher_;  ///< source of the operator's commands; null: none
   OperatorCommands commands_;
   XrayCommands xray_;
-  TelemetryHand hand_;  ///< latest complete message of a live hand
+  TelemetryHand hand_;  ///< latest complete message of a hand that a person moves
   MessageSource messages_;
   SessionStatistics statistics_;
   LateTicks late_ticks_;
   std::vector<TickObserver*> observers_;
   std::vector<const Sheet*> sheets_;  ///< meshes used in this tick
-  bool is_paused_ = false;            ///< time is paused
+  bool is_paused_ = false;            ///< the session is paused: no ticks are counted
   Fault outside_ = Fault::kNone;      ///< fault to raise in the next tick
 };
 

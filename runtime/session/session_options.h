@@ -25,7 +25,7 @@ namespace trocar::runtime {
 
 enum class Clock : std::uint8_t {
   kReal,     ///< ticks follow the wall clock; new meshes are used as soon as they are ready
-  kVirtual,  ///< ticks follow without pause; the same input gives the same recording
+  kVirtual,  ///< ticks follow each other without a pause; the same input gives the same recording
 };
 
 enum class RecoveryPolicy : std::uint8_t {
@@ -45,14 +45,14 @@ struct SessionOptions {
   double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;
   RecordingOrigin origin;  ///< written into the recording and the black boxes
-  /// Called as soon as the recording cannot be continued, but never on the realtime haptic thread.
+  /// Called when the recording cannot be continued, but never on the realtime haptic thread.
   /// The session continues without a recording.
   std::function<void(const Error&)> on_recording_error;
   /// Called immediately with each message to the operator, never on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
   /// If not empty, the session is a replay: the clock is virtual, new meshes and prefetched
   /// stiffness are used from the recorded ticks on, and torques are compared with the recorded
-  /// torques. The device must be a ReplayDevice for these rows.
+  /// torques. The device must replay these rows (runtime/devices/replay_device.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
   PassivityOptions passivity;
@@ -60,22 +60,24 @@ struct SessionOptions {
   StiffnessLimits stiffness;
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
-  /// The operator sets this with RecoveryPolicy::kOnRequest. It is cleared when the
-  /// recovery takes effect.
+  /// The program sets this flag to request a recovery (SIGUSR1, RecoveryPolicy::kOnRequest). The
+  /// session clears the flag when the recovery is requested, when a new fault is latched, and when
+  /// pause, zero or emergency stop is commanded.
   std::atomic<bool>* recover = nullptr;
-  /// Folder of the black boxes; none: they are not written.
+  /// Folder of the black boxes, which keep the last seconds before a fault; none: no black boxes.
   std::optional<std::filesystem::path> black_box;
-  int cpu = -1;                             ///< RealtimeOptions::cpu
+  int cpu = -1;                             ///< processor to use (RealtimeOptions::cpu); -1: any
   const std::atomic<bool>* stop = nullptr;  ///< ends the session between two ticks
   /// If set, the session is published in memory that other processes read, and the session obeys
   /// their commands (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
-  /// X-ray shots and screening are taken from other processes, or from the rows of a replay.
+  /// True: the operator's X-ray (xray_commands.h) is taken from other processes or from the rows of
+  /// a replay, and counted.
   bool counts_xray = false;
-  /// Receives the messages of a live hand, which come through `telemetry`; null: there is none. It
-  /// must outlive the session.
+  /// Receives the messages of a hand that a person moves. The messages come through `telemetry`.
+  /// Null: there is no such hand. The receiver must outlive the session.
   HandReceiver* hand = nullptr;
-  /// Called at the frame rate, never on the realtime haptic thread.
+  /// Called with each frame for a display, never on the realtime haptic thread.
   FrameFunction on_frame;
   double frame_rate_Hz = 30;
   /// Called with every tick in order, never on the realtime haptic thread.

@@ -31,45 +31,52 @@ struct FaultEvent {
   Fault fault = Fault::kNone;
   FaultDetail detail;  ///< measured value and limit
   double t_s = 0;
-  double rest_t_s = -1;       ///< time from which torques were zero; -1: not before the end
-  double recovered_t_s = -1;  ///< time at which `running` began again; -1: not before the end
+  double rest_t_s = -1;       ///< time at which torques had become zero; -1: they had not
+  double recovered_t_s = -1;  ///< time at which the state `running` began again; -1: it did not
 };
 
+/// The result of run_session(), for the program. SUMMARY.json contains most of it
+/// (runtime/reporting/summary.h). This is not the session report for the trainee: that one
+/// (`--session-report`, runtime/reporting/session_report.h) is made from SessionFigures.
 struct SessionReport {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;
-  Fault fault = Fault::kNone;  ///< fault latched at the end
-  double fault_t_s = 0;
+  Fault fault = Fault::kNone;      ///< fault latched at the end of the session
+  double fault_t_s = 0;            ///< time at which this fault was latched
   std::vector<FaultEvent> faults;  ///< the first kMaxListedFaults faults
   std::uint64_t faults_count = 0;
   std::optional<Error> recording_error;  ///< the recording is incomplete; the error names its file
   std::vector<BlackBoxFile> black_boxes;
-  std::uint64_t black_boxes_lost = 0;
-  double energy_released_max_J = 0;  ///< largest net energy that a contact gave to the hand
-  double damping_max_N_s_per_m = 0;  ///< largest damping of the passivity controller
-  std::uint64_t damped_ticks = 0;
-  RealtimeReport realtime;         ///< empty with a virtual clock
+  std::uint64_t black_boxes_lost = 0;  ///< BlackBox::lost()
+  double energy_released_max_J = 0;    ///< largest net energy that the hand received in a contact
+  double damping_max_N_s_per_m = 0;    ///< largest damping of the passivity controller
+  std::uint64_t damped_ticks = 0;      ///< ticks in which the passivity controller added damping
+  RealtimeReport realtime;             ///< empty with a virtual clock
   LateTicks::Counts late_ticks{};  ///< missed deadlines by the part of the tick that caused them
   Histogram tick;                  ///< wall time of a tick, without the simulated device's step
-  Histogram device;                ///< part of `tick`: reading and writing the device
+  Histogram device;                ///< part of `tick`: reading, checking and writing the device
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
-  /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim, coupling and damping. It does
-  /// not contain the compensation of the device's own forces, because the hand does not feel this compensation.
+  /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim of
+  /// the hole, coupling and damping. It does not contain the compensation of the device's own
+  /// forces, because the hand does not feel this compensation.
   double max_force_N = 0;
   double torque_max_Nm = 0;
   XrayUse xray;
-  double wrench_error_max =
-      0;  ///< largest relative error of the wrench at full authority; in the norm,
-          ///< torques are divided by 0.05 m
-  std::uint64_t scaled_ticks =
-      0;  ///< ticks at full authority in which the device could not render the whole wrench
-  std::vector<PunctureEvent> punctures;  ///< the first kMaxListedPunctures punctures
-  std::uint64_t punctures_not_listed = 0;
-  std::uint64_t ticks_not_observed =
-      0;  ///< ticks that SessionOptions::on_tick did not get, because it was too slow
+  // Authority is the factor on the force; after a recovery it rises from 0 to 1. The next two
+  // members count only ticks with authority 1.
+  /// Largest relative error of the delivered wrench: |delivered - wanted| / |wanted|. In this norm
+  /// torques are divided by 0.05 m.
+  double wrench_error_max = 0;
+  /// Number of ticks in which the device could not render the whole wrench.
+  std::uint64_t scaled_ticks = 0;
+  std::vector<PunctureEvent> punctures;    ///< the first kMaxListedPunctures punctures
+  std::uint64_t punctures_not_listed = 0;  ///< number of punctures beyond those
+  /// Number of ticks that SessionOptions::on_tick did not get, because that function was too slow.
+  std::uint64_t ticks_not_observed = 0;
   std::shared_ptr<const ForceLaw> law;  ///< the force law after the last tick
-  /// In a replay: index of the first row that differs from the recording; -1: none. Compared are the bits of the torques
-  /// (for a device that measures its pose, of the wrench), the fault, and the number of finished holes.
+  /// In a replay: index of the first row that differs from the recording; -1: no row differs. The
+  /// comparison covers the fault, the number of finished holes, and all bits of the torques (of the
+  /// wrench, for a device that measures its own pose).
   std::int64_t replay_first_difference = -1;
 };
 
@@ -81,13 +88,14 @@ class SessionStatistics final : public TickObserver {
 
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
-  /// `device_ns`: time of the tick in which the device was read and written.
+  /// Adds the durations of one tick. `duration_ns`: the whole tick, without the simulated device's
+  /// step. `device_ns`: the part in which the device was read, checked and written.
   void add_tick_time(std::int64_t duration_ns, std::int64_t device_ns) noexcept {
     report_.tick.add(duration_ns);
     report_.device.add(device_ns);
   }
 
-  /// Returns the report. Called after the last tick. `is_complete`: every tick of the
+  /// Returns the report. Called once, after the last tick. `is_complete`: every tick of the
   /// session was done.
   SessionReport take(const LoopState& state, bool is_complete);
 

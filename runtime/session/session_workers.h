@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The observers and workers of a session. Creating them takes longer than a drive waits for its
-// first tick, so they are created before the link is opened.
+// The observers and workers of a session. Creating them takes longer than a drive (the
+// electronics of a device behind a link) waits for its first tick, so they are created before the
+// link is opened.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -23,23 +24,24 @@
 
 namespace trocar::runtime {
 
-/// Each member exists only if the options need it. Workers come first, because observers use them.
+/// A member is null if the session does not have the option in its comment. The force law is the
+/// first member, so that it outlives the observers, which use its prefetch worker.
 struct SessionWorkers {
-  std::shared_ptr<ForceLaw> law;        ///< always exists
-  std::unique_ptr<Recorder> recorder;   ///< SessionOptions::record
-  std::unique_ptr<BlackBox> black_box;  ///< SessionOptions::black_box
-  std::unique_ptr<OperatorMessages> messages;
-  std::unique_ptr<FrameDisplay> frames;
+  std::shared_ptr<ForceLaw> law;                ///< never null
+  std::unique_ptr<Recorder> recorder;           ///< SessionOptions::record
+  std::unique_ptr<BlackBox> black_box;          ///< SessionOptions::black_box
+  std::unique_ptr<OperatorMessages> messages;   ///< SessionOptions::on_message
+  std::unique_ptr<FrameDisplay> frames;         ///< SessionOptions::on_frame
   std::unique_ptr<SessionPublisher> publisher;  ///< SessionOptions::telemetry
   std::unique_ptr<TickFeed> tick_feed;          ///< SessionOptions::on_tick
 
-  /// Returns the observers that exist, in the order in which they get a tick.
+  /// Returns the observers that are not null, in the order in which they get a tick.
   std::vector<TickObserver*> observers() const;
 };
 
-/// Creates the workers and observers. Errors: (unwritable) the recording or the folder of the black
-/// boxes cannot be written; (refused) the factory of the force law refuses the scene. Later
-/// failures are in the session's report.
+/// Creates the workers and observers. Errors: kUnwritable if the recording, the folder of the black
+/// boxes or the telemetry cannot be written; kRefused if the factory of the force law refuses the
+/// scene. Failures during the session are in its SessionReport.
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
                                     const Remesher& remesher, const SessionOptions& options);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operator's X-ray commands, which come from other processes. A shot is one picture. Screening lasts as long as a key is
-// held. The process with that key confirms screening again and again, so that X-ray ends by itself if the process dies.
+// The operator's X-ray commands, which come from other processes. A shot is one picture. Screening
+// is X-ray that stays on while a key is held. The process in which the key is held confirms the
+// screening again and again, so that X-ray ends by itself if that process dies.
 // Tests: tests/runtime/session/xray_commands_test.cpp
 #pragma once
 
@@ -12,16 +13,17 @@
 
 namespace trocar::runtime {
 
-/// Only the haptic thread uses it. It does not allocate.
+/// Only the haptic thread uses this class. It does not allocate.
 class XrayCommands {
  public:
-  /// Screening that nobody has confirmed for this long ends.
+  /// Screening ends if no process has confirmed it for this long.
   static constexpr std::int64_t kHeld_ns = 1'000'000'000;
-  /// Largest number of shots that wait. Each tick takes one shot, and shots beyond this number are dropped.
+  /// Largest number of shots that wait for a tick. Each tick takes one shot. Shots beyond this
+  /// number are dropped.
   static constexpr std::uint64_t kMaxWaiting = 16;
 
-  /// Applies the commands given since the last call. Called in each period, also while the session is paused; shots that are
-  /// requested during a pause are dropped. `now_ns`: CLOCK_MONOTONIC.
+  /// Applies the commands given since the last call. Called in each period, also while the session
+  /// is paused. Shots that are requested during a pause are dropped. `now_ns`: CLOCK_MONOTONIC.
   void apply(const TelemetryCommands& given, bool is_paused, std::int64_t now_ns) noexcept {
     waiting_ =
         is_paused ? 0 : std::min(waiting_ + std::min(given.xray_shots, kMaxWaiting), kMaxWaiting);
@@ -32,7 +34,7 @@ class XrayCommands {
     is_held_ = (word_ & 1) != 0 && now_ns - confirmed_ns_ < kHeld_ns;
   }
 
-  /// Returns RecordingRow::xray of the tick that follows apply().
+  /// Returns RecordingRow::xray for the tick after apply(), and takes one waiting shot.
   std::uint8_t take() noexcept {
     const bool has_shot = waiting_ > 0;
     if (has_shot) --waiting_;

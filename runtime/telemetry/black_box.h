@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The black box keeps the rows of the last seconds, and writes them to a separate recording after a
-// fault. The haptic thread pushes rows into a preallocated ring and requests a file when there is a
-// fault. A worker thread copies the rows and writes the file. The ring holds twice as many rows as
-// a file, so the worker has kBlackBox_s to copy them. If copying takes longer, rows have been
-// overwritten. In this case no file is written, and the report contains an error.
+// fault. The haptic thread pushes rows into a preallocated ring buffer and requests a file when
+// there is a fault. A worker thread copies the rows and writes the file. The ring buffer holds
+// twice as many rows as a file, so the worker has kBlackBox_s to copy the rows before they are
+// overwritten. If the worker is too late, no file is written, and BlackBoxFile::error says so.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -24,12 +24,14 @@ namespace trocar::runtime {
 
 inline constexpr double kBlackBox_s = 4;
 
-/// One file, or the reason why it is missing or incomplete (RecordingWriter::partial_file()).
+/// The outcome of one request for a file.
 struct BlackBoxFile {
   Fault fault = Fault::kNone;
   double t_s = 0;          ///< time of the fault
-  std::uint64_t rows = 0;  ///< number of rows up to the tick with zero torques, at most kBlackBox_s
+  std::uint64_t rows = 0;  ///< number of rows copied: at most those of the last kBlackBox_s
   std::filesystem::path file;
+  /// Why the file is missing, or incomplete and kept under the name
+  /// RecordingWriter::partial_file().
   std::optional<Error> error;
 };
 
@@ -38,7 +40,7 @@ class BlackBox final : public TickObserver {
   /// Files are written to `folder`. Their names are black_box_DATE-TIME_tSECONDSs_FAULT.csv.
   /// DATE-TIME is the start of the session in UTC, SECONDS the session's time at the fault, and
   /// FAULT the name of the fault. Existing files are not replaced. `origin` is written into the
-  /// first row of each file. Errors: (unwritable) the folder does not exist, or files cannot be
+  /// first row of each file. Errors: kUnwritable if the folder does not exist, or files cannot be
   /// created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
                                                 const RecordingOrigin& origin = {});
@@ -47,15 +49,15 @@ class BlackBox final : public TickObserver {
   // The haptic thread calls these functions.
 
   void push(const RecordingRow& row) noexcept { ring_.push(row); }
-  /// Requests a file of the rows so far. Returns false if too many requests are waiting. lost()
-  /// counts the requests that failed in this way.
+  /// Requests a file with the rows pushed so far. Returns false if too many requests are waiting.
+  /// The request is then lost, and lost() counts it.
   bool save(Fault fault, double t_s) noexcept;
   /// Pushes the row. After a fault that the operator did not command, requests a file once torques
-  /// are zero, so that the file contains the whole ramp.
+  /// are zero, so that the file contains the whole ramp of the torques to zero.
   void on_tick(const TickView& tick) noexcept override;
 
-  // One other thread calls these functions: the thread that start() creates, or a thread
-  // of the caller.
+  // The thread that runs the session calls stop(). In real time the thread that start() creates
+  // calls serve(); in virtual time the thread that runs the session calls serve(), too.
 
   /// Writes the requested files.
   void serve() override;
@@ -73,7 +75,7 @@ class BlackBox final : public TickObserver {
   struct Request {
     Fault fault = Fault::kNone;
     double t_s = 0;
-    std::uint64_t end = 0;  ///< number of rows pushed so far
+    std::uint64_t end = 0;  ///< number of rows that had been pushed at the request
   };
 
   BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file,
@@ -88,7 +90,7 @@ class BlackBox final : public TickObserver {
   RingBuffer<RecordingRow> ring_;
   SpscQueue<Request, 256> requests_;
   std::atomic<std::uint64_t> lost_{0};
-  bool is_pending_ = false;  ///< a fault waits for its ramp to end
+  bool is_pending_ = false;  ///< a file is to be requested when the ramp after a fault has ended
   Fault latched_ = Fault::kNone;
   double latched_t_s_ = 0;
   std::vector<BlackBoxFile> files_;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages to the operator while a session runs: a fault, the reason why recovery is not granted
-// yet, a recovery. The haptic thread pushes records of fixed size. Another thread turns each record
-// into words and immediately calls the program's function.
+// Messages to the operator while a session runs: a fault, a recovery, or the reason why a
+// requested recovery has not happened yet. The haptic thread pushes records of fixed size into a
+// queue. Another thread passes each record to the program's function, and describe() turns a
+// record into words.
 // Tests: tests/runtime/telemetry/operator_messages_test.cpp
 #pragma once
 
@@ -22,7 +23,7 @@ std::string describe(const OperatorMessage& message);
 
 class OperatorMessages final : public TickObserver {
  public:
-  /// serve() calls `report`, never on the realtime haptic thread.
+  /// serve() calls `report` with each message, never on the realtime haptic thread.
   explicit OperatorMessages(std::function<void(const OperatorMessage&)> report);
   ~OperatorMessages() override { stop(); }
 
@@ -46,17 +47,18 @@ class RecoveryWatch {
   static constexpr double kPatience_s = 0.1;
 
   void fault_latched() noexcept { *this = {}; }
-  /// `waiting`: recovery was requested, and `running` has not begun. Returns true if the reason is
-  /// to be reported.
+  /// `waiting`: recovery was requested, and the state `running` has not begun. The reason for the
+  /// delay is the fault in `found` or, if there is none, a tool in material (a positive distance).
+  /// Returns true if this reason is to be reported now.
   bool should_report(bool waiting, double t_s, const FaultDetail& found,
                      double retract_distance_m) noexcept;
 
  private:
   double requested_t_s_ = -1;
-  std::uint64_t reported_ = 0;  ///< one bit for each fault, and one for a tool in material
+  std::uint64_t reported_ = 0;  ///< reasons already reported: one bit per fault, one for the tool
 };
 
-/// Finds the messages of each tick. The haptic thread uses it.
+/// Makes the messages of each tick, on the haptic thread.
 class MessageSource {
  public:
   /// Returns the messages of this tick. They are valid until the next call.
@@ -67,7 +69,7 @@ class MessageSource {
            const FaultDetail& detail) noexcept;
 
   RecoveryWatch watch_;
-  Fault stopped_by_ = Fault::kNone;  ///< fault that ended `running`; none once it begins again
+  Fault stopped_by_ = Fault::kNone;  ///< latest latched fault; none once `running` begins again
   std::array<OperatorMessage, 3> messages_;
   std::size_t count_ = 0;
 };

@@ -29,8 +29,9 @@ class Recorder final : public TickObserver {
   }
   /// Writes the rows in the queue.
   void serve() override;
-  /// Stops, and gives the file its final name. Errors: (unwritable) the file cannot be renamed, or
-  /// a row was lost. The rows that could be written are then in RecordingWriter::partial_file().
+  /// Stops, and gives the file its final name. Errors: kUnwritable if a row was lost or
+  /// could not be written, or if the file cannot be renamed. The rows that were written are
+  /// then in RecordingWriter::partial_file().
   Result<void> finish();
 
  private:

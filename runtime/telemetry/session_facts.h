@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts that do not change during a session, as JSON for the programs that read its
+// The facts that do not change during a session, as JSON for the programs that read the session's
 // shared memory (formats/session/telemetry.md).
 // Tests: tests/runtime/telemetry/session_facts_test.cpp, tests/runtime/session/live_session_test.cpp
 #pragma once
@@ -17,19 +17,20 @@
 
 namespace trocar::runtime {
 
-/// The facts about a live hand: limits and start of its target in {B}, and the stiffness
-/// of its springs.
+/// The facts about a live hand, which a person moves. The springs of the hand pull the tip to a
+/// target. The facts are the stiffness of the springs, and the limits and the start of the target,
+/// in {B}.
 struct PublishedHand {
   std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
   double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;
   double speed_max_m_per_s = 0, rotation_rate_max_rad_per_s = 0, turn_max_rad = 0;
 };
 
-/// Facts that only the program knows.
+/// Facts that the program supplies.
 struct TelemetryOptions {
   std::filesystem::path file;  ///< name of the link to the shared memory
   std::string scene_file, device, recovery;
-  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost first; empty: no name
+  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost sheet first; empty: no name
   std::optional<PublishedHand> hand = {};    ///< none: the session has no live hand
 };
 
@@ -38,7 +39,7 @@ struct PublishedSession {
   double rate_Hz = 1000, duration_s = 1;
   std::string clock;  ///< "real", "virtual" or "replay"
   std::optional<std::filesystem::path> record;
-  bool counts_xray = false;  ///< X-ray shots and screening are taken and counted
+  bool counts_xray = false;  ///< the session accepts and counts X-ray shots and screening
   SafetyLimits limits;
 };
 

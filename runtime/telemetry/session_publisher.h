@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Publishes a running session in memory that other processes read, and takes their commands
-// (formats/session/telemetry.md). The haptic thread writes the latest tick into a triple buffer,
-// and pushes events into a queue. Another thread copies both to the memory. The thread that
-// publishes meshes writes the sheets.
+// Publishes a running session in memory that other processes read, and takes the commands of these
+// processes (formats/session/telemetry.md). The haptic thread writes the latest tick into a triple
+// buffer, and pushes events into a queue. Another thread copies tick and events to the memory. The
+// thread that publishes meshes writes the sheets.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -38,8 +38,9 @@ struct TelemetryCommands {
 
 class SessionPublisher final : public TickObserver {
  public:
-  /// Creates the memory, which contains the uncut sheets, and its link. `prefetch` may be null.
-  /// Errors: (unwritable) there is no memory; those of TelemetryWriter::link().
+  /// Creates the memory with the uncut sheets, and the link to this memory. `prefetch`: the worker
+  /// of the force law; may be null. Errors: those of TelemetryWriter::make() and
+  /// TelemetryWriter::link().
   static Result<std::unique_ptr<SessionPublisher>> make(const Scene& scene,
                                                         const DeviceSpecification& device,
                                                         const Remesher& remesher,
@@ -51,14 +52,15 @@ class SessionPublisher final : public TickObserver {
   // The haptic thread calls these functions.
 
   TelemetryCommands take_commands() noexcept;
-  /// Tries once to read the live hand. Leaves `hand` unchanged if there is no complete message.
+  /// Tries once to read the message of the live hand. Leaves `hand` unchanged if there is
+  /// no complete message.
   void read_hand(TelemetryHand& hand) const noexcept { writer_->hand(hand); }
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_message(const OperatorMessage& message) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
   /// Called instead of on_tick() while the session is paused.
   void on_paused_period(std::int64_t now_ns) noexcept;
-  /// Pushes an event that has only a time. If the queue is full, the event is lost. Readers see the
+  /// Pushes an event that has only a time. If the queue is full, the event is lost. Readers get the
   /// number of lost events.
   void push_event(TelemetryEventKind kind, double t_s) noexcept;
 
@@ -67,12 +69,12 @@ class SessionPublisher final : public TickObserver {
   /// Writes the sheets whose published version has changed.
   void publish_sheets(const Remesher& remesher);
 
-  // One other thread calls this function: the thread that start() creates, or a thread
-  // of the caller.
+  // One other thread calls this function: in real time the thread that start() creates, in virtual
+  // time the thread that runs the session.
 
   void serve() override;
 
-  // This function is called after all other threads have ended.
+  // This function is called after the threads above have ended.
 
   /// Writes the last meshes, the event kEnded, and the last snapshot.
   void end(TelemetryEnd end, Fault fault, const Remesher& remesher);
@@ -81,7 +83,8 @@ class SessionPublisher final : public TickObserver {
   SessionPublisher();
   void push(const TelemetryEvent& event) noexcept;
   void count_xray(const RecordingRow& row) noexcept;
-  /// States that screening has ended, because the session is paused or over.
+  /// If X-ray screening was on, pushes the event that it has ended. Called in a pause and
+  /// at the end.
   void end_screening() noexcept;
   void publish_shape();
   void write(const TelemetryTick& tick);

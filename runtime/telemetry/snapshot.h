@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The numbers of the latest tick that other processes read. They are the columns of
+// The snapshot: the numbers of the latest tick that other processes read, in the columns of
 // formats/session/telemetry.md. A new value for the console is one line in the table of snapshot.cpp.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
@@ -20,10 +20,10 @@
 
 namespace trocar::runtime {
 
-/// Values of a tick that the haptic thread passes on. Counts begin at the start of the session.
+/// Values of a tick that the haptic thread passes on. All counts are 0 at the start of the session.
 struct TelemetryTick {
   RecordingRow row;
-  std::int64_t taken_ns = 0;  ///< time on CLOCK_MONOTONIC
+  std::int64_t taken_ns = 0;  ///< start of the tick or paused period, on CLOCK_MONOTONIC
   DeviceReadout readout;
   std::int32_t active_sheet = -1;
   double force_N = 0;
@@ -32,7 +32,8 @@ struct TelemetryTick {
   std::int64_t late_max_ns = 0;
   std::uint64_t xray_shots = 0;
   double xray_screening_s = 0;
-  std::uint64_t sheets_touched = 0, sheets_punctured = 0;  ///< one bit for each sheet
+  /// Sheets that were ever in contact, and sheets that were punctured: bit i stands for sheet i.
+  std::uint64_t sheets_touched = 0, sheets_punctured = 0;
   std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};
   bool is_paused = false, has_ended = false;
 };
@@ -47,10 +48,11 @@ struct SnapshotSource {
   std::uint64_t last_event = 0;
 };
 
-/// Returns name and number of values of each column, in the order of snapshot_values().
+/// Returns the name of each column and its number of values, in the order of snapshot_values().
 std::vector<std::pair<const char*, std::size_t>> snapshot_columns();
-/// Returns the number of values of all columns.
+/// Returns the total number of values in all columns.
 std::size_t snapshot_size();
+/// Fills `values`, which must have the size snapshot_size().
 void snapshot_values(const SnapshotSource& source, std::span<double> values);
 
 }  // namespace trocar::runtime

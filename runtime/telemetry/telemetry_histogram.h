@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A histogram of durations for the console, with bins of a quarter octave.
+// A histogram of durations for the console, with four bins for each factor of two.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace trocar::runtime {
 
-/// The bins begin at 256 ns. The first bin also counts shorter durations, and the last bin all
+/// The first bin begins at 256 ns and also counts shorter durations. The last bin counts all
 /// durations above 14.7 ms. One thread writes, and any thread may read.
 class TelemetryHistogram {
  public:

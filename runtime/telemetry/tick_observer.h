@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and everything that observes it: the recorder, the black
-// box, messages to the operator, the telemetry publisher, the frame display, the tick feed, and the
-// statistics. A new observer is one class derived from TickObserver, and one line in make_workers()
+// The interface between the haptic loop and its observers: the recorder, the black box, messages to
+// the operator, the session publisher, the frame display, the tick feed, and the statistics. A new
+// observer is one class derived from TickObserver, and one line in make_workers()
 // (runtime/session/session_workers.cpp) or an entry in SessionOptions::observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
@@ -17,8 +17,8 @@
 
 namespace trocar::runtime {
 
-/// Returns true for the faults that the commands pause and zero raise. These faults are not
-/// failures; the session waits for the operator.
+/// Returns true for the faults that the operator's commands pause and zero raise. These faults are
+/// not failures: the session then waits for the operator.
 constexpr bool is_by_operator(Fault fault) noexcept {
   return fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
@@ -31,21 +31,22 @@ struct PunctureEvent {
   double tool_z_m = 0;
   double penetration_m = 0;  ///< depth at which the sheet was punctured
   double force_N = 0;        ///< last force at the tip before the puncture, times force_scale
-  double hand_N = 0;         ///< force on the hand in the tick before
+  double hand_N = 0;         ///< force on the hand in the previous tick
   double trial_force_N = 0;  ///< tissue force that exceeded the threshold, without force_scale
 };
 
 /// A message to the operator while a session runs.
 struct OperatorMessage {
   enum class Kind : std::uint8_t {
-    kFault,         ///< `detail` was latched
-    kNotRecovered,  ///< recovery was requested, but `detail` or the tool in material prevents it
+    kFault,         ///< the fault `detail` was latched
+    kNotRecovered,  ///< a requested recovery is delayed by the fault `detail`, or else by the tool
+                    ///< in material
     kRecovered,     ///< forces rise again; `detail` only names the fault that has ended
   };
   Kind kind = Kind::kFault;
   double t_s = 0;
   FaultDetail detail;
-  double retract_distance_m = 0;  ///< kNotRecovered: depth of the tool in material
+  double retract_distance_m = 0;  ///< kNotRecovered: distance by which to retract the tool
 };
 
 /// One tick, valid during the call of TickObserver::on_tick().
@@ -61,8 +62,8 @@ struct TickView {
 
 class TickObserver {
  public:
-  /// In real time a background thread calls serve() once per `interval`; 0: there is
-  /// no such thread.
+  /// In real time a background thread calls serve() once per `interval`. With an interval of 0
+  /// there is no such thread.
   explicit TickObserver(std::chrono::nanoseconds interval = {}) : interval_(interval) {}
   /// A derived class that overrides serve() must call stop() in its destructor.
   virtual ~TickObserver() = default;
@@ -76,17 +77,17 @@ class TickObserver {
   /// Called once a tick, after the punctures and messages of that tick.
   virtual void on_tick(const TickView& tick) noexcept = 0;
 
-  // One other thread calls these functions: in real time the thread that start() creates, in
-  // virtual time the caller's.
+  // The thread that runs the session calls start() and stop(). In real time the thread that start()
+  // creates calls serve(). In virtual time the thread that runs the session calls serve() after
+  // every tick.
 
-  /// Handles the data that the haptic thread has left. In virtual time it is called
-  /// after every tick.
+  /// Processes the data that the haptic thread has queued.
   virtual void serve() {}
   void start() {
     if (interval_.count() > 0) thread_.start(interval_, [this] { serve(); });
   }
-  /// Call this after the last tick. Ends the thread, if there is one, and handles the
-  /// remaining data.
+  /// Call this after the last tick. Ends the thread, if there is one, and processes the remaining
+  /// data.
   virtual void stop() {
     join();
     serve();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bone of a scene in {B}, for display: the sheets, and the asset's surface if its
-// position is defined.
+// The bone of a scene in {B}, for display: the sheets, and the asset's surface. The position of the
+// surface is defined if the scene's slices lie relative to each other as in the scan; otherwise the
+// surface is left out.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -16,7 +17,7 @@
 namespace trocar::runtime {
 
 /// Returns the answer of /api/bone (protocol.md). If `asset` is not empty, it replaces the scene's
-/// own asset. Errors: (refused) what trocar-run refuses.
+/// own asset. Errors: those of load_bone() (placed_bone.h).
 Result<std::string> bone_of(const std::filesystem::path& scene_file,
                             const std::filesystem::path& asset);
 
@@ -26,7 +27,7 @@ struct PatientBone {
   /// Transform from {B} to the patient's frame, both in mm. None: the scene has moved slices relative
   /// to each other, so there is no such transform.
   std::optional<Eigen::Affine3d> T_patient_device;
-  /// The surface, if the asset has one and the position is defined: x, y, z of each vertex in mm.
+  /// The surface, if the asset has one and its position is defined: x, y, z of each vertex in mm.
   std::vector<float> vertices_mm;
   std::vector<std::uint32_t> triangles;  ///< three vertices each
 };

@@ -24,31 +24,34 @@ struct PlacedBone {
   Asset asset;  ///< contains only the scene's slices, with one mesh each
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<AssetSurface> surfaces;
-  std::vector<AssetSlice> all;  ///< the scan's slices, if the whole asset was read
+  std::vector<AssetSlice> all;  ///< all slices of the asset; empty if only the scene's were read
 };
 
-/// kForView: with HU at the vertices; the whole asset is read if it has a surface. kWithVolumes: the whole asset,
-/// with its volumes of HU.
+/// The parts of an asset to load. kForView: the scene's slices with HU at their vertices and, if
+/// the asset has a surface, the whole asset. kWithVolumes: the whole asset, with its volumes of HU.
 enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
 
-/// Returns the JSON text of a .glb. Errors: (refused) the file is not binary glTF, or the text exceeds 64 MiB.
+/// Returns the JSON text of a .glb. Errors: kRefused if the file is not binary glTF, or if the text
+/// exceeds 64 MiB.
 Result<std::string> glb_json(const std::filesystem::path& file);
 
 /// Returns true if the asset with this JSON text has a surface for display.
 bool has_surface(std::string_view glb_json);
 
-/// If `asset` is not empty, it replaces the scene's own. Errors: (refused) what trocar-run refuses.
+/// Loads a scene and its bone. If `asset` is not empty, it replaces the scene's own asset. Errors:
+/// kRefused if the scene or the asset is one that trocar-run refuses.
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts);
 
-/// The slice of the asset with this AssetSlice::index, which must exist.
+/// Returns the slice of the asset with this AssetSlice::index. Precondition: the slice exists.
 const AssetSlice& slice_of(const Asset& asset, int index);
 
-/// Returns the transform from the patient's frame (LPS) to the plane of the topmost sheet, both in mm. None: the
-/// sheets do not lie relative to each other as in the scan.
+/// Returns the transform from the patient's frame (LPS) to the plane of the topmost sheet, both in
+/// mm. None: the sheets do not lie relative to each other as in the scan.
 std::optional<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded);
 
-/// Returns the transform from the patient's frame (LPS, mm) to {B} (m), with its scale. None: as above.
+/// Returns the transform from the patient's frame (LPS, mm) to {B} (m), including the scale from mm
+/// to m. None: the sheets do not lie relative to each other as in the scan.
 std::optional<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded);
 
 }  // namespace trocar::runtime

@@ -10,8 +10,8 @@
 
 namespace trocar::runtime {
 
-/// Returns the answer of /api/recording (protocol.md). Errors: (refused) what trocar-run --replay
-/// refuses, and files of more than 2 GiB.
+/// Returns the answer of /api/recording (protocol.md). Errors: those of parse_recording(); kRefused
+/// if the file has more than 2 GiB, or if it has X-ray but does not state its rate.
 Result<std::string> rows_of(const std::filesystem::path& recording);
 
 }  // namespace trocar::runtime

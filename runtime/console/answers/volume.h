@@ -11,7 +11,7 @@
 namespace trocar::runtime {
 
 /// Returns the answer of /api/volume (protocol.md). If `asset` is not empty, it replaces the scene's
-/// own asset. Errors: (refused) what trocar-run refuses.
+/// own asset. Errors: those of load_bone() (placed_bone.h).
 Result<std::string> volume_of(const std::filesystem::path& scene_file,
                               const std::filesystem::path& asset);
 

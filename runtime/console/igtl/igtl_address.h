@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the console serves OpenIGTLink clients.
+// The address at which the console serves OpenIGTLink clients.
 // Tests: tests/e2e/console_igtl_test.py, tests/e2e/wrong_uses_test.py
 #pragma once
 
@@ -12,10 +12,11 @@
 namespace trocar::runtime {
 
 struct IgtlAddress {
-  std::string address = "127.0.0.1";  ///< numerical
-  std::uint16_t port = 0;             ///< 0: any free one
+  std::string address = "127.0.0.1";  ///< numerical IPv4 or IPv6 address
+  std::uint16_t port = 0;             ///< 0: any free port
 };
-/// Reads [ADDRESS:]PORT; an IPv6 address is in brackets. Errors: (usage).
+/// Reads [ADDRESS:]PORT; an IPv6 address is in brackets. Errors: kUsage if the text is anything
+/// else.
 Result<IgtlAddress> parse_igtl_address(std::string_view text);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenIGTLink messages with headers of version 1, which every client reads. Lengths are in mm, as the
-// protocol wants it.
+// Packs OpenIGTLink messages, with headers of version 1, which every client can read. Lengths are
+// in mm, as the protocol requires.
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace trocar::runtime {
 
-/// Code of a STATUS message: a part of those that OpenIGTLink defines.
+/// The codes of STATUS messages that the console sends. OpenIGTLink defines more codes.
 enum class IgtlStatus : std::uint8_t {
   kOk = 1,
   kUnknownError = 2,
@@ -29,14 +29,14 @@ struct IgtlStamp {
   double unix_s;  ///< UTC, since 1970
 };
 
-/// TRANSFORM: the pose of the object's frame; its translation is in mm.
+/// TRANSFORM: the pose of an object, as a transform with the translation in mm.
 std::string transform_message(IgtlStamp stamp, const Eigen::Affine3d& T_mm);
 /// SENSOR: at most 255 values of one unit.
 std::string sensor_message(IgtlStamp stamp, std::span<const double> values, IgtlUnit unit);
-/// STATUS: `error` has at most 19 characters.
+/// STATUS: a code, the name of an error with at most 19 characters (empty: no error), and a text.
 std::string status_message(IgtlStamp stamp, IgtlStatus code, const std::string& error,
                            const std::string& text);
-/// POLYDATA: x, y, z of each vertex in mm, and the numbers of three vertices for each triangle.
+/// POLYDATA: x, y, z of each vertex in mm, and the indices of three vertices for each triangle.
 std::string polydata_message(IgtlStamp stamp, std::span<const float> vertices_mm,
                              std::span<const std::uint32_t> triangles);
 

@@ -20,10 +20,11 @@ struct IgtlHeader {
   std::uint64_t crc = 0;       ///< checksum of the body
 };
 
-/// None: the header is malformed, of an unknown version, or announces a larger body.
+/// Reads a header. None: the header is malformed, has an unknown version, or announces a body of
+/// more than kMaxIgtlBody bytes.
 std::optional<IgtlHeader> read_igtl_header(std::span<const std::uint8_t, kIgtlHeaderBytes> bytes);
 
-/// True if the body has the header's checksum.
+/// Returns true if the body has the checksum that the header states.
 bool is_igtl_body(const IgtlHeader& header, std::span<const std::uint8_t> body);
 
 }  // namespace trocar::runtime

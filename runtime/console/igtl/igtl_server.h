@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sends one session's poses, forces, state and surface to OpenIGTLink clients. Nothing is queued: what
-// a client gets next is chosen when its last message has been sent.
+// Sends the poses, forces, state and surface of one session to OpenIGTLink clients. Nothing is
+// queued: the next messages for a client are chosen when the previous ones have been sent.
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -19,24 +19,25 @@ namespace trocar::runtime {
 /// Packed messages, shared by all clients.
 using IgtlBytes = std::shared_ptr<const std::string>;
 
-/// The present state of a session. A client gets a part when its number is not that of the last part it
-/// got, and everything again when `session` changes.
+/// The present state of a session: its status, its latest tick, and its surface. A client gets the
+/// status or the tick when the number of this part has changed, and the surface once. When
+/// `session` changes, the client gets all three parts again.
 struct IgtlState {
   std::uint64_t session = 0;
   std::uint64_t status_number = 0;
   IgtlBytes status;
   std::uint64_t tick_number = 0;
-  IgtlBytes tick;     ///< pose, force and time of one tick; null: none yet
-  IgtlBytes surface;  ///< null: there is none, or not yet; also sent on request
+  IgtlBytes tick;     ///< pose, force and time of one tick; null: no tick yet
+  IgtlBytes surface;  ///< also sent on request; null: there is no surface, or it is not loaded yet
 };
 
 class IgtlServer {
  public:
   using Clock = std::chrono::steady_clock;
-  /// Reports a kind of refusal, and the client's address.
+  /// A function that is called when a client is refused, with the reason and the client's address.
   using Refused = std::function<void(const char* kind, const std::string& from)>;
 
-  /// Errors: (unwritable) the server cannot listen on the address.
+  /// Makes a server that listens on the address. Errors: kUnwritable if it cannot listen there.
   static Result<std::unique_ptr<IgtlServer>> listen(boost::asio::io_context& context,
                                                     const IgtlAddress& address, Refused refused);
   virtual ~IgtlServer() = default;
@@ -46,8 +47,9 @@ class IgtlServer {
   /// ADDRESS:PORT on which the server listens.
   virtual std::string endpoint() const = 0;
   virtual bool has_clients() const = 0;
-  /// Sends what is new to the clients that can take it, poses at most 60 times a second. Disconnects
-  /// clients that have stalled. Call it every few milliseconds.
+  /// Sends the changed parts of the state to each client whose previous messages have been sent. A
+  /// client gets at most 60 ticks in a second. Disconnects clients that have stalled. Call this
+  /// every few milliseconds.
   virtual void pump(const IgtlState& state, Clock::time_point now) = 0;
 
  protected:

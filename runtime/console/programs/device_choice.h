@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that trocar-console --device lists. A page chooses one by its name or its index; it
-// never states a URI, a file or an option.
+// The devices that trocar-console --device lists. A page chooses one of these devices by its name
+// or its index, or one of Trocar's two simulated devices by its name. A page can never choose
+// another URI, a file or an option.
 // Tests: tests/runtime/console/device_choice_test.cpp
 #pragma once
 
@@ -12,7 +13,8 @@
 
 namespace trocar::runtime {
 
-/// The device simulated in trocar-run, and the one simulated by a process that the console starts.
+/// Two simulated devices. kInProcess: trocar-run itself simulates the device. kSimulator: another
+/// process, which the console starts, simulates the device.
 inline constexpr const char *kInProcess = "inproc", *kSimulator = "sim";
 
 struct DeviceChoice {
@@ -21,19 +23,23 @@ struct DeviceChoice {
 
   bool has(std::string_view word) const;
   bool is_simulated() const;
-  /// True for a device outside of the console's own processes.
+  /// True unless Trocar itself simulates the device (kInProcess, kSimulator).
   bool can_be_tested() const { return name != kInProcess && name != kSimulator; }
 };
 
-/// Reads "URI[,key-file=FILE][,device-description=FILE][,force-limit=N][,force-scale=F][,simulated]". Errors: (usage)
-/// another or a repeated option, or an option without its value. trocar-run checks the values.
+/// Reads a device and its options, written as
+/// "URI[,key-file=FILE][,device-description=FILE][,force-limit=N][,force-scale=F][,simulated]".
+/// The values are not checked here; trocar-run checks them. Errors: kUsage if an option is unknown,
+/// repeated or without its value.
 Result<DeviceChoice> parse_device_choice(std::string_view text);
 
-/// Replaces texts, such as names of folders, in what is shown to pages.
+/// Replaces texts that pages must not see, such as names of folders, in what the console
+/// sends to pages.
 class HiddenTexts {
  public:
+  /// Makes hide() replace `text` by `shown`.
   void add(const std::string& text, const std::string& shown);
-  /// Hides the files that the device's options name, if they are given with a folder.
+  /// Makes hide() replace the names of the files in the device's options that include a folder.
   void add(const DeviceChoice& device);
   std::string hide(std::string text) const;
 
@@ -41,7 +47,7 @@ class HiddenTexts {
   struct Entry {
     std::string text, shown;
   };
-  std::vector<Entry> entries_;  ///< the longest first, because one may begin with another
+  std::vector<Entry> entries_;  ///< the longest text first, because one text may begin with another
 };
 
 }  // namespace trocar::runtime

@@ -18,15 +18,16 @@ class DeviceTest {
  public:
   using Clock = BriefRun::Clock;
 
-  /// Starts a test, which must not run yet. Its files go into a new folder in `sessions`. Errors:
-  /// (refused, unwritable) the folder or the process cannot be made.
+  /// Starts a test. Precondition: is_running() is false. The files of the test go into a new folder
+  /// in `sessions`. Errors: those of create_session_folder() and BriefRun::start().
   Result<void> start(const DeviceChoice& device, const std::filesystem::path& programs,
                      const std::filesystem::path& sessions);
   bool is_running() const noexcept { return run_.is_running(); }
   void stop(Clock::time_point now) { run_.stop(now); }
-  /// Notices the end of the test. The caller must call this every few milliseconds.
+  /// Checks whether the test has ended. The caller must call this every few milliseconds.
   void poll(Clock::time_point now) { run_.poll(now); }
-  /// Returns a function that makes the answer to GET /api/test (protocol.md). It reads files.
+  /// Returns a function that makes the answer to GET /api/test (protocol.md). The function reads
+  /// files, so the worker thread should call it.
   std::function<std::string()> answer(const HiddenTexts& hidden) const;
 
  private:

@@ -15,17 +15,19 @@
 
 namespace trocar::runtime {
 
-/// Refers to a process by a pidfd, so no signal can reach another process that got the same number.
-/// The process keeps running when this object is destroyed.
+/// Refers to a process by a pidfd (a file descriptor for a process), so that no signal can
+/// reach another process that later got the same number. The process keeps running when this
+/// object is destroyed.
 class Process {
  public:
-  /// Runs arguments[0], and appends its standard output and standard error to `log`. The process
-  /// has a process group of its own, so Ctrl-C on the console's terminal does not reach it. It
-  /// inherits no other descriptor.
+  /// Starts the program arguments[0], and appends its standard output and standard error to `log`.
+  /// The process has a process group of its own, so Ctrl-C on the console's terminal does not
+  /// reach it. The process inherits no other file descriptor. Errors: kRefused if the program
+  /// cannot be started.
   static Result<Process> start(const std::vector<std::string>& arguments,
                                const std::filesystem::path& log);
-  /// Returns a process that already runs. If `start_ticks` is given, it must equal field
-  /// 22 of /proc/PID/stat.
+  /// Refers to a process that already runs. None: no process with this number runs, or its start
+  /// time (field 22 of /proc/PID/stat) is not `start_ticks`.
   static std::optional<Process> adopt(pid_t pid, std::optional<std::uint64_t> start_ticks = {});
 
   Process(Process&& other) noexcept;
@@ -36,9 +38,10 @@ class Process {
   std::uint64_t start_ticks() const;  ///< field 22 of /proc/PID/stat; 0: unknown
   /// Returns true if the process has ended. Does not wait.
   bool has_ended();
-  /// After the end of the process, returns "exit code 3" or "signal 9"; empty if another
-  /// console started it.
+  /// After has_ended() has returned true, returns "exit code 3" or "signal 9". Empty if another
+  /// console started the process, because the end is then not known.
   std::string end() const;
+  /// Returns the exit code. None: the process runs, a signal ended it, or its end is not known.
   std::optional<int> exit_code() const;
   void signal(int number) const noexcept;
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes a scene, through points that a person has chosen on the bone or without points. It runs trocar-run --new-scene and
-// then --check as processes of the console.
+// Makes a scene, through points that a person has chosen on the bone or without points.
+// For this the console runs two programs, one after the other: trocar-run --new-scene
+// and trocar-run --check.
 // Tests: tests/e2e/console_new_scene_test.py
 #pragma once
 
@@ -21,7 +22,8 @@ namespace trocar::runtime {
 struct NewSceneRequest {
   std::filesystem::path asset;
   std::string name;  ///< name of the scene's file without ".json": 1 to 32 letters, digits, - or _
-  /// In the patient's frame (LPS, mm). Without an entry the needle enters where the bone is thickest.
+  /// Chosen points in the patient's frame (LPS, mm). Without an entry the needle goes through the
+  /// thickest bone.
   std::optional<std::array<double, 3>> entry_mm, target_mm;
   bool has_live_hand = false;
   DeviceChoice device;
@@ -33,21 +35,24 @@ class SceneMaker {
   struct Folders {
     std::filesystem::path programs;  ///< the folder that contains trocar-run
     std::filesystem::path scenes;    ///< the folder that gets the new scene
-    std::filesystem::path sessions;  ///< gets a new folder with what the programs print
+    std::filesystem::path sessions;  ///< gets a new folder with the output of the programs
   };
 
-  /// Starts to make a scene; is_running() must be false. `options`: options of trocar-run that the console gives to every session. Errors: (refused) there
-  /// is a file of that name; (refused, unwritable) a folder or a process cannot be made.
+  /// Starts to make a scene. Precondition: is_running() is false. `options`: options of trocar-run
+  /// that the console gives to every session. Errors: kRefused if a file of that name exists; those
+  /// of create_session_folder() and BriefRun::start().
   Result<void> start(const NewSceneRequest& request, const Folders& folders,
                      const std::vector<std::string>& options);
   bool is_running() const noexcept {
     return state_ == State::kMaking || state_ == State::kChecking;
   }
-  /// Asks the program that runs to end. A scene that is already written stays.
+  /// Asks the running program to end. A scene that is already written stays.
   void stop(Clock::time_point now) { run_.stop(now); }
-  /// Notices the end of a program, and starts the check. The caller must call this every few milliseconds.
+  /// Checks whether the running program has ended. After --new-scene, gives the scene its name and
+  /// starts --check. The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
-  /// Returns a function that makes the answer to GET /api/new_scene (protocol.md). It reads files.
+  /// Returns a function that makes the answer to GET /api/new_scene (protocol.md). The function
+  /// reads files, so the worker thread should call it.
   std::function<std::string()> answer(const HiddenTexts& hidden) const;
 
  private:
@@ -60,8 +65,8 @@ class SceneMaker {
   State state_ = State::kNone;
   std::filesystem::path program_, scene_, logs_;
   std::string name_;
-  std::vector<std::string>
-      options_;  ///< the options of both programs: the device's and the console's
+  /// Options of both programs: those of the device, and those of every session.
+  std::vector<std::string> options_;
   bool is_written_ = false, was_checked_ = false, was_stopped_ = false;
   std::string end_;    ///< how the last program has ended
   std::string error_;  ///< the reason why the scene was not kept, or why the check could not start

@@ -14,26 +14,28 @@
 
 namespace trocar::runtime {
 
-/// Creates a folder such as SESSIONS/2026-11-22T03-04-05-NAME, from the local time and the scene's
-/// name, which is reduced to letters, digits, '_' and '-'. A second session within the same second
-/// gets the suffix "-2", and so on.
+/// Creates a folder such as SESSIONS/2026-11-22T03-04-05-NAME. Its name consists of the local time
+/// and the name of the scene's file, in which '_' replaces all characters except letters, digits,
+/// '_' and '-'. A second session within the same second gets the suffix "-2", and so on. Errors:
+/// kRefused if `sessions` is a link; kUnwritable if the folder cannot be created.
 Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
                                                     const std::filesystem::path& scene);
 
-/// Returns the endpoint that a device process reports as ready, searched from byte `from` of its
-/// log on; empty: it is not ready yet.
+/// Searches the log of a device process, from byte `from` on, for the endpoint that the process
+/// reports as ready. Empty: the process is not ready yet.
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from);
 
 /// Returns the last line with text in the last 64 KiB of a log, shortened to 400 bytes.
 std::string last_line(const std::filesystem::path& log);
 
-/// Says why a session ended whose programs could not say it, perhaps because the disk of `folder` is full.
+/// Returns a reason for the end of a session whose programs printed no reason. It follows from the
+/// exit code and from the free space on the disk of `folder`, the session's folder.
 std::string reason_of(ExitCode code, const std::filesystem::path& folder);
 
 /// Returns the last 64 KiB of a log; empty if there is no such file.
 std::string tail_of(const std::filesystem::path& log);
 
-/// Returns the process that a link to /proc/PID/fd/N names; 0: it is not such a link.
+/// Returns the process that a link to /proc/PID/fd/N names; 0: `link` is not such a link.
 pid_t pid_of_link(const std::filesystem::path& link);
 
 }  // namespace trocar::runtime
