@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The signed distance of a point to the edge of the material of an uncut slice, and the gradient of this
-// distance. Both come from a raster that the haptic thread reads in constant time. Holes cut during the session
-// do not change them.
+// The signed distance of a point to the edge of the material of an uncut slice, and the gradient of
+// this distance. Both come from a raster that the haptic thread reads in constant time. Holes cut
+// during the session do not change the raster.
 //
 // Contract (tests/runtime/contact/edge_distance_test.cpp):
-//  1. At the nodes of the raster the distance is exact except for rounding. Its magnitude is limited to kReach_mm.
-//     Between the nodes it is interpolated bilinearly, which is exact near a straight edge.
-//  2. The distance is positive inside the material and negative outside it. Outside of the raster it is -kReach_mm.
+//  1. At the nodes of the raster the distance is exact except for rounding. Its magnitude is at
+//     most kReach_mm. Between the nodes the distance is interpolated bilinearly, which is exact
+//     near a straight edge.
+//  2. The distance is positive inside the material and negative outside the material. Outside the
+//     raster it is -kReach_mm.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,14 +23,16 @@ namespace trocar::runtime {
 
 class EdgeDistance {
  public:
-  /// Distance between neighbouring nodes. It is larger if the raster would otherwise have more than kMaxNodes nodes.
+  /// Distance between neighbouring nodes. It is increased if the raster would otherwise have more
+  /// than about kMaxNodes nodes.
   static constexpr double kSpacing_mm = 0.5;
   static constexpr double kMaxNodes = 250'000;
   static constexpr double kReach_mm = 4;
 
   EdgeDistance() = default;
-  /// `outline`: the rings of a slice, with the material on their left. The time is the sum of two parts: one is
-  /// proportional, for each edge, to the number of nodes within kReach_mm of it, and one to the number of all nodes.
+  /// `outline`: the rings of a slice, with the material on their left. The time is proportional to
+  /// the number of nodes of the raster, plus the sum, over all edges of the outline, of the number
+  /// of nodes within kReach_mm of the edge's bounding box.
   EdgeDistance(const Pslg& outline, const Lattice& lattice);
 
   struct Sample {
@@ -41,7 +45,7 @@ class EdgeDistance {
  private:
   double left_mm_ = 0, bottom_mm_ = 0, spacing_mm_ = kSpacing_mm;
   int columns_ = 0, rows_ = 0;
-  std::vector<float> distance_mm_;  ///< row by row
+  std::vector<float> distance_mm_;  ///< distance at each node, row by row
 };
 
 }  // namespace trocar::runtime

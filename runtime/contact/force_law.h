@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface of a force law, which computes how tissue acts on the tool during a session. The shipped laws are
-// `hooke` and `network` (runtime/force_law/sheet_law.h) and `cutting` (runtime/force_law/cutting_force_law.h). A
-// session creates one law before its loop starts (force_law_table.h). The loop, the recording and the reports
-// use only this interface.
+// Interface of a force law, which computes how tissue acts on the tool during a session. The
+// shipped laws are `hooke` and `network` (runtime/force_law/sheet_law.h) and `cutting`
+// (runtime/force_law/cutting_force_law.h). A session creates one law before its loop starts
+// (runtime/force_law/force_law_table.h). The loop, the recording and the reports use only this
+// interface.
 //
-// To add a law, write one file with a class that implements ForceLaw, and give it a table entry
-// (runtime/force_law/force_law_table.h). tests/runtime/force_law/constant_layer.h is an example.
+// To add a law to the product, follow the four steps of ARCHITECTURE.md, "A force law": the class,
+// its kind and traits, its factory, and its entry in the schema of scenes. A test needs only one
+// file with the class, and one call of add_force_law(). tests/runtime/force_law/constant_layer.h is
+// an example of such a file.
 //
 // Contract of an implementation:
 //  1. update(), finish_tick(), reset_motion() and retract_distance_m() run on the haptic thread. They do
@@ -30,19 +33,19 @@
 
 namespace trocar::runtime {
 
-/// Limits of the stiffness that a law renders. They apply in addition to the limits that follow from the scene, the
-/// device and the rate.
+/// Limits of the stiffness that a law renders, in addition to the limits that follow from the
+/// scene, the device and the rate.
 struct StiffnessLimits {
   /// The stiffness limit that follows from the plate's mass is divided by this margin. The margin is 1 for a
   /// simulated device, whose mass is known exactly, and kHardwareMargin for a device whose mass was measured.
   double margin = 1;
-  double most_N_per_m =
-      std::numeric_limits<double>::infinity();  ///< limit at the tip, set by the operator
+  /// Largest stiffness at the tip that the operator or the device's description allows.
+  double most_N_per_m = std::numeric_limits<double>::infinity();
 };
 inline constexpr double kHardwareMargin = 2;
 
-/// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. The pointers are valid only
-/// during the call of the factory.
+/// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. The
+/// references and pointers are valid only during the call of the factory.
 struct ForceLawSetup {
   const Scene& scene;
   const DeviceSpecification& device;
@@ -54,20 +57,20 @@ struct ForceLawSetup {
 
 /// Inputs of one tick.
 struct ForceLawInput {
-  std::span<const Sheet* const> sheets;  ///< meshes in use, topmost first
-  PrefetchedStiffness prefetched;        ///< latest result of prefetch_worker()
-  Pose T_device_plate;
-  double pose_interval_s = 0;  ///< time since the previous new pose; 0: the pose is not new
-  PreviousPose previous;       ///< earlier pose from which velocities are computed, if any
+  std::span<const Sheet* const> sheets;  ///< sheets with the meshes in use, topmost first
+  PrefetchedStiffness prefetched;        ///< latest result of the law's prefetch worker
+  Pose T_device_plate;                   ///< latest pose of the plate
+  double pose_interval_s = 0;            ///< time since the previous new pose; 0: pose is not new
+  PreviousPose previous;  ///< earlier pose from which velocities are computed, if there is one
 };
 
-/// Stiffness and threshold of a sheet at the tip, for `--check`. The device renders `scale` times
-/// these values.
+/// Stiffness and threshold of a sheet at the tip, for checks before a session and for
+/// `trocar-run --check`. The device renders `scale` times these values.
 struct TipForce {
   double stiffness_N_per_m = 0, threshold_N = 0, scale = 1;
 };
 
-/// An object that a law adds to a session's summary under `key`, as JSON text.
+/// A JSON object (`json` is its text) that a law adds to a session's summary under `key`.
 struct SummarySection {
   std::string key, json;
 };
@@ -84,31 +87,32 @@ class ForceLaw {
   /// The loop calls this in each tick in which the state is not `running`. The next update() then starts
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
-  /// The loop calls this at the end of every tick. Writes the law's columns of the recording, if it has any. If the
-  /// law has a coupling, also adds the offset of the proxy from the plate to RecordingRow::tool_m.
+  /// The loop calls this at the end of every tick. The function writes the law's own columns of the
+  /// recording, if the law has any. The law `cutting` also adds the offset of the tool in the
+  /// tissue from the tool on the plate to RecordingRow::tool_m.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
-  /// Distance by which the tool must be retracted before the state `running` can begin. It is 0 if the tool is in
-  /// free space, where no force acts.
+  /// Height by which the tip must be raised before the state `running` can begin, so that the
+  /// tissue does not push the tool as soon as the session runs. 0: the tip need not be raised.
   virtual double retract_distance_m(std::span<const Sheet* const> sheets,
                                     const Pose& T_device_plate) const noexcept = 0;
-  /// True if the law itself guarantees passivity. The loop then only observes the energy, and the passivity
-  /// controller stays off.
+  /// True if the law itself guarantees passivity. The loop then only observes the energy, and the
+  /// passivity controller stays off.
   virtual bool is_passive() const noexcept { return false; }
 
   // These functions are called before the loop starts.
 
   /// The law's prefetch worker, which the session runs; null: the law needs none.
   virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
-  /// The law's lines in the output of `--check`. Each ends with a line feed.
+  /// The law's lines in the output of `--check`. Each line ends with a line feed.
   virtual std::string describe() const = 0;
-  /// One line that says why the loop may give energy to the hand or oscillate with this law at this rate, and what
-  /// helps. It is empty if no such reason is known.
+  /// One line that says why, with this law at this rate, the loop may oscillate or give energy to
+  /// the hand, and what helps. The line is empty if no such reason is known.
   virtual std::string stability_warning() const { return {}; }
   /// Stiffness and threshold of the sheet with this index.
   virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, 1};
   }
-  /// Text appended to a sheet's line in the output of `--check`, with the tool at this pose.
+  /// Text that `--check` appends to its line about a sheet, with the plate at this pose.
   virtual std::string describe_sheet(std::size_t /*index*/, const Sheet& /*sheet*/,
                                      const Pose& /*T_device_plate*/) {
     return {};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sheet: one slice of an asset, placed in the device's frame, with a grid to look up the
-// triangles under the tool. The haptic thread only reads it. Holes are cut into a second copy that
-// the haptic thread does not use (runtime/workers/remesher.h).
+// A sheet: one slice of an asset, placed in the device's frame {B}, with a grid to look up the
+// triangles under the tool. The haptic thread only reads sheets. Holes are cut into a second copy
+// of the sheet that the haptic thread does not use (runtime/workers/remesher.h).
 // Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
@@ -28,33 +28,35 @@ struct Sheet {
   TriangleGrid grid;                         ///< grid over the triangles of `mesh`
   std::uint32_t cuts = 0;                    ///< number of holes cut into `mesh` during the session
   std::shared_ptr<const SliceField> field;   ///< only with the force law `cutting`; else null
-  std::shared_ptr<const EdgeDistance> edge;  ///< likewise
-  /// HU of each vertex of the mesh without holes, in the order of vertices; null: the
-  /// asset has none.
+  std::shared_ptr<const EdgeDistance> edge;  ///< only with the force law `cutting`; else null
+  /// HU of each vertex of the mesh without holes, in the order of the vertices; null: the asset has
+  /// no HU at vertices.
   std::shared_ptr<const std::vector<float>> hu;
 };
 
-/// If the scene has a `body`, replaces the scene's slices by those slices of the asset that the
-/// body names and that have material, at their true spacing. `name`: the asset's name, which
-/// messages contain. Errors: (refused) fewer than two slices with material; planes that are not
-/// parallel or less than 0.1 mm apart; a slice more than 1 m below the device's origin.
+/// If the scene has a `body` (a bone volume made of a range of slices), replaces the scene's slices
+/// by the slices of this range that have material, at their true spacing. `name`: the asset's name,
+/// which messages contain. Errors: kRefused if fewer than two slices have material, if two
+/// neighbouring slices are not parallel or less than 0.1 mm apart, or if a slice would lie more
+/// than 1 m below the device's origin.
 Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name);
 
-/// Places the scene's slices; returns them with the topmost first. Checks every mesh
+/// Places the scene's slices and returns the sheets, topmost first. The function checks every mesh
 /// (formats/geometry/mesh_validity.h), because contact and cuts rely on valid meshes. `name`: the
-/// asset's name, which messages contain. Errors: (refused) a slice that the asset does not have; a
-/// slice without material; an invalid mesh; a tool that is too small for the lattice or has more
-/// than kMaxToolPieces convex parts.
+/// asset's name, which messages contain. Errors: kRefused if the asset does not have a slice of the
+/// scene, if a slice is empty or has an invalid mesh, if corners of the tool are too close
+/// together for the lattice, or if the tool has more than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
 
-/// Returns the plate's pose with the plate level and the tip on the sheet, at the scene's anchor.
+/// Returns the plate's pose at which the plate is level and the tip is on the sheet, at the scene's
+/// anchor point (Placement::at_m).
 Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept;
 
-/// Spare capacity of a placed sheet, for the vertices and triangles that cutting holes
-/// adds. When it runs short, it is enlarged. A hole of six corners needs about six vertices
-/// and twelve triangles.
+/// Spare capacity of a placed sheet, for the vertices and triangles that cutting holes adds. The
+/// remesher adds the same numbers when the spare capacity runs short. A hole of six corners needs
+/// about six vertices and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
 
 /// Largest number of holes of one sheet that may wait to be cut into its mesh.

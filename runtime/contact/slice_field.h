@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A raster of the material of an uncut slice and of its HU. The haptic thread reads it in constant time. Holes cut
-// during the session do not change it.
+// A raster of an uncut slice. Each pixel says whether there is material, and gives its HU. The
+// haptic thread reads the raster in constant time. Holes cut during the session do not change the
+// raster.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,33 +16,34 @@
 namespace trocar::runtime {
 
 /// Contract (tests/runtime/contact/slice_field_test.cpp):
-///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's volume at the centre. If
-///     the asset has HU at vertices only, the pixel's HU is interpolated linearly between the corners of the triangle.
-///     If the asset has no HU, the pixel's HU is 0.
-///  2. Pixels have the size kPixel_mm. They are larger if the slice would otherwise have more than kMaxPixels.
+///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's HU
+///     volume at the centre. If the asset has HU at vertices only, the pixel's HU is interpolated
+///     linearly between the corners of the triangle. If the asset has no HU, the pixel's HU is 0.
+///  2. Pixels have the size kPixel_mm, or are larger if the slice would otherwise have more than
+///     about kMaxPixels pixels.
 class SliceField {
  public:
   static constexpr double kPixel_mm = 0.25;
   static constexpr std::size_t kMaxPixels = 400'000;
 
   SliceField() = default;
-  /// `mesh` must be valid; `hu` has a value for each of its vertices, or is empty. `plane` has the HU of the slice, or
-  /// is null.
+  /// Precondition: `mesh` is valid. `hu` has one value for each vertex of the mesh, or is empty.
+  /// `plane` is the slice's plane of the asset's HU volume, or null.
   SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice,
              const HuPlane* plane = nullptr);
 
   bool has_hu() const noexcept { return has_hu_; }
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
-  double dense_hu() const noexcept {
-    return dense_hu_;
-  }  ///< 90th percentile of HU, an estimate for the cortex
+  /// 90th percentile of the HU of all material, an estimate of the HU of cortical bone.
+  double dense_hu() const noexcept { return dense_hu_; }
   std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {
     double share = 0;  ///< coverage: fraction of the disc's sample points that lie over material
     double hu = 0;     ///< mean HU of these points; 0 if there are none
   };
-  /// Mean over a disc in {B}, taken from 19 points of equal weight. No allocation.
+  /// Returns coverage and mean HU of a disc in {B}, from 19 sample points of equal weight. No
+  /// allocation.
   Mean mean(const PlanarTransform& transform, const Eigen::Vector2d& at_m,
             double radius_m) const noexcept;
 
@@ -52,7 +54,7 @@ class SliceField {
   int columns_ = 0, rows_ = 0;
   bool has_hu_ = false;
   double mean_hu_ = 0, dense_hu_ = 0;
-  std::vector<float> hu_;  // nan: the pixel is empty
+  std::vector<float> hu_;  // HU of each pixel, row by row; nan: the pixel is empty
 };
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses the tissue of a slice among the tissues of the scene.
+// Chooses the tissue of a slice from the tissues of the scene.
 // Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
@@ -28,14 +28,14 @@ struct TissueChoice {
   std::optional<double> mean_hu;  ///< mean HU of the slice's material, if the asset has it
 };
 
-/// Returns the tissue that the scene's slice names. If the slice names none, returns the first
-/// tissue that fits. A tissue fits if it has a label from which the asset was made
-/// (parameters.labels), or if its range contains the mean HU of the slice's material
-/// (measures.mean_hu). If no tissue fits, returns Scene::tissue.
+/// Returns the tissue that the scene's slice `wanted` names. If `wanted` names none, returns the
+/// first of Scene::tissues that fits. A tissue fits if one of its labels is among the labels from
+/// which the asset was made (parameters.labels), or if its HU range contains the mean HU of the
+/// slice's material (measures.mean_hu). If no tissue fits, returns Scene::tissue.
 TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                            const AssetSlice& slice);
 
-/// Returns only TissueChoice::tissue of choose_tissue().
+/// Calls choose_tissue() and returns only TissueChoice::tissue.
 Tissue tissue_of(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                  const AssetSlice& slice);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool, a prism on the plate, and its outline on a slice's lattice. The coverage is computed from
-// this outline, and the hole is cut with it.
+// The tool, which is a prism on the plate, and the tool's outline on the lattice of a slice (the
+// integer grid of its mesh). The outline determines the coverage and the shape of the hole.
 // Tests: tests/runtime/contact/tool_outline_test.cpp
 #pragma once
 
@@ -22,21 +22,22 @@ struct ConvexPiece {
   int size = 0;
   std::array<std::uint8_t, kMaxToolSides> corner{};
 };
-/// Largest number of convex parts. place_slices() refuses a tool that has more.
+/// Largest number of convex parts of a tool. place_slices() refuses a tool that has more parts.
 inline constexpr int kMaxToolPieces = 8;
 
 struct Tool {
   int sides = 0;
-  /// Corners of the lower end in the plate's frame, counter-clockwise seen along -axis.
+  /// Corners of the tool's lower end in the plate's frame, counter-clockwise if seen along -axis.
   std::array<Eigen::Vector3d, kMaxToolSides> corner_plate_m;
-  Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< lower end of the axis
+  Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< lower end of the tool's axis
   Eigen::Vector3d axis_plate = Eigen::Vector3d::UnitZ();  ///< unit vector up the shaft
-  int pieces = 0;  ///< number of convex parts that tile the cross-section; 0: too many
+  /// Number of convex parts that tile the cross-section. 0: the tool has more than kMaxToolPieces.
+  int pieces = 0;
   std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
-/// Makes the tool of a scene. The convex parts are computed by ear clipping, followed by merging parts
-/// whose union is convex (Hertel and Mehlhorn). O(sides^3).
+/// Makes the tool of a scene. The convex parts are found by ear clipping. Parts whose union is
+/// convex are then merged (Hertel and Mehlhorn). O(sides^3).
 Tool make_tool(const SceneTool& scene_tool);
 
 /// Placement of a slice in {B} (formats/session/scene.h, Placement).
@@ -61,27 +62,28 @@ struct LatticeOutline {
   }
 };
 Ring to_ring(const LatticeOutline& outline);
-/// Returns the bounding box of an outline that is not empty.
+/// Returns the bounding box of an outline. Precondition: the outline is not empty.
 LatticeBox box_around(const LatticeOutline& outline) noexcept;
 
 /// True if the axis is within kMaxTilt_deg of {B}'s z. Only an upright tool has outlines.
 bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;
 
-/// Intersection of the axis, extended beyond the tip if necessary, with the plane z = z_m of {B}.
-/// The tool must be upright.
+/// Returns the intersection of the tool's axis, extended beyond the tip if necessary, with the
+/// plane z = z_m of {B}. Precondition: is_upright().
 Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept;
 
-/// Returns the section of the prism with the plane z = z_m, each corner rounded to the lattice. The
-/// section of a tilted tool is stretched along the tilt, by a factor of at most sqrt(2). The outline is
-/// a simple polygon if smallest_clearance_m() is at least kMinClearance steps, because the section is
-/// nowhere narrower than the cross-section, and rounding moves a corner by at most sqrt(1/2) steps. The
-/// size is 0 if the tool is not upright or a corner lies beyond kMaxCoordinate / 2. No allocation.
+/// Returns the section of the prism with the plane z = z_m, with each corner rounded to the
+/// lattice. The section of a tilted tool is stretched along the tilt, by a factor of at most
+/// sqrt(2). The outline is a simple polygon if smallest_clearance_m() is at least kMinClearance
+/// lattice steps. (The section is nowhere narrower than the cross-section, and rounding moves a
+/// corner by at most sqrt(1/2) steps.) If the tool is not upright, or if a coordinate of a corner
+/// exceeds kMaxCoordinate / 2, the outline has size 0. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
 inline constexpr double kMinClearance = 1.5;
 
-/// Returns the smallest distance between a corner of the cross-section and an edge that does
-/// not end there.
+/// Returns the smallest distance between a corner of the cross-section and an edge that does not
+/// end at this corner.
 double smallest_clearance_m(const Tool& tool) noexcept;
 
 }  // namespace trocar::runtime

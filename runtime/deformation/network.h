@@ -8,15 +8,16 @@
 //
 // Laws (each is tested in tests/runtime/deformation/deformation_network_test.cpp):
 //  1. The sum of all f_i is f times the mesh's area.
-//  2. The energy of the springs equals that of the membrane, which is 1/2 T times the integral of |grad
-//     w|^2 for the function w that is linear in each triangle. So the springs are positive semidefinite
-//     for any angles. Together with the foundation they are positive definite, so a Cholesky
-//     factorisation always exists.
-//  3. The spring of an inner edge is non-negative if and only if the edge is locally Delaunay. The spring of a
-//     boundary edge is non-negative if and only if the angle opposite to it is at most 90 degrees. Both signs
-//     are decided exactly, in integers.
-//  4. Maximum principle: if no spring is negative, then in an equilibrium without load a positive maximum and a
-//     negative minimum occur at held nodes only. The error bounds of local_solver.h follow from this.
+//  2. The energy of the springs equals that of the membrane, which is T / 2 times the integral of
+//     the squared gradient of w, where w is linear in each triangle. So the matrix of the springs
+//     is positive semidefinite for any angles. With the foundation it is positive definite, so a
+//     Cholesky factorisation always exists.
+//  3. The spring of an inner edge is non-negative if and only if the edge is locally Delaunay. The
+//     spring of a boundary edge is non-negative if and only if the angle opposite to the edge is at
+//     most 90 degrees. make_network() decides these signs exactly, in integers (SpringSigns).
+//  4. Maximum principle: if no spring is negative, then in an equilibrium without load a positive
+//     maximum and a negative minimum can occur only at nodes that are held (NodeKind). The error
+//     bounds of local_solver.h follow from this.
 // Tests: tests/runtime/deformation/deformation_network_test.cpp
 #pragma once
 
@@ -38,23 +39,24 @@ struct Membrane {
 /// Returns lambda = sqrt(T / f), the length over which a displacement decays.
 double decay_length_m(const Membrane& membrane) noexcept;
 
-/// How a node is held.
+/// Says how a node is held.
 enum class NodeKind : std::uint8_t {
   kFree,  ///< not held: in equilibrium
-  kTool,  ///< held by the tool, at its depth
-  kRing,  ///< on the region's border, held at 0
+  kTool,  ///< held by the tool, at the tool's depth
+  kRing,  ///< held at 0, on the region's border to the rest of the sheet (the ring)
 };
 
-/// Number of springs, and number of springs with negative stiffness.
+/// Numbers of springs, and of springs with negative stiffness: at inner edges, and at boundary
+/// edges.
 struct SpringSigns {
   std::uint32_t interior = 0, boundary = 0;
   std::uint32_t negative_interior = 0, negative_boundary = 0;
   std::uint32_t negative() const noexcept { return negative_interior + negative_boundary; }
 };
 
-/// A spring network. Node i is vertex i of the mesh. The springs of node i have the indices [first[i], first[i
-/// + 1]), in the order of its neighbours. Each spring is listed at both of its nodes. bed_N_per_m[i] is the
-/// stiffness f_i of the Winkler foundation.
+/// A spring network. Node i is vertex i of the mesh. The springs of node i have the indices from
+/// first[i] to first[i + 1] - 1, in ascending order of the neighbours. Each spring is listed at
+/// both of its nodes. bed_N_per_m[i] is the stiffness f_i of the Winkler foundation.
 struct Network {
   std::vector<std::uint32_t> first;  ///< size() + 1 elements
   std::vector<std::uint32_t> neighbour;
@@ -73,8 +75,9 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept;
 
-/// Returns the force along w that keeps node i in place: the sum over j of k_ij (w_i - w_j), plus f_i w_i. The
-/// force is zero at a free node in equilibrium. At a held node it is the reaction.
+/// Returns the force that keeps node i in place, in the direction of w:
+///   f_i w_i + sum over j of k_ij (w_i - w_j).
+/// The force is zero at a free node in equilibrium. At a held node it is the reaction.
 double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept;
 
 }  // namespace trocar::runtime

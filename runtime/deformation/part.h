@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of a sheet around the tool, as a mesh of its own.
+// Copies the part of a sheet around the tool to a mesh of its own.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -32,15 +32,15 @@ struct OuterEdge {
 
 struct SheetPart {
   SliceMesh mesh;                                    ///< a valid mesh
-  std::vector<std::array<std::uint32_t, 3>> across;  ///< like SheetMesh::across
+  std::vector<std::array<std::uint32_t, 3>> across;  ///< neighbours, as in SheetMesh::across
   std::vector<std::uint32_t> parent;                 ///< slot of each vertex in the sheet
-  std::vector<OuterEdge> outer;                      ///< in ascending order
+  std::vector<OuterEdge> outer;  ///< the part's border to the rest of the sheet, in ascending order
 };
 
 /// Returns a connected part of the sheet: the triangles `seeds`, and all triangles that have a
 /// point nearer than `radius` steps to the circle's disc and are connected with the seeds through
 /// such triangles. The search is breadth first from the seeds, in their order, so the same
-/// arguments give the same part. `queue` is working memory. O(part log part).
+/// arguments give the same part. `queue` is scratch memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 

@@ -1,21 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Force propagation, an optional solver, not the default (paper, II.C, after its reference [5]; Choi, Sun, Heng
-// and Zou, "Deformable simulation using force propagation model with finite element optimization", Computers &
-// Graphics 28, 2004).
+// Force propagation, an approximate solver that a scene can choose instead of the default solver
+// (paper, II.C, after its reference [5]; Choi, Sun, Heng and Zou, "Deformable simulation using
+// force propagation model with finite element optimization", Computers & Graphics 28, 2004).
 //
-// The published descriptions fix the following. The object is a network of mass points and springs. A node
-// that the tool moves passes force on to its neighbours, and these to theirs. So nodes are activated
-// breadth first from the contact. The deformation is confined to a given depth, counted in rings of nodes,
-// so the cost depends on this depth and not on the size of the object. The active nodes move by an explicit
-// step with damping.
+// The published descriptions agree on the following. The object is a network of mass points and
+// springs. A node that the tool moves passes force on to its neighbours, and each neighbour passes
+// force on to its own neighbours. So nodes are activated breadth first from the contact. The depth
+// of a node is the smallest number of springs between the node and the contact. Only nodes up to a
+// given depth move, so the cost depends on this depth and not on the size of the object. The active
+// nodes move by an explicit step with damping.
 //
-// The following is chosen here. Springs and Winkler foundation are those of network.h, so the result differs
-// from the network's equilibrium only because of the limited depth and time. The tool's nodes have depth 0.
-// Nodes deeper than the given depth do not move (w = 0). The step is the semi-implicit Euler step. It treats
-// one node after the other in the order of activation, and uses the new positions of nodes activated earlier.
-// So within one sweep the force travels outwards through all rings. The mass of each node is proportional to
-// its own stiffness: m_i = k_i dt^2 with k_i = sum of k_ij + f_i. So every node has the same stability limit,
-// and the transient is numerical, not physical. A step is then
+// The following is chosen here. Springs and Winkler foundation are those of network.h, so the
+// result differs from the network's equilibrium only because of the limited depth and time. The
+// tool's nodes have depth 0. Nodes deeper than the given depth do not move (w = 0). The step is the
+// semi-implicit Euler step. It treats one node after the other in the order of activation, and uses
+// the new positions of nodes activated earlier. So within one sweep over the active nodes, the
+// force travels outwards through all of them. The mass of each node is proportional to the node's
+// stiffness: m_i = k_i dt^2 with k_i = f_i + sum of k_ij over j. So every node has the same
+// stability limit, and the transient is numerical, not physical. A step is then
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
 // where r_i is reaction_N() of network.h. A fixed point of this step is the depth-limited equilibrium. With
 // damping = 1 the step is the Gauss-Seidel iteration.
@@ -35,7 +37,7 @@ namespace trocar::runtime {
 inline constexpr double kMinDamping = 0.55;
 
 struct PropagationOptions {
-  int depth = 6;   ///< number of rings of nodes around the tool that move; >= 1
+  int depth = 6;   ///< largest depth of a node that moves; >= 1
   int sweeps = 4;  ///< number of sweeps per tick; >= 1
   /// Fraction of its velocity that a node loses in a sweep; clamped to [kMinDamping, 1].
   double damping = 0.7;
@@ -55,13 +57,16 @@ struct PropagationState {
   std::vector<double> velocity_m_per_sweep;  ///< one value per active node
 };
 
-/// Makes the plan. `kind` has network.size() elements. Ring nodes never move. Allocates.
+/// Makes the plan. `kind` has network.size() elements. Nodes of the kind kRing never move.
+/// Allocates.
 PropagationPlan plan_propagation(const Network& network, std::span<const NodeKind> kind,
                                  const PropagationOptions& options);
+/// Makes a state in which nothing is deformed. Allocates.
 PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
 
-/// Runs one tick, that is options.sweeps sweeps, with the tool at `depth_m`. Returns the sum of the tool nodes'
-/// reactions in N, without the foundation under the tool. No allocation. O(springs of active nodes) per sweep.
+/// Runs one tick with the tool at `depth_m`, which consists of plan.options.sweeps sweeps. Returns
+/// the sum of the tool nodes' reactions in N, without the foundation under the tool. No allocation.
+/// O(springs of active nodes) per sweep.
 double propagate(const Network& network, const PropagationPlan& plan, double depth_m,
                  PropagationState& state) noexcept;
 

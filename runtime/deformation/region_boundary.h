@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the kinds of a region's nodes from its boundary edges. Such an edge lies on the tool, on
-// the border to the rest of the sheet (the ring), or on the sheet's outline.
+// Finds the kinds of a region's nodes from the region's boundary edges. A boundary edge lies on the
+// tool, on the border to the rest of the sheet (the ring), or on the sheet's outline.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -13,24 +13,26 @@
 
 namespace trocar::runtime {
 
-/// Distance from a point to the tool's outline, in steps. O(corners).
+/// Returns the distance from a point to the tool's outline, in steps. O(corners).
 double distance_to_outline(const Ring& tool, double x, double y) noexcept;
 
 /// The boundary edges, indexed by the slot of the vertex where they start. At most one edge starts
-/// at a vertex, because each vertex has one fan of triangles.
+/// at a vertex, because the triangles of a vertex form one fan (sheet_mesh.h, invariant 3).
 struct BoundaryEdges {
   std::vector<std::uint32_t> next;  ///< end vertex of the edge; kNone: no edge starts here
   std::vector<NodeKind> kind;       ///< kind of the edge
 };
 
-/// Returns the boundary edges of a mesh out of which the tool was cut. Edges of `outer` (in
-/// ascending order) are kRing, edges along the tool kTool, and all others kFree. O(slots).
+/// Returns the boundary edges of a mesh out of which the tool was cut. Edges that `outer` lists (in
+/// ascending order) are kRing, edges along the tool are kTool, and all other edges are kFree.
+/// `circle`: circle_around(tool). O(slots).
 BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<OuterEdge>& outer,
                                   const Ring& tool, const Circle& circle);
 
-/// Returns the kinds of the nodes, by slot, after refinement. `before`: the edges before
-/// refinement. The parts of a split edge have the kind of that edge. Between edges of two kinds,
-/// kTool takes precedence over kRing, and kRing over kFree. O(slots).
+/// Returns the kinds of the nodes, by slot, after refinement. `before`: the boundary edges before
+/// refinement. The parts of a split edge have the kind of that edge. A node between edges of two
+/// kinds gets one of these kinds: kTool if there is one, otherwise kRing. Nodes of the sheet's
+/// outline very close to the tool are kTool as well (region.h, contract 2). O(slots).
 std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
                                  const Ring& tool, const Circle& circle);
 

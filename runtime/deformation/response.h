@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The response of a sheet to the tool at one position: a stiffness, the point where the force
 // acts, the shape of the sheet, and bounds on the errors of stiffness and shape. A worker computes
-// it in advance. The problem is linear in the depth, so a haptic tick needs only the product
-// stiffness * depth.
+// the response in advance. The problem is linear in the depth, so a haptic tick needs only the
+// product of stiffness and depth.
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
@@ -41,8 +41,9 @@ struct Region {
   RegionResponse response;
 };
 
-/// Computes the response. The arguments are those of make_region(). Allocates; takes about 300 us for
-/// 200 free nodes. Errors: those of make_region().
+/// Computes the response. The arguments are those of make_region(), the elastic constants and the
+/// options. Allocates. Takes about 300 us for 200 free nodes. Errors: those of make_region(); also
+/// kBug if the region cannot be solved.
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace);

@@ -3,13 +3,13 @@
 // factorisation along the elimination tree (Davis, "Algorithm 849", 2005), in the approximate
 // minimum degree order that Eigen computes.
 //
-// The alternative is Eigen's SimplicialLDLT. It takes 1.1 to 1.2 times as long to factor 100 to
-// 10,000 nodes, the same time for 40,000 nodes, and 1.2 to 1.4 times as long to solve. With it a
-// response at a new position would take 1.03 times as long, and a calibration 1.02 times (medians of
-// one run of deformation_bench --benchmark_filter=none). These times alone would not justify an own
-// factorisation. It is kept because Eigen's results differ in the last bits. Recordings with the
-// force law `network` contain these results, and a recording in virtual time must have the same
-// bytes in every version.
+// The alternative is Eigen's SimplicialLDLT. Compared with this class, it takes 1.1 to 1.2 times as
+// long to factor 100 to 10,000 nodes, the same time for 40,000 nodes, and 1.2 to 1.4 times as long
+// to solve. A response at a new position would take 1.03 times as long, and a calibration 1.02
+// times (medians of one run of deformation_bench --benchmark_filter=none). These times alone would
+// not justify this class. It is kept because Eigen's results differ in the last bits. Recordings
+// with the force law `network` contain these results, and a recording in virtual time must have the
+// same bytes in every version.
 // Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
@@ -28,27 +28,27 @@ class SparseFactor {
  public:
   SparseFactor() = default;
 
-  /// Factors the matrix of `network` between the free nodes of `kind`, which has network.size()
-  /// elements. The matrix is positive definite for springs of any sign (network.h, law 2). If
-  /// rounding or a foundation of stiffness 0 leads to a pivot that is not positive, returns false
-  /// and leaves the factor empty. Allocates. O(fill), about n^1.5 for a planar mesh.
+  /// Factors the rows and columns of the network's matrix that belong to free nodes. `kind` has
+  /// network.size() elements. The matrix is positive definite for springs of any sign (network.h,
+  /// law 2). If rounding or a foundation of stiffness 0 leads to a pivot that is not positive,
+  /// returns false and leaves the factor empty. Allocates. O(fill), about n^1.5 for a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }
-  std::size_t entries() const noexcept {
-    return row_.size();
-  }  ///< number of entries of L below its diagonal
+  /// Number of entries of L below the diagonal.
+  std::size_t entries() const noexcept { return row_.size(); }
 
   /// The node of each unknown.
   std::span<const std::uint32_t> nodes() const noexcept { return node_; }
 
-  /// Solves the equations. On entry `x` contains the forces on the unknowns in N, and on return
-  /// their displacements in m. `x` has size() elements. No allocation. O(entries()).
+  /// Solves the equations. `x` has size() elements. When the function is called, `x` contains the
+  /// forces on the unknowns in N. When it returns, `x` contains their displacements in m. No
+  /// allocation. O(entries()).
   void solve(std::span<double> x) const noexcept;
 
  private:
   std::vector<std::uint32_t> node_;   ///< node of each unknown
-  std::vector<std::uint32_t> first_;  ///< column k of L: [first_[k], first_[k + 1])
+  std::vector<std::uint32_t> first_;  ///< column k of L: elements first_[k] to first_[k + 1] - 1
   std::vector<std::uint32_t> row_;
   std::vector<double> value_;
   std::vector<double> inverse_pivot_;

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stiffness of an unbounded sheet under a rigid tool with any outline, computed by boundary
-// elements. From this stiffness follow the T and f with which an undamaged sheet far from any
-// edge has the stiffness K. It also serves as a reference solution for the network that does not
-// depend on a mesh.
+// elements. From this stiffness, membrane_for_tool() computes the membrane tension T and the
+// foundation stiffness f for which an undamaged sheet far from any edge has the stiffness K. The
+// stiffness is also a reference solution for the spring network that does not depend on a mesh.
 //
-// Let w = 1 on the outline, let n be the normal pointing into the sheet, q = -dw/dn the slope at the
-// outline, and G(r) = K0(r / lambda) / (2 pi). Green's third identity gives
+// Let w = 1 on the outline, let n be the normal pointing into the sheet, q = -dw/dn the slope at
+// the outline, and G(r) = K0(r / lambda) / (2 pi), where K0 is the modified Bessel function of the
+// second kind. Green's third identity gives
 //   integral of G q ds = c(x) - integral of dG/dn_y ds
 // for x on the outline, with c = 1/2 except at corners. The equation is solved by collocation with
-// constant q on panels. The panels are graded towards the corners, where q is singular as r^(pi/omega -
-// 1), with the angle omega outside the tool.
+// constant q on panels, which are parts of the outline's edges. The panels get shorter towards the
+// corners, where q is singular as r^(pi/omega - 1). Here r is the distance from the corner, and
+// omega is the angle outside the tool.
 // Tests: tests/runtime/deformation/deformation_exact_test.cpp
 #pragma once
 
@@ -22,19 +24,20 @@
 namespace trocar::runtime {
 
 struct UnboundedOptions {
-  int panels_per_side = 16;  ///< error of a hexagon's stiffness: below 3e-5
+  int panels_per_side = 16;  ///< 16: the relative error of a hexagon's stiffness is below 3e-5
 };
 
-/// Returns F / (w f) in m^2, which is the stiffness under a rigid tool for a foundation of 1 N/m^3.
-/// `outline_m`: a simple counter-clockwise polygon of positive area. decay_length_m must be positive.
-/// Errors: (refused) arguments for which this does not hold, or a system that cannot be solved.
-/// O((edges * panels)^3); takes some milliseconds for a hexagon.
+/// Returns F / (w f) in m^2, with the force F on the tool and its depth w. This is the stiffness
+/// under a rigid tool for a foundation of 1 N/m^3. `outline_m`: a simple counter-clockwise polygon
+/// of positive area. `decay_length_m`: positive. Errors: kRefused if an argument is not as
+/// described, or if the equations cannot be solved. O((edges * panels)^3); takes some milliseconds
+/// for a hexagon.
 Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Eigen::Vector2d> outline_m,
                                                      double decay_length_m,
                                                      const UnboundedOptions& options = {});
 
 /// Returns the membrane with this decay length whose stiffness under the tool, far from any
-/// edge, is `stiffness_N_per_m`.
+/// edge, is `stiffness_N_per_m`. Errors: those of unbounded_stiffness_per_foundation_m2().
 Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double decay_length_m,
                                    std::span<const Eigen::Vector2d> outline_m,
                                    const UnboundedOptions& options = {});

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // First stage of a cut (paper, II.C: "search all meshes that are across the hexagon by intersection
 // test and all vertices inside the hexagon"). It finds the cavity, which consists of the triangles
-// that the tool overlaps or touches, and the cavity's rim, which is its boundary. Triangles outside
-// the cavity are kept. All decisions are exact in 64- and 128-bit integers.
+// that the tool overlaps or touches, and the boundary of the cavity, which is called `rim` in the
+// code. Triangles outside the cavity are called kept triangles. All decisions are exact in 64-bit
+// and 128-bit integers.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -32,14 +33,14 @@ struct OutlineEdge {
 /// The result of a stage of a cut.
 enum class StageOutcome : std::uint8_t {
   kDone,
-  kAgain,     ///< rounding affects kept triangles: repeat with them in the cavity
-  kCapacity,  ///< the workspace is too small
+  kAgain,     ///< rounding affects kept triangles: the cut starts again with them in the cavity
+  kCapacity,  ///< the scratch memory is too small
   kBug,       ///< an invariant does not hold
 };
 
 enum class ToolIntersection : std::uint8_t {
   kApart,     ///< the closed triangle and the closed tool have no point in common
-  kTouches,   ///< they have common points, all on both boundaries
+  kTouches,   ///< they have common points, and all of these lie on both boundaries
   kOverlaps,  ///< they have a common area
 };
 
@@ -47,7 +48,8 @@ enum class ToolIntersection : std::uint8_t {
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
                                 std::span<const OutlineEdge> tool) noexcept;
 
-/// Like the function above, for a single triangle. The tool has at most kMaxToolCorners corners.
+/// Like the function above, but computes the tool's edges in each call. Precondition: the tool has
+/// at most kMaxToolCorners corners.
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
 /// Returns true if p is outside the polygon and not on its boundary. O(tool size).
@@ -65,8 +67,8 @@ struct Cavity {
   LatticeBox tool_box;
   std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes overlap the tool's box
   std::vector<std::uint32_t> triangles;     ///< the cavity's triangles, in ascending order
-  std::vector<RimEdge> rim;                 ///< in the order of `triangles`
-  std::vector<std::uint32_t> rim_vertices;  ///< vertices on the rim, each once
+  std::vector<RimEdge> rim;                 ///< boundary edges, in the order of `triangles`
+  std::vector<std::uint32_t> rim_vertices;  ///< vertices on the cavity's boundary, each once
   std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles are in the cavity
   FlatTable members;                        ///< `triangles` as a set
   FlatTable vertices;                       ///< index of each vertex in rim_vertices, or kInner
@@ -76,8 +78,8 @@ struct Cavity {
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
 };
 
-/// Finds the triangles that the tool overlaps or touches. No tool edge then ends or lies on the
-/// edge of a kept triangle. If the tool overlaps no triangle, the cavity is empty. The time is
+/// Finds the triangles that the tool overlaps or touches. So no tool edge ends or lies on an edge
+/// of a kept triangle. If the tool overlaps no triangle, the cavity is empty. The time is
 /// proportional to the number of triangles near the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;
@@ -85,7 +87,8 @@ StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outlin
 /// Adds triangles to the cavity. Triangles that it already contains are skipped.
 StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
 
-/// Determines the cavity's rim and vertices.
+/// Determines the boundary of the cavity (`rim`, `rim_vertices`) and the vertices inside the cavity
+/// (`inner`).
 void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
 
 }  // namespace trocar::runtime

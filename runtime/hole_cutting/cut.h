@@ -23,7 +23,7 @@ enum class CutOutcome : std::uint8_t {
   /// The tool is not a simple counter-clockwise polygon on the lattice with 3 to kMaxToolCorners
   /// different corners.
   kInvalidTool,
-  kCapacity,  ///< the workspace or the sheet's free slots do not suffice
+  kCapacity,  ///< the scratch memory or the sheet's free slots do not suffice
   kBug,       ///< the result could not be proved valid
 };
 std::string_view to_string(CutOutcome outcome) noexcept;
@@ -31,44 +31,47 @@ std::string_view to_string(CutOutcome outcome) noexcept;
 struct CutReport {
   CutOutcome outcome = CutOutcome::kNoOverlap;
   const char* bug = nullptr;  ///< the violated condition if the outcome is kBug, else null
-  /// Twice the removed area in steps^2, that is area before minus area after; exact.
+  /// Twice the removed area in steps^2. It is exactly twice the sheet's area before the cut minus
+  /// twice the area after the cut.
   std::int64_t doubled_area_removed = 0;
   std::uint32_t triangles_removed = 0;
   std::uint32_t triangles_created = 0;
-  std::uint32_t flips = 0;  ///< edges flipped to make all edges Delaunay again
+  std::uint32_t flips = 0;  ///< number of edges flipped to make all edges Delaunay again
   /// Number of boundary edges of the written triangles that are opposite an angle above 90 degrees.
   /// Their stiffness in the spring network is negative.
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
-/// Cuts the polygon `tool` out of `mesh`, in place. `mesh` must be valid (check_sheet_mesh), `grid`
-/// must index its triangles, and `work` and `edit` must have been made for a sheet with at least as
-/// many slots for vertices and triangles (sheet_mesh.h). Contract:
+/// Cuts the polygon `tool` out of `mesh`, in place. Preconditions: `mesh` is valid
+/// (check_sheet_mesh()), `grid` indexes its triangles, and `work` and `edit` were made for a sheet
+/// with at least as many slots for vertices and triangles (sheet_mesh.h). Contract:
 ///  1. A triangle is replaced only if the tool overlaps or touches it, or if it is a neighbour of
 ///     such triangles and rounding requires its replacement. Outside of these triangles, the cut
 ///     only flips edges that are no longer Delaunay (item 2). All other slots stay as they are,
-///     with one exception: a vertex at which the cut leaves several fans of triangles becomes one
-///     vertex for each fan.
-///  2. If all inner edges were locally Delaunay before, all are afterwards. Vertices under the tool
-///     are removed. Other vertices within the cavity stay.
+///     with one exception. The triangles that the cut leaves around a vertex can form several fans,
+///     which are connected only in this vertex. Then each fan gets a vertex of its own.
+///  2. If all inner edges are locally Delaunay before the cut, all are locally Delaunay after the
+///     cut. Vertices under the tool are removed. Other vertices of the replaced triangles stay,
+///     unless a bent edge runs through them (item 3).
 ///  3. Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point
 ///     less than sqrt(2) steps away. The point lies on the material's side, so bends do not extend
 ///     the material. Exception: if the remaining material is thinner than the lattice, a bend may
 ///     go outwards by the same small distance, and the rings of the hole can cross themselves
 ///     there. Areas are exact in any case.
 ///  4. If the tool has no area in common with the sheet, nothing changes.
-///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet has been
+///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
 ///     proved valid (patch_proof.h) before the first slot was written.
 ///  6. The function does not allocate. The time depends on the mesh near the tool, not on the size
 ///     of the sheet.
-/// Afterwards `edit` lists the slots written, work.stitch.created lists the patch's triangles, and
-/// work.hole contains the rings around the removed material. If the tool lies completely over
-/// material, the only ring is the tool's outline. The caller updates the grid.
+/// After the cut, `edit` lists the slots written, work.stitch.created lists the new triangles in
+/// the cavity, and work.hole contains the rings around the removed material. If the tool lies
+/// completely over material, the only ring is the tool's outline. The caller must then update the
+/// grid (TriangleGrid::update()).
 CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
                        std::span<const LatticePoint> tool, CutWorkspace& work,
                        SheetEdit& edit) noexcept;
 
-/// Counts CutReport::obtuse_boundary_edges of the triangles that `edit` lists.
+/// Computes CutReport::obtuse_boundary_edges for the triangles that `edit` lists.
 std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
 
 struct CutResult : CutReport {
@@ -80,11 +83,12 @@ struct CutResult : CutReport {
   std::vector<Ring> hole;
 };
 
+/// Copies the rings of `hole`.
 std::vector<Ring> to_rings(const HoleOutline& hole);
 
-/// Cuts a copy of the sheet, for use where neither time nor memory matters. Errors:
-/// (refused) `tool` is not as described, or `sheet` is not a valid mesh; (bug) the result
-/// cannot be proved valid.
+/// Cuts a copy of the sheet, for use where neither time nor memory matters. Precondition: `sheet`
+/// is valid (check_mesh()). Errors: kRefused if `tool` is not as CutOutcome::kInvalidTool says, or
+/// if make_sheet_mesh() refuses `sheet`; kBug if the result cannot be proved valid.
 Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The memory that a cut needs. It is allocated once.
+// The scratch memory that a cut needs. It is allocated once.
 // Tests: tests/runtime/hole_cutting/cut_capacity_test.cpp
 #pragma once
 
@@ -17,11 +17,12 @@ namespace trocar::runtime {
 
 struct CutCapacity {
   std::size_t triangles = 0;  ///< number of triangles in a cavity, or changed by flips
-  std::size_t points = 0;     ///< number of points of the local PSLG: vertices, tool corners, bends
-  std::size_t edges = 0;      ///< number of edges of the local PSLG, including divided edges
+  std::size_t points = 0;     ///< number of points of the overlay: vertices, tool corners, bends
+  std::size_t edges = 0;      ///< number of edges of the overlay, including divided edges
 };
 
-/// Returns a capacity that suffices for a tool of any size over the sheet, with thousands of bends.
+/// Returns a capacity that suffices for a tool of any size over the sheet. It allows for thousands
+/// of bends, which are points where crossing edges are bent (overlay.h).
 inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
   return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
 }
@@ -29,7 +30,7 @@ inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
   return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
-/// The working memory of one thread, for sheets of any size within its capacities. The headers of
+/// The scratch memory of one thread, for sheets of any size within its capacities. The headers of
 /// the stages describe its content after a cut.
 struct CutWorkspace {
   Cavity cavity;

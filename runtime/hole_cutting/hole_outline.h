@@ -25,27 +25,31 @@ struct HoleOutline {
     return std::span(points).subspan(start, ring_end[r] - start);
   }
 
-  // The remaining members are working memory.
-  /// A set of equal edges. Edges in opposite directions cancel.
+  // The remaining members are scratch memory.
+  /// All edges between the same two points. Edges in opposite directions cancel.
   struct CountedEdge {
-    std::uint32_t a, b;  ///< points of the overlay, a < b
+    std::uint32_t a, b;  ///< indices into Overlay::points, a < b
     std::int32_t count;  ///< number of edges from a to b minus the number from b to a
   };
-  /// An element of the list of edges that start at the same point.
+  /// An element of a linked list of all edges that start at the same point.
   struct Out {
-    std::uint32_t to, next;
+    std::uint32_t to, next;  ///< end point of the edge; index of the list's next element in `out`
   };
   std::vector<CountedEdge> edges;
-  FlatTable edge_at;
+  FlatTable edge_at;  ///< key: a and b of a CountedEdge; value: index into `edges`
   std::vector<Out> out;
-  std::vector<std::uint32_t> first_out, path_index;  ///< each point's list, and index in the path
+  /// Index of each point's first list element in `out`, and index of each point in `path`.
+  std::vector<std::uint32_t> first_out, path_index;
+  /// `starts`: points at which edges start. `path`: points of the present walk along the edges.
+  /// `stops`: points that divide one edge. `unsorted`: points of the rings found so far.
   std::vector<std::uint32_t> starts, path, stops, unsorted;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> unsorted_rings;  ///< ranges of `unsorted`
 
   void allocate(std::size_t max_points, std::size_t max_edges);
 };
 
-/// Determines the rings of `hole`. Returns kBug if rim and patch do not bound an area.
+/// Determines the rings of `hole`. Returns kBug if the edges that bound the removed material do not
+/// form closed rings.
 StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
                           HoleOutline& hole) noexcept;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Constrained Delaunay triangulation of a small PSLG in exact integers, by incremental insertion
-// with Lawson's flips (Lawson 1977), and Sloan's flips for constraints (Sloan 1993). The same input
-// gives the same triangles.
+// Constrained Delaunay triangulation of a small PSLG (planar straight-line graph) in exact
+// integers. Points are inserted one by one with Lawson's flips (Lawson 1977), and constraints with
+// Sloan's flips (Sloan 1993). The same input gives the same triangles.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
@@ -20,8 +20,8 @@ namespace trocar::runtime {
 /// A counter-clockwise triangle; its edges are numbered as in triangle_edge.h.
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
-  std::array<std::uint32_t, 3> across;      ///< cell beyond edge i, or kNone
-  std::array<std::uint32_t, 3> constraint;  ///< name given to edge i by constrain(), or kNone
+  std::array<std::uint32_t, 3> across;      ///< cell beyond edge i; kNone: there is no cell
+  std::array<std::uint32_t, 3> constraint;  ///< name that constrain() gave edge i; kNone: no name
 };
 
 /// A triangulation of a box around all points. The box's four corners are the last four points.
@@ -29,24 +29,24 @@ class LocalTriangulation {
  public:
   enum class Status : std::uint8_t { kDone, kCapacity, kNotPlanar };
 
-  /// The only function that allocates.
+  /// Allocates memory for this number of points. No other function allocates.
   void allocate(std::size_t max_points);
 
   /// Makes the Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate.
-  /// Returns kNotPlanar if two points are equal. Typically O(n^1.5), and less if consecutive points
-  /// are near each other. `first_corner` is the corner of the box that is listed first. Its values
-  /// 0..3 mean the corners counter-clockwise from the lower left. If points and first corner are
-  /// rotated together by right angles, the cells are the same.
+  /// Returns kNotPlanar if two points are equal. The time is typically O(n^1.5), and less if
+  /// consecutive points are near each other. `first_corner` is the corner of the box that is listed
+  /// first: 0 is the lower left corner, and 1 to 3 follow counter-clockwise. If points and first
+  /// corner are rotated together by right angles, the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
-  /// Makes the segment between two different points an edge. Afterwards some cells may not be
-  /// Delaunay; see restore_delaunay(). If another constraint or a point blocks the segment, returns
-  /// kNotPlanar. The triangulation must not be used after that.
+  /// Makes the segment between two different points an edge, and gives it a name. Afterwards some
+  /// cells may not be Delaunay; see restore_delaunay(). If another constraint or a point blocks the
+  /// segment, returns kNotPlanar, and the triangulation must not be used any more.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
-  /// Flips edges until every edge whose two cells are in the same region is locally Delaunay. Edges
-  /// inside region 0 are not flipped. `region` has one entry per cell. Constraints within a region
-  /// may be flipped, too, because only the boundaries between regions are preserved.
+  /// `region` has one entry per cell. The function flips edges until every edge between two cells
+  /// of the same region is locally Delaunay, except in region 0. Constraints within a region may be
+  /// flipped, too, because only the boundaries between regions are preserved.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Third stage of a cut: the patch, which consists of the new triangles in the cavity.
+// Third stage of a cut: the patch, which consists of the new triangles that replace the cavity.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -14,25 +14,28 @@ namespace trocar::runtime {
 
 /// The new triangles; their edges are numbered as in triangle_edge.h.
 struct Patch {
-  std::vector<Triangle> triangles;                   ///< indices into Overlay::points
-  std::vector<std::array<std::uint32_t, 3>> across;  ///< triangle of the patch beyond, or kNone
-  std::vector<std::array<std::uint32_t, 3>> kept;    ///< triangle of the sheet beyond, or kNone
-  std::vector<std::uint32_t> absorb;  ///< after kAgain: kept triangles that the patch covers
+  std::vector<Triangle> triangles;  ///< corners are indices into Overlay::points
+  /// Triangle of the patch beyond each edge; kNone: there is none.
+  std::vector<std::array<std::uint32_t, 3>> across;
+  /// Kept triangle of the sheet beyond each edge; kNone: there is none.
+  std::vector<std::array<std::uint32_t, 3>> kept;
+  std::vector<std::uint32_t> absorb;  ///< after kAgain: kept triangles to add to the cavity
 
   struct Winding {
     std::int32_t rim, tool;
   };
-  LocalTriangulation triangulation;   ///< scratch; the members below have one entry per cell
-  std::vector<Winding> windings;      ///< winding numbers of rim and tool
-  std::vector<std::uint8_t> region;   ///< 1: material; 0: void; 2: not known yet
-  std::vector<std::uint32_t> number;  ///< the cell's triangle in the patch
-  std::vector<std::uint32_t> pending;
+  LocalTriangulation triangulation;    ///< scratch; the next three members have one entry per cell
+  std::vector<Winding> windings;       ///< winding numbers of the cavity's boundary and of the tool
+  std::vector<std::uint8_t> region;    ///< 1: material; 0: void; 2: not known yet
+  std::vector<std::uint32_t> number;   ///< index of the cell's triangle in the patch
+  std::vector<std::uint32_t> pending;  ///< cells whose neighbours have not been visited
 
   void allocate(std::size_t max_points);
 };
 
-/// Makes the constrained Delaunay triangles of the overlay that lie inside the rim and outside the
-/// tool. After kAgain only `absorb` is valid. kBug means that the overlay is not a PSLG.
+/// Makes the constrained Delaunay triangles of the overlay that lie inside the cavity and outside
+/// the tool. After kAgain only `absorb` is valid. kBug means that the overlay is not a PSLG: an
+/// edge crosses another one or runs through a point.
 StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept;
 
 }  // namespace trocar::runtime

@@ -16,34 +16,38 @@ struct StitchSpace {
   struct Corner {
     std::uint32_t triangle, corner;
   };
-  /// Kept triangles that follow one after the other around a vertex of the cavity's rim.
+  /// Kept triangles that follow one after the other around a vertex on the cavity's boundary.
   struct Run {
     std::uint32_t vertex;
-    std::uint32_t first, end;  ///< range of its corners in `corners`
+    /// The triangles' corners at the vertex are the elements first to end - 1 of `corners`.
+    std::uint32_t first, end;
   };
-  /// A new vertex for a group of corners.
+  /// A vertex to be created. All corners of one group get this vertex.
   struct NewVertex {
     std::uint32_t group;
     LatticePoint point;
   };
   std::vector<Corner> corners;
   std::vector<Run> runs;
-  FlatTable run_at;                   ///< index of the run, for a triangle at a vertex
-  std::vector<std::uint32_t> parent;  ///< disjoint sets of runs and, after them, patch corners
-  std::vector<std::uint32_t> vertex;  ///< vertex of each group
-  FlatTable taken;                    ///< vertices of the rim that keep their slots
+  /// Key: first or last triangle of a run, and the run's vertex; value: index into `runs`.
+  FlatTable run_at;
+  /// Union-find structure that groups what becomes one vertex. Its elements are the runs, followed
+  /// by the corners of the patch's triangles.
+  std::vector<std::uint32_t> parent;
+  std::vector<std::uint32_t> vertex;  ///< vertex slot of each group
+  FlatTable taken;                    ///< vertices on the cavity's boundary that keep their slots
   std::vector<NewVertex> fresh;
-  std::vector<std::uint32_t> created;   ///< result: the patch's triangles, as slots of the sheet
+  std::vector<std::uint32_t> created;   ///< result: slots of the patch's triangles in the sheet
   std::vector<TriangleEdge> rim_edges;  ///< result: patch edges shared with kept triangles
 
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };
 
-/// Replaces the cavity's triangles by the patch. The vertices of kept triangles keep their
-/// slots, with one exception. If the cut leaves several fans of triangles at a vertex, each fan
-/// but the first gets a new vertex, so that the mesh stays manifold. Vertices without a triangle
-/// are released. If the workspace or the sheet's free slots do not suffice, returns kCapacity
-/// and changes nothing.
+/// Replaces the cavity's triangles by the patch (the new triangles). The vertices of kept triangles
+/// keep their slots, with one exception. The triangles around a vertex can form several fans after
+/// the cut, which are connected only in this vertex. Then each fan but the first gets a new vertex,
+/// so that the mesh stays manifold. Vertices without a triangle are released. If the scratch memory
+/// or the sheet's free slots do not suffice, returns kCapacity and changes nothing.
 StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                     const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;
 

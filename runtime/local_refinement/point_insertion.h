@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh that is constrained Delaunay, and keeps the mesh so. The
-// triangles whose circumcircles contain the point form the cavity. They are replaced by the star of
-// the point: the triangles that join the point to the cavity's rim (Bowyer; Watson, 1981). All
-// decisions are exact.
+// Inserts a point into a SheetMesh that is constrained Delaunay, and keeps the mesh constrained
+// Delaunay. The triangles whose circumcircles contain the point form the cavity. They are replaced
+// by the star of the point, which consists of the triangles that join the point to the boundary of
+// the cavity (Bowyer; Watson, 1981). In the code this boundary is called `rim`. All decisions are
+// exact.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +16,7 @@
 
 namespace trocar::runtime {
 
-/// An edge of the rim, which is the cavity's boundary, with the cavity on its left.
+/// An edge of the cavity's boundary, with the cavity on its left.
 struct CavityEdge {
   std::uint32_t from, to;  ///< vertex slots
   std::uint32_t beyond;    ///< the triangle outside the cavity; kNone on the sheet's boundary
@@ -24,8 +25,8 @@ struct CavityEdge {
 
 enum class InsertionOutcome {
   kDone,
-  kNotVisible,  ///< a part of the rim is not visible from the point
-  kCapacity,    ///< no free slots
+  kNotVisible,  ///< a part of the cavity's boundary is not visible from the point
+  kCapacity,    ///< the mesh has too few free slots
 };
 
 /// find() finds a cavity, and insert() fills the cavity found last. Both take time proportional to
@@ -37,29 +38,30 @@ class PointInsertion {
 
   PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots);
 
-  /// Finds the cavity of `p`, starting at triangle `start`. Returns false if the circumcircle of
-  /// `start` does not contain p, or if the cavity is too large.
+  /// Finds the cavity of the point `p`, starting at the triangle `start`. Returns false if the
+  /// circumcircle of `start` does not contain p, or if the cavity is too large.
   bool find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept;
   std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
-  /// Replaces the cavity by the star of p. `split` is kNone, or the number in rim() of a boundary
-  /// edge that p splits. In the second case p must lie on the edge or on its inner side. Two edges
-  /// to p replace the edge, and the area between the three edges is no longer part of the sheet. If
-  /// the result is not kDone, nothing is changed.
+  /// Replaces the cavity by the star of p. `split`: index in rim() of a boundary edge of the sheet
+  /// that p splits, or kNone. If p splits an edge, p must lie on the edge or on its inner side. Two
+  /// edges to p then replace the edge, and the area between the three edges is no longer part of
+  /// the sheet. If the result is not kDone, nothing is changed.
   InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                           std::uint32_t split) noexcept;
   /// The star's triangles after insert(), each with p as its last corner.
   std::span<const std::uint32_t> star() const noexcept { return star_; }
+  /// The slot of the vertex that insert() has added.
   std::uint32_t vertex() const noexcept { return vertex_; }
 
  private:
   std::vector<std::uint32_t> cavity_, star_;
   std::vector<CavityEdge> rim_;
   std::uint32_t vertex_ = kNone;
-  std::vector<std::uint32_t> visited_;   // per triangle slot: equals search_ if it is in the cavity
+  std::vector<std::uint32_t> visited_;   // per triangle slot: search_ if it is in the cavity
   std::vector<std::uint32_t> starting_;  // per vertex slot: star triangle whose edge 0 starts there
-  std::uint32_t search_ = 0;
+  std::uint32_t search_ = 0;             // number of find()'s last call
 };
 
 }  // namespace trocar::runtime

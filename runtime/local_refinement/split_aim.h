@@ -9,11 +9,11 @@
 
 namespace trocar::runtime {
 
-/// Returns the aim of the next split of a boundary edge that is to be split into about `parts` (>=
-/// 2) equal parts, one split at a time. If exactly one of its ends is an acute corner
-/// (kAcuteCorner_deg), the aim lies on a circle around that corner whose radius, in steps, is a
-/// power of two. (All splits near the corner then lie on the same concentric circles.) O(triangles
-/// at the edge's ends).
+/// Returns the wanted position of the next split of the boundary edge `e`. The edge is to be split
+/// into about `parts` (at least 2) equal parts, one split at a time. If exactly one end of the edge
+/// is an acute corner (kAcuteCorner_deg), the position lies on a circle around that corner whose
+/// radius, in steps, is a power of two. (So all splits near the corner lie on the same concentric
+/// circles.) O(triangles at the edge's ends).
 SplitAim aim_split(const SheetMesh& mesh, TriangleEdge e, int parts) noexcept;
 
 }  // namespace trocar::runtime

@@ -24,10 +24,11 @@ class VertexRemoval {
   static constexpr std::size_t kMaxDegree = 24;
 
   /// Plans the removal of the vertex at corner `corner` of triangle t. Returns false if the vertex
-  /// cannot be removed: it lies on the sheet's boundary, it has too many triangles, or ears with
-  /// empty circumcircles do not exist (boundary edges can prevent them).
+  /// lies on the sheet's boundary, if it has too many triangles, or if there are no ears with empty
+  /// circumcircles (boundary edges can prevent them).
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
-  /// The triangles around the vertex, and those that would replace them; valid after plan().
+  /// After plan(): star() lists the triangles around the vertex, and ear() gives the triangles that
+  /// would replace them, from number 0 to ears() - 1.
   std::span<const std::uint32_t> star() const noexcept { return {star_.data(), degree_}; }
   std::size_t ears() const noexcept { return degree_ - 2; }
   const Triangle& ear(std::size_t number) const noexcept { return ears_[number].corners; }
@@ -35,12 +36,13 @@ class VertexRemoval {
   /// Removes the vertex. Its slot and the slots of two triangles are free afterwards.
   void remove(SheetMesh& mesh, SheetEdit& edit) noexcept;
 
-  /// The triangles that fill the polygon, and the two freed slots; valid after remove().
+  /// After remove(): the slots of the triangles that fill the polygon, and the two freed slots.
   std::span<const std::uint32_t> filled() const noexcept { return {star_.data(), degree_ - 2}; }
   std::span<const std::uint32_t> freed() const noexcept { return {&star_[degree_ - 2], 2}; }
 
  private:
-  // The neighbour beyond an edge: a triangle of the mesh (or kNone), or edge 2 of ear `number`.
+  // The neighbour beyond an edge. If is_ear, it is the ear `number`, which has the same edge as its
+  // edge 2. Otherwise it is the triangle `number` of the mesh; kNone: there is none.
   struct Beyond {
     bool is_ear;
     std::uint32_t number;

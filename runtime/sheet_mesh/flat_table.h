@@ -106,12 +106,13 @@ class FlatTable {
 
   std::vector<Entry> entries_;
   std::vector<std::uint32_t> slots_ =
-      std::vector<std::uint32_t>(kMinSlots, 0);  ///< index of the entry + 1; 0: empty
+      std::vector<std::uint32_t>(kMinSlots, 0);  ///< index of the entry, plus 1; 0: empty
   std::size_t capacity_ = 0;
   std::size_t mask_ = kMinSlots - 1;
   int shift_ = 56;
 };
 
+/// Returns a key for an ordered pair of numbers.
 inline std::uint64_t pair_key(std::uint32_t a, std::uint32_t b) noexcept {
   return std::uint64_t{a} << 32 | b;
 }

@@ -5,7 +5,8 @@
 
 namespace trocar::runtime {
 
-/// A reference to a function, which must outlive it. Empty by default.
+/// A reference to a function. The function must outlive the reference. By default the reference is
+/// empty.
 template <typename Signature>
 class FunctionRef;
 template <typename R, typename... Arguments>

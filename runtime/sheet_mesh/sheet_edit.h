@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists the slots that an edit of a SheetMesh has written. So
+// Lists the slots (elements of the arrays of a SheetMesh) that an edit of the mesh has written. So
 // the edit can be undone, or repeated on a second copy of the mesh (a replica), in time
 // proportional to the edit.
 //
 // Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
-//  1. An editing function calls touch_*() before it writes a slot, or uses the four functions below
-//     that take and release slots and call touch_*() themselves.
+//  1. An editing function calls touch_*() before it writes a slot. To take or release a slot, it
+//     calls take_*() or release_*(), which keep the lists themselves.
 //  2. undo() restores the mesh of begin() exactly: every slot and the order of the free slots.
-//  3. If a replica was equal to the mesh at begin(), copy_to() makes it equal again, in
-//     the same sense.
+//  3. If a replica was equal to the mesh at begin(), copy_to() makes the replica equal to the
+//     edited mesh, in the same sense.
 //  4. Only the constructor allocates. Each slot is listed at most once, so the capacity suffices.
 #pragma once
 
@@ -42,6 +42,7 @@ class SheetEdit {
   /// Starts a new edit of `mesh` and clears the lists. O(1).
   void begin(const SheetMesh& mesh) noexcept;
 
+  /// Lists the slot with its present content, unless the slot is already listed.
   void touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept;
   void touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept;
 
@@ -49,11 +50,11 @@ class SheetEdit {
   /// no free slot.
   std::uint32_t take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept;
   std::uint32_t take_vertex(SheetMesh& mesh, LatticePoint point) noexcept;
-  /// Frees the slot. At the end of the edit nothing may refer to the slot.
+  /// Frees the slot. The caller must ensure that nothing refers to the slot at the end of the edit.
   void release_triangle(SheetMesh& mesh, std::uint32_t t) noexcept;
   void release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// The slots written, each once, in the order in which they were first written.
+  /// The slots written, each once, in the order in which they were listed.
   std::span<const OldTriangle> triangles() const noexcept { return triangles_; }
   std::span<const OldVertex> vertices() const noexcept { return vertices_; }
 
@@ -63,8 +64,8 @@ class SheetEdit {
   void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
 
  private:
-  // The changes to a stack of free slots. Entries below `untouched` are unchanged. `popped` lists
-  // the former entries above, the topmost first.
+  // The changes to a stack of free slots. The lowest `untouched` entries are unchanged. `popped`
+  // lists the entries that were above them at begin(), the topmost first.
   struct Stack {
     std::size_t untouched = 0;
     std::vector<std::uint32_t> popped;

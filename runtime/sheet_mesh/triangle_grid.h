@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the triangles of a sheet near a box in time proportional to their number, not to the size
-// of the mesh. A triangle is inserted or removed in constant time.
+// Finds the triangles of a sheet near a box. The time is proportional to the number of these
+// triangles, not to the size of the mesh. A triangle is inserted or removed in constant time.
 //
-// There are several grids, each twice as coarse as the one before. A triangle belongs to a single
-// cell: the one that contains the lower left corner of its box, in the finest grid whose cells are
-// no smaller than the box. So a triangle extends at most into the next cell. Every triangle slot
-// needs one entry, however long and thin its triangle is, so no edit can exceed the capacity.
-// (These are "loose" grids, after Ulrich's loose octree, 2000.)
+// There are several grids, and the cells of each grid are twice as large as those of the grid
+// before. A triangle belongs to a single cell. The grid of this cell is the finest one whose cells
+// are no smaller than the triangle's bounding box, and the cell is the one that contains the box's
+// lower left corner. So a triangle extends at most into the next cell to the right and above. Every
+// triangle slot needs one entry, however long and thin its triangle is, so no edit can exceed the
+// capacity. (These are "loose" grids, after Ulrich's loose octree, 2000.)
 #pragma once
 
 #include <algorithm>
@@ -26,9 +27,9 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
 
 /// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
 /// triangles):
-///  1. for_each() visits every triangle in use whose box is not apart() from the given box, exactly
-///     once, and no other triangle. The order depends only on the mesh at the start and on the
-///     edits since then.
+///  1. for_each() visits every triangle in use whose bounding box is not apart() from the given
+///     box, exactly once, and no other triangle. The order depends only on the mesh given to the
+///     constructor and on the edits since then.
 ///  2. Only the constructor and add_slots() allocate.
 class TriangleGrid {
  public:
@@ -37,8 +38,8 @@ class TriangleGrid {
   /// range. O(slots).
   explicit TriangleGrid(const SheetMesh& mesh);
 
-  /// Updates the grid after an edit, given the edited mesh. Call this once for each edit. Time is
-  /// proportional to the edit.
+  /// Updates the grid after an edit. `mesh`: the edited mesh. Call this once for each edit. The
+  /// time is proportional to the edit.
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
 
   /// Adds entries after SheetMesh::add_slots().
@@ -72,7 +73,7 @@ class TriangleGrid {
  private:
   struct Level {
     int shift = 0;                       ///< cells are 2^shift steps wide
-    std::int64_t columns = 1, rows = 1;  ///< points outside belong to the outermost cells
+    std::int64_t columns = 1, rows = 1;  ///< points outside the grid belong to the outermost cells
     std::size_t first_cell = 0;
     std::uint32_t triangles = 0;
 

@@ -1,17 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// One tick of the force law `cutting` against the sheets of a session: computes the resistance of the slabs to
-// the tool at its position, runs the cutting law, and requests holes in the meshes.
+// Runs one tick of the force law `cutting` with the sheets of a session: computes the resistance of
+// the slabs at the tool's position, runs the cutting law (cutting_law.h), and requests holes in the
+// meshes.
 //
 // Contract (tests/runtime/bone_cutting/contact/bone_contact_test.cpp):
-//  1. The strength of a slab is the strength of the material under the tool's outline, multiplied by the
-//     coverage. If the scene says so, the strength is computed from HU. Here the coverage is the fraction of
-//     the outline over material that is not yet cut. Friction is multiplied by the coverage in the uncut sheet
-//     instead, so cutting a hole does not reduce the friction in it.
-//  2. Each sheet that the cutting front passes completely gets one hole request. The front can pass several
-//     sheets in one tick. If the coverage is almost 0, no hole is requested.
-//  3. If the coverage is below one half and no hole has been cut there, the sheet's edges act as walls
-//     (admissible_region.h). Where such a wall has yielded, a hole with the tool's outline is requested.
-//  4. All times are those of the device's clock. Without a new pose, the tick repeats the previous position.
+//  1. The strength of a slab is the strength of the material under the tool's outline, multiplied
+//     by the coverage. If the scene says so, the strength is computed from HU. Here the coverage is
+//     the fraction of the outline over material that is not yet cut. Friction is multiplied by
+//     another coverage, that of the uncut sheet, so that cutting a hole does not reduce the
+//     friction in it.
+//  2. For each sheet that the cutting front passes completely, one hole is requested. The front can
+//     pass several sheets in one tick. If the coverage is almost 0, no hole is requested.
+//  3. If the coverage of a sheet is below one half and the tool has not cut a hole in it, the
+//     sheet's edges act as walls (admissible_region.h). Where a wall of an edge or of a hole has
+//     yielded, a hole with the tool's outline is requested.
+//  4. All times are those of the device's clock. A tick without a new pose is evaluated at
+//     the previous pose.
 //  5. No allocation, lock or exception.
 #pragma once
 
@@ -30,31 +34,33 @@ struct SheetInContact {
   LatticeOutline outline;            ///< tool's outline for which `grip` and `hu` were computed
   std::uint32_t cuts = 0;            ///< number of holes in the mesh when `share` was computed
   std::uint32_t cuts_requested = 0;  ///< number of requested holes at that time
-  bool is_known = false;             ///< the other values have been computed
+  bool is_known = false;             ///< the values below have been computed
   bool has_hu = false;               ///< material lies under the tool, so `hu` is valid
-  bool is_beside = false;     ///< coverage below one half, and no hole cut: edges act as walls
+  bool is_beside = false;            ///< the sheet's edges act as walls (contract 3)
   bool is_presented = false;  ///< at least half of the tool lies over material of the uncut sheet
   double share = 1;           ///< coverage: fraction of the outline over material not yet cut
-  double grip = 1;            ///< coverage that the uncut sheet had; factor on friction
+  double grip = 1;            ///< coverage of the uncut sheet; factor on friction
   double hu = 0;              ///< mean HU of the material under the tool
   double strength_N = 0;      ///< strength before multiplication by `share`
   Eigen::Vector2d free_at_m =
       Eigen::Vector2d::Zero();  ///< axis position for which `free` was computed
   Eigen::Vector2d cut_at_m = Eigen::Vector2d::Zero();  ///< axis position of the last requested hole
-  bool has_cut = false;
-  Slot free;
+  bool has_cut = false;  ///< in the hole that the tool is in, the front has passed this sheet
+  Slot free;             ///< admissible region (CuttingSlab::free)
 };
 
 /// Energies since the session began.
 struct BoneEnergyAccount {
-  double cut_J = 0;       ///< work of cutting bone
-  double absorbed_J = 0;  ///< work of the hand on the tissue, before SceneForceLaw::force_scale
-  double stored_J = 0;
-  /// Largest net energy released to the hand, before SceneForceLaw::force_scale.
+  double cut_J = 0;  ///< work of cutting bone
+  /// Work that the hand has done on the tissue, before multiplication by
+  /// SceneForceLaw::force_scale.
+  double absorbed_J = 0;
+  double stored_J = 0;  ///< energy that tissue and coupling store now
+  /// Largest value of -absorbed_J so far, which is the net energy that the hand has received.
   double released_max_J = 0;
 };
 
-/// Memory of the contact, allocated before the loop.
+/// State of the law `cutting` between ticks. Its memory is allocated before the loop starts.
 struct BoneContactState {
   CuttingState law;
   std::vector<CuttingSlab> slabs;
@@ -67,9 +73,9 @@ struct BoneContactState {
          feed_m_per_s = 0;  ///< velocities of the tool about and along its axis
   double front_HU = 0;      ///< RecordingRow::Cutting::front_HU
   double front_m = 0;       ///< depth of the front after the last tick
-  double lift_to_m = 0;     ///< depth to which the tip must be raised while `must_lift`
-  bool must_lift = false;   ///< the last update was followed by a reset with the tip under load
-  int next_checked = 0;     ///< index of the sheet that evaluate_around() checked last
+  double lift_to_m = 0;     ///< if must_lift: depth to which the tip must be raised
+  bool must_lift = false;   ///< the tip was under load when reset_motion() was called
+  int next_checked = 0;     ///< index of the sheet whose walls were checked last
   int last_hole = -1;       ///< hole that the tool was in; reset_motion() keeps it
   bool has_plate = false;
   Pose T_device_plate;                    ///< last new pose of the plate
@@ -79,20 +85,21 @@ struct BoneContactState {
 
 BoneContactState make_bone_contact_state(const BoneVolume& bone);
 
-/// Runs one tick. `T_device_plate`: the measured pose. `T_device_evaluated`: the same pose or the
-/// predicted one. `tracks`: requested and pending holes of the sheets. Fills `output` in the same way
-/// as update_contact(). The wrench and the stored energy are those of the tissue, before
-/// multiplication by SceneForceLaw::force_scale.
+/// Runs one tick. `T_device_plate`: the measured pose. `T_device_evaluated`: the pose at which the
+/// law is evaluated, which is the measured or the predicted one. `tracks`: requested and pending
+/// holes of the sheets. Fills `output` as ContactOutput says for the law `cutting`. The wrench and
+/// the stored energy are those of the tissue, before multiplication by SceneForceLaw::force_scale.
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
                          double pose_interval_s, std::span<SheetTrack> tracks,
                          BoneContactState& state, ContactOutput& output) noexcept;
 
-/// Call this in ticks without update_bone_contact(). The next tick then starts without load. Holes are kept.
+/// Call this in ticks without update_bone_contact(). The next tick then starts without load. Holes
+/// are kept.
 void reset_motion(BoneContactState& state) noexcept;
 
-/// Distance by which the tip must be raised so that no force acts when the loop resumes; 0: no
-/// raising is needed.
+/// Returns the height by which the tip must be raised after reset_motion(), so that the tip is not
+/// under load when the session runs again. 0: the tip need not be raised.
 double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
                           const BoneContactState& state) noexcept;
 

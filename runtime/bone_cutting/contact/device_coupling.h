@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses the coupling between the device's plate and the tool in the bone. The coupling is as stiff as the scene
-// asks, but not stiffer than the device can render without releasing energy to the hand. If the scene states no
-// stiffness, the coupling gets the largest one that is allowed.
+// Chooses the coupling between the device's plate and the tool in the bone. The coupling has the
+// stiffness that the scene states, within the limits of contract 3. If the scene states no
+// stiffness, the coupling is as stiff as these limits allow.
 //
 // Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a
 // tick and dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2
@@ -13,19 +13,21 @@
 // released energy (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
 //
 // Contract (tests/runtime/bone_cutting/contact/device_coupling_test.cpp):
-//  1. If the scene says so, the tool is rigidly fixed to the plate, without a coupling spring. If the scene
-//     leaves the choice open, the tool is rigid when the largest stiffness that it can meet in the bone is below
-//     that of the coupling.
+//  1. If the scene says so, the tool is rigidly fixed to the plate, without a coupling spring. If
+//     the scene leaves the choice open, the tool is rigid if the largest stiffness that it can meet
+//     in the bone is at most that of the coupling.
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
-//  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2, divided by the force scale
-//     (SceneForceLaw::force_scale) and by StiffnessLimits::margin. The limit in rotation is the same with the
-//     plate's smallest moment of inertia in place of M. A stiffness of 0 in the scene's law selects this limit,
-//     whether the pose is predicted or not. Whatever the scene says, the rendered stiffness at the tip never
-//     exceeds the stiffness that the device states or the operator's limit. To stay within them, a tool that the
-//     scene declares rigid gets a coupling.
-//  4. `inertia_share` also includes the stiffness of a rigid tool, which is not limited.
-//  5. The coupling's largest force is the one that the device can render along the tool at its peak torques,
-//     divided by the force scale.
+//  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2, divided by the
+//     force scale (SceneForceLaw::force_scale) and by StiffnessLimits::margin. The limit in
+//     rotation is the same with the plate's smallest moment of inertia instead of M. If the scene
+//     states no stiffness (the value 0), the coupling gets this limit, whether the pose is
+//     predicted or not. Whatever the scene says, the rendered stiffness at the tip never exceeds
+//     the stiffness that the device states, nor the operator's limit. Where a rigid tool would
+//     exceed one of them, the tool gets a coupling even if the scene declares it rigid.
+//  4. The stiffness of a rigid tool is not limited by 0.5 M / T^2, but `inertia_share` takes
+//     it into account.
+//  5. The coupling's largest force is the one that the device can render along the tool at its peak
+//     torques, divided by the force scale.
 #pragma once
 
 #include <string>
@@ -42,16 +44,16 @@ inline constexpr double kMaxInertiaShare = 0.5;
 struct DeviceCoupling {
   CuttingCoupling coupling;
   bool predicts_pose = false;  ///< the law is evaluated at the pose predicted one tick ahead
-  double damping_share = 0;    ///< at least 1: the device's own damping suffices
-  /// The rendered stiffness divided by M / T^2: the larger of the values for translation and for rotation. With
-  /// prediction, values above inertia_limit are not known to be passive.
+  double damping_share = 0;    ///< contract 2; at least 1: the device's own damping suffices
+  /// The rendered stiffness divided by M / T^2: the larger of the values for translation and for
+  /// rotation. With prediction, tests show passivity only up to inertia_limit.
   double inertia_share = 0;
   double inertia_limit = kMaxInertiaShare;  ///< kMaxInertiaShare divided by StiffnessLimits::margin
   double most_N = 0;  ///< largest tissue force along the tool that the device can render
-  /// The smaller of the stiffness that the device states and the operator's limit, divided by the force scale;
-  /// infinite if neither is stated.
+  /// The stiffness that the device states or the operator's limit, whichever is smaller, divided by
+  /// the force scale. It is infinite if neither is stated.
   double ceiling_N_per_m = 0;
-  bool is_at_ceiling = false;  ///< the stiffness of the coupling is this limit
+  bool is_at_ceiling = false;  ///< the coupling's stiffness was reduced to ceiling_N_per_m
 };
 
 /// Chooses the coupling for one pose of the plate, for example with the tip on top of the bone.
@@ -62,8 +64,8 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
 /// Returns the choice as one line of text, for `--check`.
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);
 
-/// Returns the reason why the loop may release energy to the hand or oscillate with this choice, and what helps.
-/// Empty if there is no such reason.
+/// Returns a text that says why, with this choice, the loop may oscillate or release energy to the
+/// hand, and what helps. The text is empty if there is no such reason.
 std::string stability_warning(const DeviceCoupling& chosen);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the proxy's pose of minimal potential and the first equilibrium of the front, by Newton's
-// method. No step raises the potential.
+// Finds the proxy's pose of minimal potential, and the first equilibrium of the cutting front, by
+// Newton's method. No step raises the potential.
 // Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 
@@ -8,8 +8,9 @@
 
 namespace trocar::runtime {
 
-/// Moves the proxy and the front to the equilibrium. On entry `e` is the potential at the start of
-/// the tick, and on return the potential at the equilibrium.
+/// Moves the proxy, the front and the fronts of soft layers to the equilibrium. When the function
+/// is called, `e` is the potential at the start of the tick. When it returns, `e` is the potential
+/// at the equilibrium.
 void settle(Tick& tick, Evaluation& e, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cutting front: its depth, and its advance under a force. The front only moves down, and it stops at
-// the first equilibrium that it reaches.
+// The cutting front (the depth down to which bone has been cut under the tool), and its advance
+// under a force. The front only moves down, and it stops at the first equilibrium that it reaches.
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
@@ -8,15 +8,16 @@
 
 namespace trocar::runtime {
 
-/// Determines the depth of the front. While the tip presses on the front, the front stays where it was in
-/// the last tick. Otherwise it is at the uppermost uncut material at or below the tip.
+/// Determines the depth of the front. While the tip presses on the front, the front stays where it
+/// was in the last tick. Otherwise the front is at the uppermost uncut material at or below the
+/// tip. If there is none, the depth is infinite.
 void find_front(Tick& tick) noexcept;
 
-/// Advance of the front along the shaft, the work of this advance, and the strength of the material just
-/// cut at its end.
+/// Advance of the front along the shaft.
 struct Advance {
+  /// Length and work of the advance, and strength of the material that is cut at its end.
   double length_m = 0, work_J = 0, strength_N = 0;
-  bool ends_free = false;  ///< the front leaves all material
+  bool ends_free = false;  ///< at the end the tip presses on nothing
 };
 
 /// Computes the advance after which the tip's force no longer exceeds the strength. The force is `tip_N`
@@ -26,9 +27,10 @@ Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 /// Returns CuttingState::bearing for the end of this tick.
 int bearing_slab(const Tick& tick) noexcept;
 
+/// Moves the front by `advance`, and adds the work to `out`.
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 
-/// Values that a step of the front changes. They are kept so that the step can be undone.
+/// Values that take() changes. remember() copies them, and take_back() restores them.
 struct FrontMemory {
   double stretch_m, front_m, cut_J;
   bool is_free;

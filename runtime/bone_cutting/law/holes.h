@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The holes: which hole the tool is in, how deep each slab has been cut, and how much of it the shaft fills.
+// The holes: which hole the tool is in, how deep each slab has been cut, and which length of each
+// slab the shaft fills.
 // Tests: tests/runtime/bone_cutting/law/hole_test.cpp
 #pragma once
 
@@ -9,19 +10,22 @@ namespace trocar::runtime {
 
 /// Sets `tick.hole` to the hole that the tool is in or would enter.
 void choose_hole(Tick& tick) noexcept;
-/// Depth down to which a slab is already cut at the tool's position; minus infinity: the slab is uncut.
+/// Returns the depth down to which a slab is already cut at the tool's position; minus infinity:
+/// the slab is uncut.
 double cut_of(const Tick& tick, int slab) noexcept;
-/// Updates whether the tool is in a hole. It is in one as long as the tip and the front are both below the
-/// top of the hole's first slab.
+/// Updates whether the tool is in a hole. The tool is in a hole as long as both the tip and the
+/// front are below the top of the hole's first slab.
 void enter_or_leave(Tick& tick) noexcept;
-/// Updates the embedded lengths, and with them the stiffness of friction and walls. An element that gets
-/// stiffer keeps its force, so that its energy falls. A new element starts without force.
+/// Updates the embedded lengths, and with them the stiffness of friction and walls. If friction or
+/// a wall gets stiffer, its force is kept, so that its energy falls. A new wall starts without
+/// force.
 void embed(Tick& tick) noexcept;
 
-/// Call this at the end of a tick. Walls that are loaded beyond their strength stay where the shaft pushed
-/// them. Returns the energy that the walls store (J).
+/// Call this at the end of a tick in which the tool is in a hole. Walls that are loaded beyond
+/// their strength stay where the shaft pushed them. Returns the energy that the walls store (J).
 double yield_walls(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis) noexcept;
-/// Records all material above the front as cut. If the tool is not in a hole, a new hole begins here.
+/// Records as cut what the front has passed in this tick, and sets the range of passed slabs in
+/// `out`. If the tool is not in a hole, a new hole begins at its position.
 void record_cut(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                 CuttingResult& out) noexcept;
 

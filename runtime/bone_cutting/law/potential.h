@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The potential that the proxy minimises, with its first and second derivatives with respect to the proxy's
-// displacement (translation, and rotation about the plate's origin, in {B}).
+// The potential that the proxy minimises, with its first and second derivatives with respect to the
+// proxy's displacement. The displacement consists of a translation and of a rotation about the
+// plate's origin, in {B}.
 // Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 
@@ -14,27 +15,28 @@ struct Evaluation {
   using Vector6 = Eigen::Matrix<double, 6, 1>;
 
   Pose X;
+  /// The potential V in joules, and the parts that its elements contribute.
   double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0, viscous_J = 0, layer_J = 0,
          tip_friction_J = 0, hold_J = 0, twist_J = 0;
-  double pressed_N_per_m = 0;  ///< stiffness of tip and layers along the shaft
-  double pressed_m = 0;        ///< growth of the tip's stretch since the start of the tick
-  double tip_N = 0, coupling_N = 0;
-  Eigen::Vector2d slide =
-      Eigen::Vector2d::Zero();  ///< slides since the start of the tick, along and around the shaft
+  double pressed_N_per_m = 0;        ///< stiffness of the tip and the soft layers along the shaft
+  double pressed_m = 0;              ///< growth of the tip's stretch since the start of the tick
+  double tip_N = 0, coupling_N = 0;  ///< force on the tip, and force of the coupling
+  /// Slides of the shaft since the start of the tick: along the shaft, and around the shaft.
+  Eigen::Vector2d slide = Eigen::Vector2d::Zero();
   Vector6 along = Vector6::Zero();                   ///< derivative of slide[0]
   Vector6 press = Vector6::Zero();                   ///< derivative of pressed_m
-  Eigen::Vector3d around = Eigen::Vector3d::Zero();  ///< derivative of slide[1] by rotations
-  Eigen::Vector3d tip_slide =
-      Eigen::Vector3d::Zero();  ///< slide of the tip across Tick::press since the start of the tick
-  Vector6 coupling = Vector6::Zero();
-  Vector6 g = Vector6::Zero();
-  Matrix6 H = Matrix6::Zero();
+  Eigen::Vector3d around = Eigen::Vector3d::Zero();  ///< derivative of slide[1] by the rotation
+  /// Slide of the tip perpendicular to Tick::press since the start of the tick.
+  Eigen::Vector3d tip_slide = Eigen::Vector3d::Zero();
+  Vector6 coupling = Vector6::Zero();  ///< derivative of coupling_J; also the wrench on the plate
+  Vector6 g = Vector6::Zero();         ///< first derivative of V
+  Matrix6 H = Matrix6::Zero();         ///< second derivative of V
   bool walls_yield = false, is_saturated = false;  ///< is_saturated: the coupling is at its limits
 };
 
-/// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is instead the second
-/// derivative of a parabola that touches the potential at X and lies above it elsewhere, even where
-/// elements yield (yield_spring.h).
+/// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is not the second
+/// derivative of V but that of a parabola that touches the potential at X and lies above it
+/// elsewhere, even where elements yield (yield_spring.h). The function counts its calls in `out`.
 void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
               CuttingResult& out) noexcept;
 

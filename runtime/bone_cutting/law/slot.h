@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slot of a hole: the region in one plane in which the tool's axis does not press on the hole's wall.
-// The region is the convex hull of its corners, widened on all sides by the clearance. It can only grow, so
-// that pushing the wall aside always costs energy. (A region that moved with the tool would close again
-// behind the tool.)
+// The slot of a hole: the region in one horizontal plane in which the tool's axis does not press on
+// the hole's wall. The region is the convex hull of its corners, widened on all sides by the
+// clearance. The region can only grow, so that pushing the wall aside always costs energy. (A
+// region that moved with the tool would close again behind the tool.)
 //
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
-//  1. reach().distance_m is the distance to the convex hull of the corners minus the clearance, and
-//     at least 0.
-//  2. include(p) extends the region so that it contains p. The hull gets one more corner, which is the point
-//     nearest to the hull whose clearance disc contains p. Without clearance the result is the convex hull
-//     of the region and p. No point gets farther from the region. If the hull then has more than kMaxCorners
-//     corners, one edge is removed by extending its two neighbours until they intersect. The removed edge is
-//     the one that adds the least area.
+//  1. reach().distance_m is the distance of the point from the convex hull of the corners, minus
+//     the clearance, but at least 0.
+//  2. include(p) extends the region so that it contains p. The hull gets one more corner: among the
+//     points at most one clearance away from p, the one nearest to the hull. Without clearance the
+//     result is the convex hull of the region and p. If the hull then has more than kMaxCorners
+//     corners, one edge is removed by extending its two neighbours until they intersect. The
+//     removed edge is the one for which this adds the least area. include() never increases the
+//     distance of any point from the region.
 #pragma once
 
 #include <Eigen/Core>
@@ -35,19 +36,21 @@ class Slot {
     double distance_m = 0;
     Eigen::Vector2d away =
         Eigen::Vector2d::Zero();  ///< unit vector away from the region; zero inside
-    /// Distance divided by the radius of curvature of the curve of equal distance. It is 1 next to a
-    /// corner without clearance and 0 next to an edge. It is also the second derivative of distance^2 /
-    /// 2 across `away`.
+    /// distance_m divided by the radius of curvature of the curve of equal distance through the
+    /// point. It is 1 next to a corner without clearance, and 0 next to an edge. It is also the
+    /// second derivative of distance_m^2 / 2 in the direction perpendicular to `away`.
     double bend = 0;
   };
+  /// Returns the position of `p_m` relative to the region (contract 1).
   Reach reach(const Eigen::Vector2d& p_m) const noexcept;
 
-  /// Vector from the nearest point of the hull to `p_m`. The clearance is not subtracted. Inside the hull
-  /// the vector is zero. The search starts at the result for the previous point.
+  /// Vector from the nearest point of the hull to a point. The clearance is not subtracted. For a
+  /// point inside the hull the vector is zero.
   struct Offset {
     double x_m = 0, y_m = 0;
-    bool beside_corner = false;
+    bool beside_corner = false;  ///< the nearest point of the hull is a corner
   };
+  /// Returns the offset of `p_m`. The search starts at the result for the previous point.
   Offset offset(const Eigen::Vector2d& p_m) const noexcept {
     if (size_ == 1) return {p_m.x() - corners_[0].x(), p_m.y() - corners_[0].y(), true};
     if (size_ == 2) {
@@ -61,10 +64,11 @@ class Slot {
     return offset_of_many(p_m);
   }
 
-  /// Checks whether one and the same corner or edge of the hull is nearest to all points within `reach_m` of
-  /// `p_m`. If so, calls corner(offset) or edge(offset, edge, squared length of the edge), and returns the
-  /// result of that call. `offset` is the vector from the corner or edge to `p_m`. If all these points are
-  /// inside the hull, returns true without a call. Returns false if different parts are nearest to different
+  /// Checks whether one and the same corner or edge of the hull is nearest to all points within
+  /// `reach_m` of `p_m`. If so, calls corner(offset) or edge(offset, edge, squared length of the
+  /// edge), and returns the result of that call. Here `offset` is the vector from the corner or
+  /// edge to `p_m`, and `edge` is the vector along the edge. If all the points are inside the hull,
+  /// returns true without a call. Returns false if no single corner or edge is nearest to all the
   /// points, or if the result of the last search does not suffice to decide.
   template <class Corner, class Edge>
   bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
@@ -96,8 +100,9 @@ class Slot {
 
  private:
   Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
-  /// Result of nearest_of_many(): all points inside, the one nearest corner or edge, or several
-  /// or unknown ones.
+  /// Result of nearest_of_many(). kInside: all points are inside the hull. kCorner, kEdge: this
+  /// corner or edge is nearest to all points. kSeveral: several parts are nearest, or it is not
+  /// known.
   struct Nearest {
     enum { kInside, kCorner, kEdge, kSeveral } part = kSeveral;
     Eigen::Vector2d offset_m = Eigen::Vector2d::Zero(), edge_m = Eigen::Vector2d::Zero();
@@ -107,10 +112,10 @@ class Slot {
 
   // The members are ordered so that a slot with one or two corners uses a single cache line.
   int size_ = 0;
-  mutable int last_edge_ = 0;  // edge, or its first corner, nearest to the previous point
+  mutable int last_edge_ = 0;  // edge nearest to the previous point, or edge whose first corner is
   double clearance_m_ = 0;
   Eigen::Vector2d middle_m_ = Eigen::Vector2d::Zero();
-  double disc_m_ = 0;  // radius of a disc around middle_m_ inside the hull
+  double disc_m_ = 0;  // radius of a disc around middle_m_ that lies inside the hull
   std::array<Eigen::Vector2d, kMaxCorners> corners_;  // counter-clockwise
 };
 

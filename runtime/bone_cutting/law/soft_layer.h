@@ -1,32 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
-// Layers of soft tissue over the bone, such as skin, a ligament or
-// the dura. Before its puncture a layer is a stiffening spring. Afterwards it is cut at a constant
-// force, and there is friction between it and the shaft (Okamura, Simone and O'Leary, IEEE Trans.
-// Biomed. Eng. 51, 2004).
+// Layers of soft tissue over the bone, such as skin, a ligament or the dura. Before its puncture a
+// layer is a stiffening spring. After the puncture the layer is cut at a constant force, and there
+// is friction between the layer and the shaft (Okamura, Simone and O'Leary, IEEE Trans. Biomed.
+// Eng. 51, 2004).
 //
-// Each layer is an element of its own between the tip and the layer's front. It acts in parallel with the
-// tip's element in the bone, because the layer stretches by millimetres and the bone by micrometres. Let z
-// be the layer's stretch, which is max(0, stretch_m + slide of the tip in this tick). The layer's
+// Each layer is a spring of its own between the tip and the layer's front, which is the depth
+// down to which the layer is cut. This spring acts in parallel with the tip's spring in the
+// bone, because the layer stretches by millimetres and the bone by micrometres. Let z be the
+// layer's stretch, which is max(0, stretch_m + slide of the tip in this tick). The layer's
 // incremental potential is
 //   W(z) = a1 z^2 / 2 + a2 z^3 / 3,
-// which is convex in the slide because a1, a2 >= 0. Two internal variables describe the layer: whether it
-// is punctured, and the depth of its front. The puncture changes no energy. The front only moves down. This
-// shortens z, so W can only decrease.
+// which is convex in the slide because a1, a2 >= 0. Two internal variables describe the layer:
+// whether it is punctured, and the depth of its front. The puncture changes no energy. The front
+// only moves down. This motion shortens z, so W can only decrease.
 //
 // Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
 //  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
-//  2. Until the puncture, the layer's force is a1 z + a2 z^2 at the depth z below the surface.
-//  3. The tip presses directly only on the uppermost layer that it has not cut through, and it presses on
-//     all lower tissue through that layer. Therefore only that layer is punctured or cut. The force that
-//     does so is the sum of the layer's own force and the forces of all tissue below it. A thin layer close
-//     below a strong one can be cut in the same tick as the strong one, if it is stretched enough by then.
-//  4. A punctured layer is cut down to its bottom at the force `cutting_N`. After that the layer exerts
-//     only friction in this hole. The hole remains after the tool is withdrawn. A tool that returns within
-//     a tool radius of the hole enters it again. Elsewhere the layer is uncut.
+//  2. Until the puncture, the layer's force is a1 z + a2 z^2 if the tip is at the depth z below
+//     the layer's top.
+//  3. The tip presses directly only on the uppermost layer that it has not cut through. It presses
+//     on all lower tissue through that layer. Therefore only that layer can be punctured or cut.
+//     The force that punctures or cuts it is the sum of the layer's own force and the forces of all
+//     tissue below. A thin layer close below a strong one can be cut in the same tick as the strong
+//     one, if the thin layer is stretched enough at that moment.
+//  4. A punctured layer is cut down to its bottom at the force `cutting_N`. When it is cut
+//     through, the layer exerts only friction in this hole. The hole remains after the tool is
+//     withdrawn. A tool that returns within a tool radius of the hole enters the hole again.
+//     Elsewhere the layer is uncut.
 //  5. The stretch of a loaded layer is carried from tick to tick. The stretch of an unloaded layer is
 //     computed from the geometry.
-//  6. No allocation. A tick makes at most kMaxLayerAdvances front steps, and the remaining steps follow in
-//     the next tick.
+//  6. No allocation. In one tick the fronts of layers advance at most kMaxLayerAdvances times. If
+//     more advances are necessary, they follow in the next tick.
 #pragma once
 
 #include <Eigen/Core>
@@ -38,12 +42,13 @@ namespace trocar::runtime {
 inline constexpr int kMaxLayerAdvances = 12;
 
 struct SoftLayer {
-  double top_m = 0, bottom_m = 0;  ///< depth, at rest
-  double stiffness_N_per_m = 0;    ///< a1, at the surface
+  double top_m = 0, bottom_m = 0;  ///< depths of the unstretched layer
+  double stiffness_N_per_m = 0;    ///< a1, the stiffness of the unstretched layer
   double stiffening_N_per_m2 = 0;  ///< a2
-  double puncture_N =
-      0;  ///< puncture force, compared with the total force of this and all lower tissue
-  double cutting_N = 0;         ///< force after the puncture, at most puncture_N
+  /// The layer is punctured when the total force of this layer and all lower tissue exceeds this
+  /// force.
+  double puncture_N = 0;
+  double cutting_N = 0;         ///< force of cutting after the puncture, at most puncture_N
   double friction_N_per_m = 0;  ///< friction of the shaft per cut depth
 };
 
@@ -56,7 +61,8 @@ inline SoftSpring soft_spring(const SoftLayer& layer, double z_m) noexcept {
   const double a1 = layer.stiffness_N_per_m, a2 = layer.stiffening_N_per_m2;
   return {z_m * z_m * (0.5 * a1 + z_m * a2 / 3), z_m * (a1 + z_m * a2), a1 + 2 * z_m * a2};
 }
-/// Stretch at which the layer's force is `force_N`; at least 0, and infinite if the layer has no stiffness.
+/// Returns the stretch at which the layer's force is `force_N`. The stretch is at least 0, and
+/// infinite if the layer has no stiffness.
 double stretch_at(const SoftLayer& layer, double force_N) noexcept;
 
 struct SoftHole {
@@ -71,7 +77,7 @@ struct SoftLayerState {
   double cut_m = 0;           ///< depth of the front at the tool's position
   bool is_in = false;         ///< the tip is below the layer's top
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();  ///< position of the puncture
-  std::vector<SoftHole> holes;  ///< fixed capacity; the oldest hole is forgotten first
+  std::vector<SoftHole> holes;  ///< fixed size; a new hole replaces the least recently used one
 };
 
 }  // namespace trocar::runtime

@@ -18,28 +18,30 @@ struct Tick {
   CuttingState& state;
   std::span<const SoftLayer> layers;  ///< layers that have an entry in `state`
 
-  /// The proxy's pose at the start of the tick. Slides are measured from it. `axis` and `tip` are the
-  /// tool's axis and tip at that pose, in {B}. `down` is the downward component of `axis`, and `back` the
-  /// inverse of the pose's rotation.
+  /// The proxy's pose at the start of the tick. Slides are measured from this pose. `axis` and
+  /// `tip` are the tool's axis and tip at this pose, in {B}. `down` is the downward component of
+  /// `axis`, and `back` is the inverse of the pose's rotation.
   Pose start{};
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. Inside bone the vector
-  /// is the axis. On a surface it is the inward normal, scaled so that its component along the axis is 1.
+  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. Inside
+  /// bone the vector is the axis. On a surface it is the inward normal, scaled so that its
+  /// component along the axis is 1.
   Eigen::Vector3d press = axis;
 
-  int hole = -1;                          ///< hole that the tool is in or would enter; -1: none
-  double front_m = 0, first_front_m = 0;  ///< depth of the front now and at the tick's start
-  bool is_free = false;                   ///< the front has left all material
-  double embedded_m = 0;                  ///< embedded length of the shaft in all slabs
-  double friction_N = 0;                  ///< friction force at which the shaft slides
-  double viscous_N_s_per_m = 0;           ///< viscous friction along the shaft
-  double tip_friction_N = 0;  ///< friction force at which the tip slides across its axis
-  double hold_N = 0;          ///< force at which the tip slides back out of crushed bone
-  double twist_N = 0;         ///< force at the tool's radius at which the tip turns
-  mutable WallModel walls{};  ///< cache; forget() it when a wall changes
+  int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none
+  double front_m = 0, first_front_m = 0;  ///< depth of the front now, and at the tick's start
+  bool is_free = false;          ///< the front has moved so far that the tip presses on nothing
+  double embedded_m = 0;         ///< embedded length of the shaft in all slabs
+  double friction_N = 0;         ///< friction force at which the shaft slides
+  double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft
+  double tip_friction_N = 0;     ///< friction force at which the tip slides across its axis
+  double hold_N = 0;             ///< force at which the tip slides back out of crushed bone
+  double twist_N = 0;            ///< force, acting at the tool's radius, at which the tip turns
+  mutable WallModel walls{};     ///< cached sums; call forget() when a wall changes
 
+  /// Sets the pose `start` and the vectors that follow from it.
   void start_at(const Pose& X) noexcept {
     start = X;
     axis = X.q * options.tool.inward_plate;
@@ -56,8 +58,8 @@ struct Tick {
     return std::min(front_m - std::max(state.slid_m, 0.0), -tip.z());
   }
 
-  /// Removes the component of the tip's slip that is normal to the surface, or inside bone along the axis, and
-  /// limits the slip's length to tip_presliding_m. Both can only lower the stored energy.
+  /// Removes the component of the tip's slip along `press`, and limits the slip's length to
+  /// tip_presliding_m. Both can only lower the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= press * (press.dot(slip) / press.squaredNorm());
@@ -65,7 +67,7 @@ struct Tick {
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
   }
 
-  /// Returns the difference between `press` and the axis, on a surface with this slope.
+  /// Returns the vector from the axis to `press`, on a surface with this slope.
   Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
     const Eigen::Vector3d normal(slope.x(), slope.y(), 1);
     const double along = normal.dot(axis);

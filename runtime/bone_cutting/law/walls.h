@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss points at
-// which the wall acts, and each Gauss point has a slot. While the shaft stays close to a reference position
-// and the wall at a Gauss point does not yield, the nearest corner or edge of that point's slot stays the
-// same. The point's energy is then a quadratic function of the shaft's displacement, and so is the sum over
-// such points. Therefore only the first evaluation of a tick visits all points. The other evaluations visit
-// only the few points whose energy is not quadratic.
+// Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss
+// points at which the wall acts, and each Gauss point has a slot (slot.h), which is the region in
+// which the shaft's axis does not press on the wall. While the shaft stays close to a reference
+// position and the wall does not yield at a Gauss point, the nearest corner or edge of that point's
+// slot stays the same. The energy of the point is then a quadratic function of the shaft's
+// displacement, and so is the sum over such points. Therefore usually only the first evaluation of
+// a tick visits all points. The other evaluations visit only the few points whose energy is not
+// quadratic.
 //
 // Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all points. Apart
 // from rounding, the sum does not depend on earlier poses.
@@ -19,14 +21,16 @@ namespace trocar::runtime {
 struct Tick;
 struct Evaluation;
 
-/// The axis of the shaft. It crosses the horizontal plane at depth d in the point at_m + d * per_depth.
+/// The axis of the shaft. The axis crosses the horizontal plane at depth d in the point
+/// at_m + d * per_depth.
 struct ShaftLine {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero(), per_depth = Eigen::Vector2d::Zero();
   Eigen::Vector2d crossing(double depth_m) const noexcept { return at_m + depth_m * per_depth; }
 };
 
-/// Sums over Gauss points: the energy, and the forces and stiffnesses multiplied by powers of the depth. The
-/// derivatives with respect to the proxy's six coordinates are computed from them.
+/// Sums over Gauss points: the energy, and the forces and stiffnesses multiplied by powers of the
+/// depth. add_walls() computes the derivatives with respect to the proxy's six coordinates from
+/// these sums.
 class WallSums {
  public:
   double energy_J = 0;
@@ -35,6 +39,7 @@ class WallSums {
     force_[0] += force_N;
     force_[1] += depth_m * force_N;
   }
+  /// Adds a stiffness k that is the same in all horizontal directions.
   void add_in_all_directions(double depth_m, double k) noexcept {
     k_[0] += k;
     k_[1] += depth_m * k;
@@ -65,9 +70,9 @@ class WallSums {
     return out;
   }
 
-  /// Sum of forces times depth to the power of 0 or 1.
+  /// Sum of the forces, each multiplied by its depth to the power of 0 or 1.
   const Eigen::Vector2d& force(std::size_t power) const noexcept { return force_[power]; }
-  /// Sum of stiffnesses times depth to the power of 0, 1 or 2.
+  /// Sum of the stiffnesses, each multiplied by its depth to the power of 0, 1 or 2.
   Eigen::Matrix2d stiffness(std::size_t power) const noexcept {
     const Eigen::Vector2d& squares = squares_[power];
     Eigen::Matrix2d S;
@@ -82,17 +87,18 @@ class WallSums {
                                           Eigen::Vector2d::Zero()};
 };
 
-/// Cached sums over the quadratic points. These are the points whose energy is quadratic while the shaft stays
-/// within a radius of its position at the last visit of all points. The radius, CuttingState::wall_radius_m,
-/// is adapted to the motion of the shaft in a tick. A larger radius leaves fewer points quadratic; with a
-/// smaller one, all points are visited more often.
+/// Cached sums over the quadratic points. A point is quadratic if its energy is a quadratic
+/// function while the shaft stays within a radius of its position at the last visit of all points.
+/// The radius, CuttingState::wall_radius_m, is adapted to the motion of the shaft in a tick. With a
+/// larger radius fewer points are quadratic. With a smaller radius all points are visited more
+/// often.
 class WallModel {
  public:
-  /// Call this when a wall has changed.
+  /// Empties the cache. Call this when a wall has changed.
   void forget() noexcept { is_known_ = false; }
-  /// Returns the sums over the quadratic points for the shaft at `line`. Afterwards the first others() entries
-  /// of CuttingState::wall_points list the points that are not in the sums. The number of a point is
-  /// kMaxWallPoints * slab + Gauss point.
+  /// Returns the sums over the quadratic points for the shaft at `line`. The first others() entries
+  /// of CuttingState::wall_points then list the points that are not in the sums. Gauss point g of
+  /// slab i is listed as kMaxWallPoints * i + g.
   WallSums at(const Tick& tick, const ShaftLine& line) noexcept;
   std::size_t others() const noexcept { return others_; }
 
@@ -106,8 +112,8 @@ class WallModel {
   std::size_t others_ = 0;
 };
 
-/// Adds the walls to energy, gradient and second derivatives. `lever`: vector from the plate's origin to the
-/// tip. `majorise`: as for evaluate() (potential.h).
+/// Adds the walls to the energy and its derivatives in `e`. `lever`: vector from the plate's origin
+/// to the tip. `majorise`: as for evaluate() (potential.h).
 void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                const Eigen::Vector3d& lever, bool majorise, Evaluation& e) noexcept;
 

@@ -10,9 +10,9 @@ struct YieldSpring {
   double energy = 0, force = 0, along = 0, across = 0;
 };
 
-/// `most`: the force at which the spring yields. `length`: its extension, at least 0. If `majorise` is true,
-/// the second derivative along the spring is that of a parabola that touches the energy at `length` and lies
-/// above it everywhere else.
+/// Evaluates a spring. `most`: the force at which the spring yields. `length`: the spring's
+/// extension, at least 0. If `majorise` is true, the second derivative along the spring is that of
+/// a parabola that touches the energy at `length` and lies above the energy everywhere else.
 inline YieldSpring yield_spring(double stiffness, double most, double length,
                                 bool majorise) noexcept {
   if (stiffness * length <= most)

@@ -2,24 +2,29 @@
 // The strength of bone from CT. A linear calibration maps HU to density, and published laws, chosen by name,
 // map density to modulus and strength. Densities are in g/cm^3, moduli and strengths in MPa.
 //
-// Each law holds for the kind of density that its authors measured, and the kinds differ. Quantitative CT
-// measures a mineral density against a phantom of K2HPO4. In the same bone this is about the ash density
-// (mineral mass over volume), which is 0.6 of the apparent density (wet mass without marrow over volume).
-// Here every density states its kind, and a law accepts another kind only through a named conversion.
+// Each law holds for the kind of density that its authors measured, and these kinds differ.
+// Quantitative CT (QCT) measures a mineral density against a phantom of K2HPO4. This density is
+// about equal to the ash density of the same bone, which is the mineral mass divided by the volume.
+// The ash density is 0.6 times the apparent density, which is the wet mass without marrow divided
+// by the volume. Here every density states its kind, and a law accepts a density of another kind
+// only through a named conversion.
 //
 // Sources of the laws, and how they were checked (never against the papers' full texts):
-//  - Kopperdahl 2002: the title names quantitative CT. The linear coefficients appear in two public programs
-//    for vertebrae. One program feeds them K2HPO4-equivalent density, the other calls the density apparent.
-//    The power form appears in the first program. Used here with QCT density.
-//  - Morgan 2003: the abstract says apparent density, and exponents from 1.49 to 2.18 by site. The vertebra's
-//    coefficients appear in the same two programs.
-//  - Keller 1994: one public program has the coefficients, for ash density of the spine, and others use his
-//    femur law with ash density. Used here with ash density; not verified in the paper.
+//  - Kopperdahl 2002: the title names quantitative CT. The coefficients of the linear law appear in
+//    two public programs for vertebrae. One program uses them with K2HPO4-equivalent density, and
+//    the other one calls the density apparent. The power law appears in the first program. Trocar
+//    uses both laws with QCT density.
+//  - Morgan 2003: the abstract says apparent density, and exponents from 1.49 to 2.18 that depend
+//    on the anatomical site. The coefficients for vertebrae appear in the same two programs.
+//  - Keller 1994: one public program has the coefficients for ash density of the spine, and other
+//    programs use Keller's law for the femur with ash density. Trocar uses the law with ash
+//    density.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
 //  1. Values are those of the published formulas, but never negative: below its root a linear law is 0.
-//  2. If density and law differ in kind, and no conversion is allowed or known, estimate() returns no value.
-//     The result names the conversion that was applied.
+//  2. If the calibration gives another kind of density than the law needs, and a conversion is not
+//     allowed or not known, estimate() returns no value. Otherwise the result names the conversion
+//     that was applied.
 #pragma once
 
 #include <optional>
@@ -31,8 +36,8 @@ namespace trocar::runtime {
 enum class DensityKind { kQct, kAsh, kApparent };
 std::string_view name_of(DensityKind kind) noexcept;
 
-/// density = at_0_HU + per_HU * HU. The default is typical of scanners at 120 kV (0.8
-/// mg/cm^3 of K2HPO4 per HU). It is not a measurement, and results that use it are marked as assumed.
+/// density = at_0_HU + per_HU * HU. The default is typical of scanners at 120 kV (0.8 mg/cm^3 of
+/// K2HPO4 per HU). The default is not a measurement, and results that use it are marked as assumed.
 struct HuCalibration {
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
   DensityKind kind = DensityKind::kQct;
@@ -50,7 +55,7 @@ struct BoneLaw {
   std::string_view name, source;
   DensityLaw modulus_MPa;
   std::optional<DensityLaw>
-      strength_MPa;  ///< yield strength in compression; none: the source gives none
+      strength_MPa;  ///< yield strength in compression; none: the source gives no strength
   DensityKind kind = DensityKind::kQct;
 };
 
@@ -68,24 +73,24 @@ struct DensityConversion {
   double factor = 1;
   std::string_view source;
 };
-/// Null: no conversion is known. There is none from QCT density, because the published ones hold for one
-/// phantom and scanner only.
+/// Returns null if no conversion is known. There is no conversion from or to QCT density, because
+/// each published one holds for one phantom and scanner only.
 const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept;
 
-/// Modulus and strength from HU.
+/// Modulus and strength that a law gives for one value of HU.
 struct BoneEstimate {
   double density = 0;  ///< density of the law's kind, g/cm^3
   DensityKind kind = DensityKind::kQct;
   double modulus_MPa = 0;
-  std::optional<double> strength_MPa;             ///< none: the law gives none
+  std::optional<double> strength_MPa;             ///< none: the law gives no strength
   const DensityConversion* conversion = nullptr;  ///< null: no conversion was needed
 };
 /// Applies a law to HU (contract 2).
 std::optional<BoneEstimate> estimate(const BoneLaw& law, const HuCalibration& calibration,
                                      double HU, bool may_convert = false) noexcept;
 
-/// Strength of the front under a tool: the bone's strength times the tool's area, plus the tearing
-/// along its perimeter.
+/// Returns the force on the tip at which the cutting front advances: the bone's strength times the
+/// tool's area, plus the tearing force along the tool's perimeter.
 inline double front_strength_N(double strength_MPa, double area_m2, double tearing_N_per_m,
                                double perimeter_m) noexcept {
   return strength_MPa * 1e6 * area_m2 + tearing_N_per_m * perimeter_m;

@@ -1,18 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bone volume of a scene, for one tool: its slabs, the sheet that each slab belongs to, and the resistance of each to
-// the tool. If slices are at most kMaxSlabGap_m apart, or belong to the scene's `body`, their slabs extend half-way to
-// their neighbours. Any other slice is a slab of thickness 0.
+// The bone volume of a scene, for one tool: the slabs, the sheet that each slab belongs to, and the
+// resistance of each slab to the tool. A sheet is a slice that is placed in the scene, and a slab
+// is the bone around it. The slices of the scene's `body` form one solid. In a scene without a
+// `body`, slices that are at most kMaxSlabGap_m apart form a solid, and a slice that is farther
+// from all others is a slab of thickness 0.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_volume_test.cpp):
-//  1. In a bone volume, the slabs of neighbouring slices meet half-way, whatever their distance. The first slab extends as
-//     far above its slice as below it, and so does the last one. Next to slices without material, a slab whose slice has
-//     no neighbour on either side extends by half the volume's smallest spacing, and no slab fills the gap.
-//  2. For a tissue with CutTissue, the values are those of tool_in_tissue.h. A tissue without CutTissue states the forces
-//     on the scene's tool. Its threshold and stiffness hold for the tip as they are, and the pressures that follow from
-//     them also act sideways over the tool's width.
-//  3. A cortical shell lies where the tool enters the bone and where it leaves it. Over the thickness `shell_m` from these
-//     points, slabs have the shell's strength. Each slab is divided beforehand at the depths at which a shell can end, so
-//     that slabs never change.
+//  1. Two slices of a solid are neighbours if no slice without material lies between them. Their
+//     slabs meet half-way, whatever their distance. On a side without a neighbour, a slab
+//     extends as far as on its other side. A slab without any neighbour extends, on each side,
+//     by half the smallest spacing of the solid's slices. So no slab fills the gap that slices
+//     without material leave.
+//  2. For a tissue with CutTissue, the values are those of tool_in_tissue.h. A tissue without
+//     CutTissue states the forces on the scene's tool. Its threshold and stiffness are those of the
+//     tip, whatever the tip's shape. If the tissue states no rim stiffness, threshold and stiffness
+//     divided by the tool's area are also the strength and the stiffness of the walls per area.
+//  3. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
+//     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
+//     divided into slabs at the depths at which a shell can end, so that the slabs stay the same
+//     during a session.
 #pragma once
 
 #include <cstdint>
@@ -31,67 +37,75 @@ namespace trocar::runtime {
 
 inline constexpr double kMaxSlabGap_m = 3e-3;
 inline constexpr double kSlabGapRounding_m = 1e-9;
-/// Number of holes that a session remembers.
+/// Number of holes that the law `cutting` remembers during a session.
 inline constexpr std::size_t kMaxRememberedHoles = 32;
 
 /// A sheet's resistance to the tool at full coverage.
 struct BoneSheet {
-  double nominal_N = 0;     ///< strength of the front at the slice's mean HU
-  double shell_factor = 1;  ///< strength of the shell over that of the bone under the tool
-  /// Thickness of the shell, and the radius within which nothing supports it. Radius 0: bone supports the shell.
+  /// Force on the tip at which the cutting front advances in bone of the slice's mean HU. (This
+  /// force is called the strength of the front.)
+  double nominal_N = 0;
+  double shell_factor = 1;  ///< strength of the shell divided by that of the bone under the tool
+  /// Thickness of the shell, and the radius within which no bone supports the shell. Radius 0: bone
+  /// supports the shell everywhere.
   double shell_m = 0, shell_free_radius_m = 0;
-  double tip_N_per_m = 0;
-  /// Law that gives the strength from HU. Null: the material's strength holds everywhere.
+  double tip_N_per_m = 0;  ///< stiffness of the tip against the front
+  /// Law that gives the strength from HU. Null: the strength is that of `material` everywhere.
   const BoneLaw* law = nullptr;
   HuCalibration calibration;
-  double pressure_over_yield = 1;
-  /// Friction of the shaft per embedded length and per pascal of the bone's strength under the tool, at full coverage.
+  double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
+  /// Change of the shaft's friction per embedded length for each pascal of pressure_Pa().
   double friction_N_per_m_Pa = 0;
   CutMaterial material;            ///< values at the slice's mean HU
-  bool is_of_the_tool = false;     ///< nominal_N holds for the scene's tool, whatever its shape
-  int first_slab = 0, slabs = 0;   ///< the sheet's slabs, from the top
-  double top_m = 0, bottom_m = 0;  ///< depths
-  bool meets_above = false, meets_below = false;  ///< the neighbour is adjacent, without a gap
+  bool is_of_the_tool = false;     ///< the tissue states the tool's forces (contract 2)
+  int first_slab = 0, slabs = 0;   ///< index of the sheet's first slab, and number of its slabs
+  double top_m = 0, bottom_m = 0;  ///< depths of the top and the bottom of the sheet's slabs
+  bool meets_above = false, meets_below = false;  ///< the slice has a neighbour there (contract 1)
 
-  double pressure_Pa(
-      double hu) const noexcept;  ///< pressure under a flat tip; `law` must not be null
-  /// Friction of the shaft per embedded length in bone of this HU. `nominal_N_per_m`: the same in bone of the
-  /// slice's mean HU.
+  /// Pressure under a flat tip in bone of this HU. Precondition: `law` is not null.
+  double pressure_Pa(double hu) const noexcept;
+  /// Friction of the shaft per embedded length in bone of this HU. `nominal_N_per_m`: this friction
+  /// in bone of the slice's mean HU.
   double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
-  /// Strength of the shell in bone of this HU, in which the front's strength is `strength_N`. It is at most that
-  /// of a thin wall.
+  /// Strength of the shell over bone of this HU, if the strength of this bone is `strength_N`.
+  /// Where nothing supports the shell, its strength is at most that of a thin wall (thin_wall.h).
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: as for tool_in_tissue().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
-  /// Moment that turns the tool at this slice-push ratio (ToolInTissue::twist_Nm).
+  /// Moment that is necessary to turn the tool at this slice-push ratio (ToolInTissue::twist_Nm).
   double twist_Nm(const ToolShape& shape, double slice_push) const noexcept;
 };
 
 struct BoneVolume {
   Tool tool;
-  double radius_m = 0;  ///< radius of the disc with the area of the tool's outline
+  double radius_m = 0;  ///< radius of the disc that has the area of the tool's cross-section
   ToolShape shape;
-  bool twists = false;     ///< SceneForceLaw::twist
-  CuttingOptions options;  ///< the coupling is the scene's, before the device limits it
-  double shell_m = 0;
-  std::vector<BoneSheet> sheets;   ///< same order as the session's: topmost first
+  bool twists = false;             ///< SceneForceLaw::twist
+  CuttingOptions options;          ///< the coupling is the scene's, before the device limits it
+  double shell_m = 0;              ///< thickness of the cortical shell; 0: there is none
+  std::vector<BoneSheet> sheets;   ///< in the order of the session's sheets: topmost first
   std::vector<CuttingSlab> slabs;  ///< slabs with their nominal strengths
-  std::vector<int> sheet_of_slab;
-  std::vector<SoftLayer> layers;  ///< uppermost first
-  /// Largest stiffness that the tool can meet: along its axis that of tip and friction, across it that of the walls.
+  std::vector<int> sheet_of_slab;  ///< index of each slab's sheet
+  std::vector<SoftLayer> layers;   ///< uppermost first
+  /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction), and
+  /// across its axis (walls).
   double along_N_per_m = 0, across_N_per_m = 0;
-  double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft, in all slabs
+  double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft, summed over all slabs
 };
 
-/// The shape of a scene's tool. Refused: a kind that does not exist, an inner radius that is too large.
+/// Returns the shape of a scene's tool. Errors: kRefused if the tool's kind does not exist, or if
+/// the shape is not valid (error_of()).
 Result<ToolShape> tool_shape(const SceneTool& tool);
 
-/// Computes the forces of the layers whose toughness is given. Refused: as for tool_shape().
+/// Computes the forces of those soft layers of the scene whose fracture toughness is given. Errors:
+/// those of tool_shape().
 Result<void> resolve_layers(Scene& scene);
 
-/// `sheets`: the result of place_slices() for a scene with the force law `cutting`, whose layers are resolved. Refused: a
-/// bone law that does not exist, has no strength or is for another kind of density; a strength that follows from HU, for a
-/// slice without HU; a shell without support whose tissue has no bone law; a layer that is not resolved.
+/// Makes the bone volume. `sheets`: the result of place_slices() for a scene with the force law
+/// `cutting`. Errors: those of tool_shape(). Also kRefused if a bone law does not exist, gives no
+/// strength or is for a kind of density other than that of the calibration; if the strength is to
+/// follow from HU and a slice has no HU; if the scene states a free radius of the shell and a
+/// tissue has no bone law; or if resolve_layers() has not computed the force of a layer.
 Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets);
 
 }  // namespace trocar::runtime

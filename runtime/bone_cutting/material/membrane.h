@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force with which a tool breaks through a layer of soft tissue, computed from the tissue's fracture
-// toughness. A pointed tip opens a crack. The crack is as long as the tip is wide at the depth of the layer's
-// thickness, but never longer than the crack that the whole tool opens (torn_length_m). The force consists of the
-// force of tearing, which is 61 % of it, and of the forces of spreading and friction (A. Barnett, Y.-S. Lee, J.
-// Moore, J. Manuf. Sci. Eng. 138, 2016).
+// The force with which a tool breaks through a layer of soft tissue, computed from the tissue's
+// fracture toughness. A pointed tip opens a crack. The length of the crack is the width of the tip
+// at one layer thickness behind its point, but at most the length of the crack that the whole tool
+// opens (torn_length_m()). The force of tearing is 61 % of the whole force, and the rest is due to
+// spreading and friction (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
 //
 // Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):
 //  1. For a pointed tip and a layer of thickness h, force = toughness * min(torn length, 2 h tan(half angle)) /
@@ -17,7 +17,8 @@ namespace trocar::runtime {
 /// Force of tearing as a fraction of the whole force.
 inline constexpr double kTearingFraction = 0.61;
 
-/// `toughness_J_per_m2`: work per area of crack. The tool must be valid (error_of()).
+/// Returns the force (contract 1). `toughness_J_per_m2`: work per area of crack. Precondition: the
+/// tool is valid (error_of()).
 double membrane_break_N(double toughness_J_per_m2, double thickness_m,
                         const ToolShape& tool) noexcept;
 

@@ -1,23 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the values that the cutting law needs, from a tool and a tissue. The tissue is described by values per
-// area, per length of perimeter and per area of wall, and the tool by its shape, so that different tools in the same
-// bone differ correctly.
+// Computes the values that the cutting law needs, from a tool and a tissue. The tissue is described
+// by values per area, per length of perimeter and per area of wall. The tool is described by its
+// shape. So the same tissue gives the right forces for tools of different shapes.
 //
 // Contract (tests/runtime/bone_cutting/material/tool_in_tissue_test.cpp):
-//  1. Tip: strength = coverage * (pressure * A * (1 + mu cot(half angle)) + tearing * torn length). A is the
-//     displaced cross-section: the disc, or the ring of a hollow tool. The factor in brackets is due to friction of
-//     the tip's faces against material that presses on all of them with the same pressure. It is the same for a cone,
-//     a pyramid and a bevel.
-//  2. Torn length: for a flat or hollow tip it is the length of the outline, because the tip stamps a disc or ring out of
-//     the material. For a pointed tip it is the length of the crack that the wedge opens (Shergold and Fleck, Proc. R.
-//     Soc. A 460, 2004): a diameter for a cone or bevel, and a radius for each edge of a pyramid.
-//  3. Twist: the slice-push ratio is xi = twist * R / feed, at most kMaxSlicePush. Twisting multiplies the tearing force
-//     by 1 / (1 + xi^2). The moment that it needs is xi / (1 + xi^2) times the tearing force without twist, times R
-//     (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004). Friction on the faces acts along the direction of slip, so
-//     its part along the axis is multiplied by 1 / sqrt(1 + xi^2). The pressure does not change.
-//  4. Tip stiffness: that of a rigid flat punch on an elastic half-space, 2 R E / (1 - nu^2).
-//  5. Friction acts on the outer wall and, in a hollow tool, on the core too. Walls press on the tool's
-//     projected width, 2 R.
+//  1. The strength of the tip without twist is
+//       coverage * (pressure * A * (1 + mu cot(half angle)) + tearing * torn length).
+//     A is the cross-section of the displaced material: a disc, or the ring of a hollow tool. The
+//     term mu cot(half angle) is due to friction of the tip's faces, with the coefficient mu,
+//     against material that presses on all faces with the same pressure. It is the same for a cone,
+//     a pyramid and a bevel, and it is 0 for a flat or hollow tip.
+//  2. The torn length of a flat or hollow tip is the length of its outline, because the tip stamps
+//     a disc or ring out of the material. The torn length of a pointed tip is the length of the
+//     crack that the wedge opens (Shergold and Fleck, Proc. R. Soc. A 460, 2004): a diameter for a
+//     cone or bevel, and a radius for each edge of a pyramid.
+//  3. A tool of radius R that turns at the rate `twist` and advances at the speed `feed` has the
+//     slice-push ratio xi = twist * R / feed, at most kMaxSlicePush. Twisting multiplies the
+//     tearing force by 1 / (1 + xi^2). The necessary moment is R times xi / (1 + xi^2) times the
+//     tearing force without twist (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004). Friction
+//     on the faces acts along the direction of slip, so its component along the axis is multiplied
+//     by 1 / sqrt(1 + xi^2). The pressure does not change.
+//  4. The stiffness of the tip is that of a rigid flat punch of radius R on an elastic half-space:
+//     2 R E / (1 - nu^2), with the modulus E and Poisson's ratio nu.
+//  5. Friction acts on the outer surface of the shaft and, in a hollow tool, on the surface of the
+//     bore too. Walls press on the tool's projected width, 2 R.
 #pragma once
 
 #include <optional>
@@ -30,7 +36,7 @@ enum class ToolKind {
   kNeedleConical,
   kNeedleDiamond,  ///< a pyramid of four faces
   kTrocar,         ///< a pyramid of three faces
-  kJamshidi,       ///< hollow with a flat edge, its stylet out
+  kJamshidi,       ///< a hollow needle with a flat edge, without its stylet
 };
 std::string_view name_of(ToolKind kind) noexcept;
 std::optional<ToolKind> find_tool_kind(std::string_view name) noexcept;
@@ -39,13 +45,13 @@ struct ToolShape {
   ToolKind kind = ToolKind::kNeedleConical;
   double outer_radius_m = 1.525e-3;
   double inner_radius_m = 0;  ///< radius of the bore of a hollow tool
-  /// Angle between the axis and the faces of the tip; pi / 2: flat.
+  /// Angle between the axis and the faces of the tip; pi / 2: the tip is flat.
   double half_angle_rad = 0.5236;
 };
 
 struct CutMaterial {
   double strength_Pa = 0;      ///< pressure under a flat punch at which the material fails
-  double tearing_N_per_m = 0;  ///< tearing work per torn length and depth (J/m^2)
+  double tearing_N_per_m = 0;  ///< tearing force per torn length, or work per torn area (J/m^2)
   double face_friction = 0;    ///< friction coefficient of the tip's faces
   double modulus_Pa = 0, poisson = 0.3;
   double friction_Pa = 0;          ///< shear stress at which the wall slides along the shaft
@@ -54,13 +60,15 @@ struct CutMaterial {
   double lateral_strength_Pa = 0;  ///< pressure at which the wall yields
 };
 
-/// Describes the first invalid value, as text without a full stop; none: all values are valid.
+/// Returns a text, without a full stop, that describes the first invalid value. Returns nothing if
+/// all values are valid.
 std::optional<std::string_view> error_of(const ToolShape& tool) noexcept;
 std::optional<std::string_view> error_of(const CutMaterial& tissue) noexcept;
 
 inline constexpr double kMaxSlicePush = 10;
-/// Slice-push ratio at the tool's outline: the speed of the outline by rotation, divided by the feed. It is at least 0,
-/// at most kMaxSlicePush, and 0 without twist.
+/// Returns the slice-push ratio: the circumferential speed of the tool's outline divided by the
+/// feed, which is the speed along the axis. The ratio is at least 0, at most kMaxSlicePush, and 0
+/// without twist.
 double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_per_s) noexcept;
 
 /// True if the tip is flat or hollow, so that it stamps its outline out of the material.
@@ -68,21 +76,23 @@ bool is_flat(const ToolShape& tool) noexcept;
 double displaced_area_m2(const ToolShape& tool) noexcept;
 double torn_length_m(const ToolShape& tool) noexcept;
 
-/// Values for the fields of the same names in CuttingSlab and CuttingOptions.
+/// Values for CuttingSlab and CuttingOptions: strength_N is for the strength at the top and bottom
+/// of a slab, and each other value is for the field of the same name.
 struct ToolInTissue {
-  double strength_N = 0;  ///< strength of the front
-  double twist_Nm = 0;    ///< moment that the twist needs for the tearing at that strength
+  double strength_N = 0;  ///< force on the tip at which the cutting front advances
+  double twist_Nm = 0;    ///< moment that is necessary to turn the tool (contract 3)
   double tip_N_per_m = 0;
   double friction_N_per_m = 0, presliding_m = 0;
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;
 };
 
-/// `share`: the coverage, which is the fraction of the outline over material not yet cut. Tool and tissue must
-/// be valid (error_of()).
+/// Computes the values. `share`: the coverage, which is the fraction of the tool's outline over
+/// material that is not yet cut. Precondition: tool and tissue are valid (error_of()).
 ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
                             double slice_push = 0) noexcept;
 
-/// Outer radius of a needle by its gauge (Birmingham wire gauge, ISO 9626); none: not in the table.
+/// Returns the outer radius of a needle of this gauge (Birmingham wire gauge, ISO 9626). Returns
+/// nothing if the table does not contain the gauge.
 std::optional<double> gauge_radius_m(int gauge) noexcept;
 
 }  // namespace trocar::runtime
