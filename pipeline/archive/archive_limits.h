@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How much a sender may send, and how long it may take.
+// Limits on what a sender may send and on how long it may take. An instance is one DICOM object,
+// usually one slice. An association is a connection of the DICOM protocol.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 
@@ -9,13 +10,13 @@
 namespace trocar::archive {
 
 struct ArchiveLimits {
-  std::uint64_t instance_bytes = std::uint64_t{512} << 20;  ///< size of one instance
-  std::uint64_t study_bytes = std::uint64_t{16} << 30;      ///< sum of a study's instances
-  std::size_t study_instances = 20'000;
-  int max_pdu_bytes = 16'384;  ///< the largest PDU that the sender may send
-  int acse_timeout_s = 30;     ///< time until an association is established
-  int dimse_timeout_s = 300;   ///< time to receive one instance
-  int idle_timeout_s = 60;     ///< time without a request
+  std::uint64_t instance_bytes = std::uint64_t{512} << 20;  ///< largest size of one instance
+  std::uint64_t study_bytes = std::uint64_t{16} << 30;      ///< largest total size of a study
+  std::size_t study_instances = 20'000;  ///< largest number of instances in a study
+  int max_pdu_bytes = 16'384;  ///< size of the largest PDU (message unit) that the sender may send
+  int acse_timeout_s = 30;     ///< longest time until an association is established
+  int dimse_timeout_s = 300;   ///< longest time to receive one instance
+  int idle_timeout_s = 60;     ///< longest wait for the next request or the next bytes
 };
 
 }  // namespace trocar::archive

@@ -20,8 +20,8 @@ bool is_uid(std::string_view text);
 /// spaces at its ends?
 bool is_ae_title(std::string_view text);
 
-/// A text from the network for a message: at most 64 characters, and ? for each one that is not
-/// printable ASCII.
+/// Makes a text from the network safe for a message: its first 64 characters, with ? in place of
+/// each one that is not printable ASCII.
 std::string printable(std::string_view text);
 
 /// An application on the network, "AE@HOST:PORT". HOST is a name, an IPv4 address, or an IPv6
@@ -31,7 +31,7 @@ struct Peer {
   int port = 0;
 };
 
-/// Errors (usage): the text is not of the form AE@HOST:PORT.
+/// Parses "AE@HOST:PORT". Errors: kUsage if the text does not have this form.
 Result<Peer> parse_peer(const std::string& text);
 
 }  // namespace trocar::archive

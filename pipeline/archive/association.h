@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One association of the receiver, from the first byte of its connection to the last. It runs in a
-// process of its own: what a sender does to DCMTK ends this association and no other.
+// Serves one association (a connection of the DICOM protocol) of the receiver. Each association has
+// a process of its own: if a sender crashes or blocks DCMTK, only its own association ends.
 // Tests: tests/e2e/archive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
@@ -17,22 +17,23 @@ class DcmTransportLayer;
 namespace trocar::archive {
 
 struct AssociationSettings {
-  std::string ae;                    ///< the title that callers must call
-  std::vector<std::string> callers;  ///< titles of those who may call
+  std::string ae;                    ///< AE title of this program; callers must call this title
+  std::vector<std::string> callers;  ///< AE titles of the programs that may call
   ArchiveLimits limits;
-  std::shared_ptr<DcmTransportLayer> tls;  ///< null: not encrypted
+  std::shared_ptr<DcmTransportLayer> tls;  ///< null if associations are not encrypted
 };
 
 /// The exit code of the association's process.
 enum class AssociationEnd : int {
   kReleased = 0,   ///< ended properly; the instances in its folder are complete
   kDropped = 20,   ///< aborted, or the connection was lost
-  kRejected = 21,  ///< not accepted
+  kRejected = 21,  ///< rejected, or the caller sent no valid request for an association
 };
 
-/// Serves the connection until it ends: C-ECHO and C-STORE. Stores instances in `folder`, of which
-/// `studies` tells how large a study is already. Refusals are reported on standard error. Call it
-/// once in a process, because DCMTK has one external socket for a process.
+/// Answers C-ECHO and C-STORE requests on the connection until it ends, and stores the instances in
+/// `folder`. `studies` gives the size that each study has already. Refusals are reported on
+/// standard error. Call the function only once in a process, because DCMTK has one external socket
+/// per process.
 AssociationEnd serve_association(int connection, const std::filesystem::path& folder,
                                  const StudyFolders& studies, const AssociationSettings& settings);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One instance that arrives from the network, as a DICOM file. Its bytes are written as they come,
-// so that memory does not grow with its size. Only a complete and checked file gets its name.
+// Writes an instance (one DICOM object) that arrives from the network to a DICOM file. The bytes
+// are written as they come, so that memory does not grow with the size of the instance. Only a
+// complete and checked file gets its final name.
 // Tests: tests/pipeline/archive/instance_file_test.cpp
 #pragma once
 
@@ -26,14 +27,14 @@ enum class StoreStatus : std::uint16_t {
   kStored = 0x0000,
   kDuplicate = 0x0111,       ///< another instance with the same UID has arrived before
   kOutOfResources = 0xA700,  ///< a limit is exceeded, or the disk is full
-  kMismatch = 0xA900,        ///< the dataset is not the one that the command announced
-  kNotUnderstood = 0xC000,   ///< the dataset cannot be parsed, or lacks what every image has
+  kMismatch = 0xA900,        ///< not the instance that the command announced, or not an image
+  kNotUnderstood = 0xC000,   ///< the dataset cannot be parsed, or lacks a valid UID
 };
 
 struct StoreOutcome {
   StoreStatus status = StoreStatus::kStored;
-  std::string why = {};    ///< the reason of a refusal, without any text of the dataset
-  bool is_ours = false;    ///< true: the refusal is due to this computer (the disk)
+  std::string why = {};    ///< the reason for a refusal; contains no text of the dataset
+  bool is_ours = false;    ///< true if the cause of the refusal is this computer (its disk)
   std::string study = {};  ///< the study's UID; empty if it is not known
 };
 
@@ -45,7 +46,8 @@ struct StudySize {
 /// The instances of one association, in a folder of its own: FOLDER/STUDY/INSTANCE.dcm.
 class InstanceStore {
  public:
-  /// The folder must exist. `present` gives the size of what is stored of a study so far.
+  /// Precondition: the folder exists. `present` gives the size that a study has already, without
+  /// the instances of this association.
   InstanceStore(std::filesystem::path folder, const ArchiveLimits& limits,
                 std::function<StudySize(const std::string& study)> present = {});
   InstanceStore(const InstanceStore&) = delete;
@@ -54,13 +56,14 @@ class InstanceStore {
 
   /// Begins the file of an instance. Errors are reported by finish().
   void begin(const InstanceName& name);
-  /// Adds bytes of the dataset. Bytes beyond the limit, or after an error, are dropped, so that the
-  /// sender gets an answer. Returns false if it sends more than twice the limit.
+  /// Appends bytes of the dataset. Bytes beyond the size limit, or after an error, are dropped; the
+  /// dataset is still received, so that the sender gets an answer. Returns false if the sender has
+  /// sent more than twice the limit.
   bool write(std::span<const std::uint8_t> bytes);
-  /// Ends the file, checks it and gives it its name. If it is refused, nothing of it is left.
+  /// Closes the file, checks it and gives it its final name. A refused instance leaves no file.
   StoreOutcome finish();
 
-  /// Syncs all files to the disk. Errors (unwritable): names the folder.
+  /// Syncs all files to the disk. Errors: kUnwritable; the message names the folder.
   Result<void> sync() const;
 
  private:

@@ -11,7 +11,7 @@ namespace trocar::archive {
 
 class ListeningSocket {
  public:
-  /// Errors (refused): the address is not numeric, or the port is taken or not allowed.
+  /// Errors: kUsage if the address is not numeric; kRefused if the port is taken or not allowed.
   static Result<ListeningSocket> open(const std::string& address, int port);
   ListeningSocket(ListeningSocket&& other) noexcept;
   ListeningSocket& operator=(ListeningSocket&&) = delete;
@@ -19,7 +19,7 @@ class ListeningSocket {
 
   int fd() const { return fd_; }
   int port() const { return port_; }
-  /// The next connection, or -1 if there is none.
+  /// Accepts the next connection: its descriptor, or -1 if none is waiting. Does not block.
   int accept() const;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The receiver: listens, starts a process for each association, and publishes the studies that are
-// complete (`trocar-mesh receive`).
+// The receiver (`trocar-mesh receive`): it listens, starts a process for each association
+// (connection of the DICOM protocol), and publishes the studies that are complete.
 // Tests: tests/e2e/archive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
@@ -18,17 +18,18 @@ namespace trocar::archive {
 struct ReceiverSettings {
   std::filesystem::path folder;
   std::string address = "127.0.0.1";  ///< numeric, IPv4 or IPv6
-  int port = 0;                       ///< 0: one that is free
+  int port = 0;                       ///< 0: the system chooses a free port
   AssociationSettings association;
-  int max_associations = 16;  ///< further ones wait in the system's queue
+  int max_associations = 16;  ///< open at the same time; others wait in the system's queue
   double settle_s = 10;       ///< a study is complete after this time without a new instance
-  double keep_hours = 0;      ///< 0: studies stay until the user removes them
+  double keep_hours = 0;      ///< age at which studies are removed; 0: they are kept
   std::optional<FollowUpSettings> then;
 };
 
-/// Receives until `stop` is set. Then open associations are dropped, and studies that no open
-/// association carries are published. A line on standard output tells the port, and one each study.
-/// Errors: (unwritable) the folder; (refused) the address or port cannot be used.
+/// Receives until `stop` is set. Then open associations are dropped, and the instances of all
+/// released associations are published. One line on standard output gives the port, and one line
+/// reports each study. Errors: kUnwritable if the folder cannot be used, or another receiver uses
+/// it; kUsage if the address is not numeric; kRefused if the port cannot be used.
 Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

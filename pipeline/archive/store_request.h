@@ -13,12 +13,12 @@
 namespace trocar::archive {
 
 struct StoreAnswer {
-  OFCondition network = EC_Normal;  ///< bad: the association must be aborted
+  OFCondition network = EC_Normal;  ///< if bad, the caller must abort the association
   StoreOutcome outcome;             ///< valid if `network` is good
 };
 
 /// Receives the dataset that follows the request, stores it and sends the answer. If `stop` returns
-/// true, or the sender sends far more than the limit, `network` is bad.
+/// true, or the sender sends more than twice the size limit, `network` is bad.
 StoreAnswer answer_store_request(T_ASC_Association& association,
                                  T_ASC_PresentationContextID context,
                                  const T_DIMSE_C_StoreRQ& request, InstanceStore& store,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Encryption (TLS) of associations, and the rule that without it only this computer is reached.
+// Encryption (TLS) of associations, and the rule that unencrypted scans stay on this computer.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 
@@ -17,19 +17,21 @@ namespace trocar::archive {
 struct TlsFiles {
   std::filesystem::path key;   ///< private key of this side
   std::filesystem::path cert;  ///< certificate of this side
-  std::filesystem::path ca;    ///< certificates of those who sign the other side's certificate
+  std::filesystem::path ca;    ///< trusted authorities, which sign the other side's certificate
 
   bool is_given() const { return !key.empty() || !cert.empty() || !ca.empty(); }
 };
 
-/// Checks that the three files are given together, or, without them, that `host` means this computer
-/// or `insecure` is set. Errors (usage): the message names the option.
+/// Checks that the three files are given together or not at all. Without them, checks that `host`
+/// is this computer, unless `insecure` is set. Errors: kUsage if a check fails (the message names
+/// the options); kRefused if `host` cannot be resolved.
 Result<void> check_transport(const TlsFiles& files, const std::string& host, bool insecure);
 
 enum class TlsRole { kServer, kClient };
 
-/// TLS 1.2 or later with the ciphers of BCP 195; the certificate of the other side is required and
-/// verified. Returns null if no files are given. Errors (refused): names the file.
+/// A transport layer with TLS 1.2 or later and the ciphers of BCP 195. It requires and verifies the
+/// certificate of the other side. Returns null if no files are given. Errors: kRefused if a file
+/// cannot be used (the message names it), or if OpenSSL has none of the ciphers.
 Result<std::shared_ptr<DcmTransportLayer>> make_transport(const TlsFiles& files, TlsRole role);
 
 }  // namespace trocar::archive

@@ -7,9 +7,9 @@
 
 namespace trocar::pipeline {
 
-/// Calls each of task(0), ..., task(count - 1) once, several at the same time. They start
-/// approximately in this order. Everything before the call happens before each task, and each task
-/// happens before the call returns.
+/// Calls each of task(0), ..., task(count - 1) once, several at the same time, and returns when all
+/// have ended. The tasks start approximately in this order. What the caller wrote before the call
+/// is visible in every task, and what the tasks wrote is visible after the call.
 void parallel_for(int count, const std::function<void(int)>& task);
 
 }  // namespace trocar::pipeline

@@ -6,13 +6,14 @@
 
 namespace trocar::pipeline {
 
+/// Measures the times of consecutive steps (laps).
 class Stopwatch {
  public:
   using TimePoint = std::chrono::steady_clock::time_point;
 
   explicit Stopwatch(TimePoint start = std::chrono::steady_clock::now()) : start_(start) {}
 
-  /// The time in ms since the last call, or since the start. Begins the next lap.
+  /// The time in ms since the last call, or since `start` if there was none. Begins the next lap.
   double lap_ms() {
     const TimePoint now = std::chrono::steady_clock::now();
     const double ms = std::chrono::duration<double, std::milli>(now - start_).count();

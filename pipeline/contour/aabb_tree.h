@@ -16,7 +16,8 @@ using Edge = std::array<Point, 2>;
 
 class AabbTree {
  public:
-  /// Needs at least one edge. Searches are quick if consecutive edges are near each other. O(n).
+  /// Precondition: there is at least one edge. Searches are quick if consecutive edges are near
+  /// each other. O(n).
   explicit AabbTree(std::vector<Edge> edges);
 
   std::size_t size() const { return edges_.size(); }
@@ -31,12 +32,12 @@ class AabbTree {
     double d2 = 0;  ///< squared distance
     std::size_t edge = 0;
   };
-  /// The edge nearest to p. The search starts at edge `guess`. If this edge is near the nearest
-  /// edge, few other boxes are inspected. O(log n) typically.
+  /// The edge nearest to p. The search starts at edge `guess`. If `guess` is close to the nearest
+  /// edge, few boxes are inspected. O(log n) typically.
   Nearest nearest(Point p, std::size_t guess) const;
 
  private:
-  static constexpr std::size_t kFan = 8;
+  static constexpr std::size_t kFan = 8;  // number of edges or boxes in a box
   struct Box {
     Point low, high;
   };
@@ -45,7 +46,8 @@ class AabbTree {
   void inspect_box(Point p, std::size_t level, std::size_t i, Nearest& best) const;
 
   std::vector<Edge> edges_;
-  // Each box encloses kFan consecutive edges, or boxes of the level below. The last level has one.
+  // Each box encloses kFan consecutive edges, or kFan boxes of the level below. The last level has
+  // one box.
   std::vector<std::vector<Box>> levels_;
 };
 

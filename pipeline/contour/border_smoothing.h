@@ -22,11 +22,12 @@ struct BorderEnds {
 
 /// Moves the crossings of a border, which are half-way between two pixels, along their grid lines
 /// onto a smooth curve. The curve is the border convolved with the kernel 2 G(s) - G(sqrt(2) s),
-/// which keeps curvature. The index of the crossing serves as the arc length. s is a fourteenth of
-/// the border's length but at most 3 crossings. Each crossing stays on its grid line between its
-/// two pixels, so nothing can cross. The areas on both sides stay the same if that is possible with
-/// crossings between the pixels. `fixed` crossings do not move, and they divide the border. A
-/// closed border may start at another crossing afterwards. O(n).
+/// which keeps curvature; G(s) is a Gaussian of standard deviation s. Arc length is counted in
+/// crossings. s is a fourteenth of the border's length, but at most 3 crossings. Each crossing
+/// stays on its grid line between its two pixels, so nothing can cross. The areas on both sides
+/// stay the same, if that is possible with crossings between the pixels. `fixed` crossings do not
+/// move, and they divide the border. A closed border may afterwards start at another crossing.
+/// O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 
 }  // namespace trocar::pipeline

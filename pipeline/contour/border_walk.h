@@ -15,13 +15,13 @@ namespace trocar::pipeline {
 /// from its end.
 using DirectedChain = std::uint32_t;
 
-/// The chains along one closed boundary of a material, which is on their left.
+/// The chains along one closed boundary of a material, with the material on their left.
 struct ChainLoop {
   MaterialNumber material = kNoMaterial;
   std::vector<DirectedChain> chains;
 
-  /// Returns the loop as a ring of points. `borders` contains the chains: either the borders
-  /// that were walked, or others with the same chains. The ring passes a node twice where the
+  /// Returns the loop as a ring of points. `borders` are the borders that were walked, or others
+  /// with the same chains (such as simplified ones). The ring passes a node twice where the
   /// material touches itself.
   Ring ring(const LabelBorders& borders) const {
     Ring out;
@@ -99,7 +99,7 @@ class BorderWalk {
   }
 
   const LabelBorders& borders_;
-  std::vector<Head> heads_;  // by directed chain: the node and end at which it arrives
+  std::vector<Head> heads_;  // for each directed chain: the node and end at which it arrives
 };
 
 }  // namespace trocar::pipeline

@@ -19,12 +19,13 @@
 
 namespace trocar::pipeline::collapse {
 
+// Special displacements: the collapse is not allowed, or it has not been evaluated yet.
 inline constexpr double kNever = std::numeric_limits<double>::infinity(), kUnknown = -1;
 
 // Largest number of edges that one step replaces by two.
 inline constexpr std::size_t kMaxRun = 8;
 
-// The edge bc between a and d, as node numbers and as points.
+// The edge bc, the vertex a before it and the vertex d after it: as node numbers and as points.
 struct Span {
   std::uint32_t ia, ib, ic, id;
   LatticePoint a, b, c, d;
@@ -34,16 +35,17 @@ struct Span {
   std::int64_t doubled() const { return abc + acd; }
 };
 
-// A point that keeps the area if it replaces an edge, and the area that then changes from one side
-// of the outline to the other. The area is kNever if there is no such point.
+// A point that may replace an edge because it keeps the area. `displacement` is the area that then
+// changes from one side of the outline to the other; it is kNever if there is no such point.
 struct Ideal {
   Point at;
   double displacement = kNever;
 };
 
-// The ideal point on the ray from `end` (a or d) through `near` (b or c). `far` is the other one of
-// b and c, `other` the other one of a and d; `cross` is twice the signed area of the triangle a,
-// near, d.
+// The ideal point on the ray from `end` through `near`. Either the ray runs from a through b, then
+// far = c and other = d; or it runs from d through c, then far = b and other = a. `area` is twice
+// the area that the triangle a, ideal point, d must have. `cross` is twice the signed area of the
+// triangle a, near, d.
 inline Ideal ideal_on_ray(LatticePoint end, LatticePoint near, LatticePoint far, LatticePoint other,
                           double area, std::int64_t cross) {
   if (cross == 0) return {};
@@ -70,11 +72,12 @@ inline std::array<Ideal, 2> ideals(const Span& s, double area) {
   return {on_ab, on_dc};
 }
 
-// A path along a ring whose inner nodes a point e replaces: its points, followed by e.
+// A path along a ring, whose inner nodes the point e is to replace. `points` has the points of the
+// path, followed by e.
 struct Path {
   std::array<std::uint32_t, kMaxRun + 1> nodes;
   std::array<LatticePoint, kMaxRun + 2> points;
-  std::size_t size;  // number of points without e
+  std::size_t size;  // number of points of the path, without e
 
   LatticePoint a() const { return points[0]; }
   LatticePoint d() const { return points[size - 1]; }
@@ -82,13 +85,13 @@ struct Path {
 };
 
 // The point that replaces the inner nodes of a longer path. It lies on the normal of the line a-d
-// through the vertex farthest from that line. Its distance from the line keeps the area, and also
-// corrects `area_error`, but by at most the area of a strip of one lattice step along a-d. `base2`
-// is the squared length of a-d.
+// through the vertex farthest from that line. Its distance from the line is chosen so that the area
+// stays and `area_error` is corrected, but by at most the area of a triangle with the base a-d and
+// a height of one lattice step. `base2` is the squared length of a-d; areas are doubled.
 struct RunIdeal {
   Point at;
-  double area;           // twice the area between the path with this point and the line
-  std::int64_t doubled;  // the same for the present path
+  double area;           // twice the area between the path a, `at`, d and the line a-d
+  std::int64_t doubled;  // twice the area between the present path and the line a-d
 };
 inline RunIdeal ideal_for_run(const Path& path, std::int64_t base2, std::int64_t area_error) {
   const LatticePoint a = path.a(), d = path.d();
@@ -108,7 +111,8 @@ inline RunIdeal ideal_for_run(const Path& path, std::int64_t base2, std::int64_t
   return {{apex.x - offset * (d.y - a.y), apex.y + offset * (d.x - a.x)}, area, doubled};
 }
 
-// The winding number of the closed path around p, which lies on none of its edges.
+// The winding number around p of the closed polygon path.points, including e. Precondition: p lies
+// on none of its edges.
 inline int winding(const Path& path, LatticePoint p) {
   int out = 0;
   for (std::size_t i = 0; i <= path.size; ++i) {
@@ -129,15 +133,16 @@ inline bool crosses(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint
   return segments_cross(a, b, c, d);
 }
 
-// Returns true if the edge pq of the outline, which is not one of the path's edges, crosses the two
-// new edges, or if p lies in the area that they sweep. `box` encloses the path and e. If `is_end`,
-// p is the end of an open contour, and q equals p.
+// Returns true if the edge pq of the outline crosses one of the new edges a-e and e-d, or if p lies
+// in the area that the step sweeps. Precondition: pq is not an edge of the path, and `box` encloses
+// the path and e. If `is_end` is true, p is the end of an open contour, and q equals p.
 inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, LatticePoint q,
                   bool is_end) {
   const LatticePoint a = path.a(), d = path.d(), e = path.e();
   const bool at_end = p == a || p == d;
   if (at_end && is_end) return false;
-  // An edge from a to d of a ring that touches this one may be passed without a crossing.
+  // If another ring that touches this one has an edge from a to d, the new edges might pass over it
+  // without a crossing.
   if (at_end && (q == a || q == d)) return true;
   if (!at_end && !apart({p, p}, box)) {
     for (std::size_t k = 1; k <= path.size; ++k)
@@ -147,7 +152,7 @@ inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, Latti
   return crosses(a, e, p, q) || crosses(e, d, p, q);
 }
 
-// The lattice point nearest to p; none if p is far outside the lattice.
+// The lattice point nearest to p; no value if p is far outside the lattice.
 inline std::optional<LatticePoint> nearest(Point p) {
   constexpr double kFar = 1 << 30;
   if (!(std::abs(p.x) < kFar && std::abs(p.y) < kFar)) return std::nullopt;
@@ -155,8 +160,9 @@ inline std::optional<LatticePoint> nearest(Point p) {
                       static_cast<std::int32_t>(std::lrint(p.y))};
 }
 
-// Returns `near` or the lattice point next to it that keeps the area best. If several keep it equally
-// well, the one nearest to `ideal`.
+// Chooses among `near` and the eight lattice points around it, except a and d. Returns the point
+// for which the path a, point, d keeps the area best (`area` is twice the wanted area). If several
+// keep it equally well, returns the one nearest to `ideal`.
 inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
                                            Point ideal, double area) {
   const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
@@ -190,10 +196,10 @@ struct Node {
 };
 // The other data of a node. They are separate from Node because they are needed less often.
 struct NodeState {
-  std::uint32_t ring, k;  // k, t: position on the contour, within the tolerance of p
+  std::uint32_t ring, k;  // k and t: a position on the contour, within the tolerance of p
   double t = 0;
-  double displacement = kUnknown;  // if the edge to the next node collapses
-  double queued = kNever;          // displacement when queued: the least of its queue entries
+  double displacement = kUnknown;  // displacement if the edge to the next node collapses
+  double queued = kNever;          // the least displacement among the node's queue entries
   ContourPosition position() const { return {k, t}; }
   void put(ContourPosition position) { k = position.k, t = position.t; }
 };
@@ -206,16 +212,18 @@ struct ContourPart {
   ContourPosition from, to;
 };
 
-// The number of edges of a closed contour with n vertices from vertex `from` to vertex k.
+// The number of edges from vertex `from` to vertex k along a closed contour with n vertices.
 inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n) {
   return k >= from ? k - from : k + n - from;
 }
 
-// Returns the position nearest to e on the part of a contour that the path a, e, d is to replace.
-// Returns none unless the edge a-e and the contour up to that position are within the tolerance of
-// each other, and likewise e-d and the rest of the contour. It suffices to check that e is near its
-// position and that the contour's vertices are near the edge. Then the contour's nearest points run
-// along the whole edge, except for its ends, which are near their own positions.
+// Returns the position nearest to e on `part`, the part of a contour that the path a, e, d is to
+// replace. Returns no value unless the edge a-e and the contour up to that position are within the
+// tolerance of each other, and likewise the edge e-d and the rest of the contour. `tolerance2` is
+// the squared tolerance. It suffices to check that e is near its position, and that each vertex of
+// the contour is near the edge that replaces it. While a point runs along the contour, the point of
+// the edge nearest to it then runs along the whole edge, except for the ends of the edge, which are
+// near their own positions.
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {
@@ -225,7 +233,8 @@ inline std::optional<ContourPosition> position_within(const ContourPart& part, L
   std::uint32_t inner = to.k >= from.k ? to.k - from.k : to.k + n - from.k;
   if (inner == 0 && to.t < from.t) inner = n;  // the whole contour
   const Point at = point(e);
-  // Segments j = 0 .. inner: from a vertex (or `from`) to the next vertex (or `to`).
+  // Segment j of the part (j = 0 .. inner) runs from a vertex to the next one. The first segment
+  // begins at `from`, and the last one ends at `to`.
   ContourPosition nearest;
   double least = std::numeric_limits<double>::max();
   std::uint32_t nearest_segment = 0;

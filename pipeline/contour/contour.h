@@ -12,7 +12,8 @@ enum class ContourKind {
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 
-/// Pixel position -> lattice: u = (x + offset_x) * spacing_u, v = (y + offset_y) * spacing_v.
+/// Maps pixels to the slice plane: u = (x + offset_x) * spacing_u_mm, v = (y + offset_y) *
+/// spacing_v_mm. Points are then rounded to the lattice.
 struct PixelGrid {
   double spacing_u_mm = 1, spacing_v_mm = 1;
   int offset_x = 0, offset_y = 0;  ///< origin of a cropped image in the full image, pixels
@@ -22,15 +23,15 @@ struct PixelGrid {
 /// A pixel must be at least this many lattice steps wide for the guarantees below.
 inline constexpr int kMinStepsPerPixel = 8;
 
-/// Traces the outline with material on the left. Borders of Field::changed are smooth curves
-/// (border_smoothing.h) between the crossings that the values give. Outer rings are
-/// counter-clockwise in (u, v), holes clockwise. Rings are simple, touch only at vertices and never
-/// cross (contour.cpp gives the reasons). Everything outside the image is treated as outside the
-/// material. O(pixels + vertices log vertices).
+/// Traces the outline with material on the left. Where the border exists only because pixels were
+/// changed (Field::changed), it is a smooth curve (border_smoothing.h) between the crossings that
+/// the values give. Outer rings are counter-clockwise in (u, v), holes clockwise. Rings are simple,
+/// touch only at vertices and never cross (contour.cpp gives the reasons). Everything outside the
+/// image is treated as outside the material. O(pixels + vertices log vertices).
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
 /// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are
-/// filled. (Rings inside a removed ring are smaller still, so they are removed too.)
+/// filled. (Rings inside a removed ring are even smaller, so they are removed too.)
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

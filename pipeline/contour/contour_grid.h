@@ -17,17 +17,20 @@ namespace trocar::pipeline {
 /// The grid has about as many cells as there are edges.
 class ContourGrid {
  public:
-  /// Contour edges first .. last of one ring. Numbers of different rings are not consecutive.
+  /// Contour edges first .. last of one ring, all of which are in one cell. `next_in_cell` is the
+  /// index of the cell's next run.
   struct Run {
     std::uint32_t first, last, next_in_cell;
   };
 
+  /// Makes an empty grid over the box for about this number of edges.
   ContourGrid(const LatticeBox& box, std::size_t edges) : cells_(box, static_cast<double>(edges)) {
     heads_.assign(cells_.count(), kNone);
     runs_.reserve(edges);
   }
 
-  /// Adds an edge. The edges of a ring are added in the ring's order.
+  /// Adds an edge. Precondition: the edges of a ring are added in the ring's order and have
+  /// consecutive numbers from `first_of_ring` on. Between two rings at least one number is unused.
   void add(std::uint32_t edge, LatticePoint from, LatticePoint to, std::uint32_t first_of_ring) {
     any_cell(box_around(from, to), [&](std::uint32_t& head) {
       if (head != kNone && runs_[head].first >= first_of_ring && runs_[head].last + 1 >= edge) {
@@ -40,7 +43,7 @@ class ContourGrid {
     });
   }
 
-  /// Returns true if is_wanted(run) holds for a run in the cells around the box.
+  /// Returns true if is_wanted(run) holds for a run in one of the cells that the box intersects.
   template <typename Wanted>
   bool any_near(const LatticeBox& box, const Wanted& is_wanted) {
     return any_cell(box, [&](std::uint32_t head) {
@@ -53,8 +56,8 @@ class ContourGrid {
  private:
   static constexpr std::uint32_t kNone = 0xffffffff;
 
-  // Calls visit(head) for the cells that intersect the box until visit() returns true. Points
-  // outside the grid belong to its outermost cells.
+  // Calls visit(head) for the cells that intersect the box, until visit() returns true. Returns
+  // true in this case. Points outside the grid belong to its outermost cells.
   template <typename Visit>
   bool any_cell(const LatticeBox& box, const Visit& visit) {
     const auto cell = [this](std::int32_t at, std::int32_t low, std::int32_t count) {
@@ -75,7 +78,7 @@ class ContourGrid {
   }
 
   LatticeCells cells_;
-  std::vector<std::uint32_t> heads_;
+  std::vector<std::uint32_t> heads_;  // for each cell: the index of its first run, or kNone
   std::vector<Run> runs_;
 };
 

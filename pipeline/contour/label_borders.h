@@ -14,8 +14,8 @@
 
 namespace trocar::pipeline {
 
-/// A border between two materials. It is closed, or it runs from one node to another. The nodes are
-/// then its first and last point.
+/// A border between two materials. It is either closed, or runs from one node to another or back to
+/// the same one. The nodes are then its first and last point.
 struct BorderChain {
   std::vector<LatticePoint> points;
   MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< never equal; kNoMaterial is outside
@@ -33,13 +33,14 @@ struct BorderNode {
   int count = 0;
 };
 
+/// The borders of all materials of a slice.
 struct LabelBorders {
   std::size_t materials = 0;
   std::vector<BorderNode> nodes;
   std::vector<BorderChain> chains;
 };
 
-/// Traces smooth borders (border_smoothing.h) on the lattice. Pixels must be at least
+/// Traces smooth borders (border_smoothing.h) on the lattice. Precondition: pixels are at least
 /// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
 ///  - Two neighbouring pixels of different materials have one crossing between them, strictly
 ///    between their centres. Outside the image every pixel counts as empty; the crossings at the
@@ -60,11 +61,12 @@ Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNu
 /// the same points, in opposite directions.
 std::vector<Pslg> material_outlines(const LabelBorders& borders);
 
-/// Proves that no point of the plane is in two materials, and that every point within the outline
-/// of their union is in one. Each outline and that of the union must pass check_pslg(), and the
-/// areas of the materials must add up to the area of the union. (Chains between two materials
-/// cancel in the sum of winding numbers. So the sum is the winding number of the union's outline,
-/// which is 0 or 1.) Errors: an internal error that names the condition that does not hold.
+/// Proves in exact integers that no point of the plane is in two materials, and that every point
+/// within the outline of their union is in one. The function checks that the outline of each
+/// material and that of the union pass check_pslg(), and that the areas of the materials add up to
+/// the area of the union. (Chains between two materials cancel in the sum of winding numbers. The
+/// sum is therefore the winding number of the union's outline, which is 0 or 1.) Errors: kBug; the
+/// message names the condition that does not hold.
 Result<void> check_label_borders(const LabelBorders& borders);
 
 /// Simplifies each chain; nodes do not move. Every chain stays within the two-sided tolerance, and
@@ -73,7 +75,8 @@ Result<void> check_label_borders(const LabelBorders& borders);
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options);
 
-/// Largest two-sided Hausdorff distance between chains of the same index, in mm.
+/// Largest two-sided Hausdorff distance between chains of the same index in `full` and `simple`,
+/// mm.
 double hausdorff_mm(const LabelBorders& full, const LabelBorders& simple, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Distances between points and segments in floating point, in lattice steps.
+// Distances between points and segments in floating point, in the unit of the coordinates.
 // Tests: tests/pipeline/contour/outline_distance_test.cpp
 #pragma once
 
@@ -21,7 +21,7 @@ inline double distance2_between(Point a, Point b) {
   return (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
 }
 
-/// The position of the point of the segment ab nearest to p, as a fraction of the way from a to b.
+/// The point of the segment ab that is nearest to p, as a fraction of the way from a to b.
 inline double fraction_along(Point a, Point b, Point p) {
   const double abx = b.x - a.x, aby = b.y - a.y;
   const double length2 = abx * abx + aby * aby;

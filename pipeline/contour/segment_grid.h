@@ -40,8 +40,8 @@ class SegmentGrid {
     }
   }
 
-  /// Calls visit(j) for each segment j in each cell of `segment`, including `segment` itself, which
-  /// must be in the grid.
+  /// Calls visit(j) for each segment j in each cell of `segment`, including `segment` itself.
+  /// Precondition: `segment` is in the grid.
   template <typename Visit>
   void for_each_near(const LatticeSegment& segment, const Visit& visit) const {
     for_each_cell(segment, [&](std::size_t cell) {
@@ -74,10 +74,10 @@ class SegmentGrid {
  private:
   static constexpr std::uint32_t kNone = 0xffffffff;
   struct Entry {
-    std::uint32_t segment, older;  // the next entry of its cell, or kNone
+    std::uint32_t segment, older;  // older: the next entry of the same cell, or kNone
   };
 
-  // Visits, in each row, the cells between the segment's entry and exit, widened by the margin.
+  // Visits the cells of each row between the segment's entry and exit, widened by the margin.
   template <typename Visit>
   void for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
     const auto [a, b] = segment;
@@ -101,7 +101,7 @@ class SegmentGrid {
   std::int64_t margin_ = 0, columns_ = 1;
   int shift_ = 0;                      // the cells are squares of 2^shift_ lattice steps
   LatticePoint low_;                   // the lower left corner of the grid
-  std::vector<std::uint32_t> newest_;  // by cell: its newest entry, or kNone
+  std::vector<std::uint32_t> newest_;  // for each cell: its newest entry, or kNone
   std::vector<Entry> entries_;
 };
 

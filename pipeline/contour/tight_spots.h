@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The tight spots of an outline: edges shorter than a clearance, and pairs of edges without a
-// common end that are nearer to each other. Edges must not cross; distances are in lattice steps.
+// common end that are nearer to each other than the clearance. Precondition of all functions: edges
+// do not cross. Distances are in lattice steps.
 // Tests: tests/pipeline/contour/outline_clearance_test.cpp
 #pragma once
 
@@ -16,6 +17,7 @@
 
 namespace trocar::pipeline {
 
+/// The clearance, rounded up to whole lattice steps.
 inline std::int32_t margin_of(double clearance) {
   return static_cast<std::int32_t>(std::ceil(clearance));
 }
@@ -29,7 +31,6 @@ inline bool is_short(const LatticeSegment& s, double clearance) {
 }
 
 /// Returns true if the edges have no common end and are nearer to each other than the clearance.
-/// They must not cross.
 inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double clearance) {
   if (s.a == t.a || s.a == t.b || s.b == t.a || s.b == t.b ||
       apart(widened(box_around(s.a, s.b), margin_of(clearance)), box_around(t.a, t.b)))
@@ -39,12 +40,12 @@ inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double cl
                    segment_distance2(c, d, a), segment_distance2(c, d, b)}) < clearance * clearance;
 }
 
-/// The edges of an outline, ring by ring. The last vertex of a line (`is_open`, if given) has no
-/// edge to a next vertex, so an edge of length 0 is listed for it.
+/// The edges of an outline, ring by ring. The last vertex of a line (a ring for which `is_open` is
+/// true) has no edge to a next vertex, so an edge of length 0 is listed for it.
 std::vector<LatticeSegment> edges_of(const Pslg& outline, const std::vector<bool>& is_open);
 
-/// Calls visit(i, j) for each tight spot. For a pair of edges it may be called repeatedly, and for
-/// a short edge i = j. `grid` is that of the edges, made with margin_of(clearance).
+/// Calls visit(i, j) for each tight spot. For a short edge i = j. For a pair of edges the call may
+/// be repeated. Precondition: `grid` was made of `edges` with margin_of(clearance).
 template <typename Visit>
 void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid& grid,
                      double clearance, const Visit& visit) {
@@ -55,7 +56,7 @@ void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid
   });
 }
 
-/// O(n log n) typically.
+/// Searches or counts the tight spots. O(n log n) typically.
 bool has_tight_spots(const std::vector<LatticeSegment>& edges, double clearance);
 std::size_t count_tight_spots(const Pslg& outline, const std::vector<bool>& is_open,
                               double clearance);

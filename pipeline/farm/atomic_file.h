@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Atomic files: a file of a store appears complete or not at all. Its bytes are written to a
-// temporary file in the store's tmp/, synced, read back and checked. Then the file is renamed, and
-// its folder is synced. The rename commits the file, also over NFS. Each step has a failpoint.
+// temporary file in the store's tmp/, synced, read back and checked. Then the temporary file is
+// renamed, and its new folder is synced. The rename commits the file, also over NFS. Each step has
+// a failpoint (failpoint.h).
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -26,21 +27,22 @@ struct AtomicFile {
   std::filesystem::path tmp;  ///< the folder of temporary files, in the same file system
   mode_t mode = 0666;         ///< reduced by the process's umask
   bool is_synced = true;      ///< false if the file can be made again after a loss of power
-  /// A check of the bytes that were read back. It is called after they have been compared with
-  /// those written.
+  /// An optional check of the bytes that were read back. They have been compared with the written
+  /// bytes before.
   std::function<Result<void>(std::span<const std::uint8_t>)> prove = {};
 };
 
-/// Replaces the target, and creates its folder if only that is missing. Errors: (unwritable) names
-/// the target. After an error the target is unchanged and the temporary file is removed.
+/// Replaces the target, and creates its folder if only the folder is missing. Errors: kUnwritable
+/// if the target cannot be written (the message names the target); those of `prove`. After an error
+/// the target is unchanged and the temporary file is removed.
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 
-/// Replaces a symbolic link in the same way, unless it already leads to the target.
+/// Replaces a symbolic link in the same way, unless it leads to the target already.
 Result<void> link_atomically(const std::filesystem::path& target, const std::filesystem::path& link,
                              const std::filesystem::path& tmp);
 
-/// Syncs a folder's entries to the disk. Errors (unwritable) name the folder.
+/// Syncs a folder's entries to the disk. Errors: kUnwritable; the message names the folder.
 Result<void> sync_folder(const std::filesystem::path& folder);
 
 /// The error "FILE: cannot be written: REASON" for an errno.

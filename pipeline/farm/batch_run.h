@@ -31,15 +31,18 @@ struct BatchSettings {
   std::optional<std::pair<int, int>> shard;   ///< I and N: works on shard I, counted from 0, of N
   std::optional<std::set<std::string>> only;  ///< names of the scans to work on
   int jobs = 1;                               ///< number of concurrent scans, at least 1
+  /// rehash: read all inputs, even those whose state is unchanged. verify: verify the stored
+  /// outputs of all selected scans.
   bool rehash = false, verify = false;
-  bool retry = false;  ///< known failures are tried again
-  /// No further scan is started after this number of failures that are not known; 0: no limit.
+  bool retry = false;  ///< try known failures (see BatchSummary::known) again
+  /// After this number of new failures (those that are not known) no further scan is started; 0: no
+  /// limit.
   std::size_t max_failures = 0;
   /// A flag that a signal handler sets; may be null. Once it is set, no further scan is started,
   /// and running scans end.
   const std::atomic<bool>* stop = nullptr;
-  /// Called after each scan. The arguments are the numbers of finished, failed and all scans of
-  /// this run.
+  /// Called after each scan. The arguments are the numbers of finished scans, of new failures and
+  /// of all scans on which this run works.
   std::function<void(std::size_t done, std::size_t failed, std::size_t total)> progress;
 };
 
@@ -56,11 +59,12 @@ struct BatchSummary {
   std::size_t found = 0;           ///< changed, but the store had the outputs under the new key
   std::size_t left = 0;            ///< not tried, because of a signal or of `max_failures`
   std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
-  /// Failed in an earlier run for a reason that lasts; not tried again. In the collection's order.
+  /// Known failures (store.md), in the collection's order: scans that were refused in an earlier
+  /// run and have not changed since. They were not tried again.
   std::vector<FailedScan> known;
   std::uint64_t asset_bytes = 0;  ///< size of the assets of all scans that are done
   bool has_unrecorded = false;    ///< true: a failure could not be written to the index
-  bool has_journal = true;        ///< false if a line could not be written
+  bool has_journal = true;        ///< false: a line of the journal could not be written
   std::size_t products_made = 0;
   double seconds = 0;
 };
@@ -71,21 +75,22 @@ struct NamedState {
 };
 
 /// The scans of the collection that this run selects. All parameters are checked before the first
-/// scan starts. The collection's folder must be the working directory.
+/// scan starts. Precondition: the collection's folder is the working directory.
 class Batch {
  public:
-  /// `collection`, `program` and `programs` must outlive the batch. Errors: (usage) a scan has wrong parameters; the collection lacks a name of `only`.
+  /// `collection`, `program` and `programs` must outlive the batch. Errors: kUsage if a scan has
+  /// wrong parameters, or if the collection lacks a name of `only`.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
                             const ProductPrograms& programs, BatchSettings settings);
 
   std::size_t scans() const { return wanted_.size(); }
-  /// The states of the selected scans, of which a run would work on the stale ones. Errors: those
-  /// of opening the store.
+  /// The states of the selected scans. A run would work on those that are stale. Errors: those of
+  /// opening the store.
   Result<std::vector<NamedState>> dry_run() const;
-  /// The state of one scan; reads files whose time has changed. Errors: (usage) no such scan; those
-  /// of opening the store.
+  /// The state of one scan; reads files whose time has changed. Errors: kUsage if there is no such
+  /// scan; those of opening the store.
   Result<ScanState> explain(const std::string& scan) const;
-  /// Works on the stale scans. Call it before the process has other threads. Errors: those of
+  /// Works on the stale scans. Precondition: the process has no other threads yet. Errors: those of
   /// opening the store.
   Result<BatchSummary> run() const;
 
@@ -95,8 +100,7 @@ class Batch {
   const ScanProgram* program_;
   BatchSettings settings_;
   std::vector<WantedScan> wanted_;
-  /// The different sets of parameters, each one once. A null pointer stands for parameters that
-  /// name a refused file.
+  /// The different sets of parameters, each one once, without those that name a refused file.
   std::vector<std::unique_ptr<Parameters>> parameters_;
 };
 

@@ -17,8 +17,8 @@ struct CollectionScan {
   std::string name;
   std::vector<std::string> paths;  ///< a file or folder, or several files
   std::string glob;                ///< pattern, if one is given instead of paths
-  std::string series;              ///< series in a folder; empty: chosen as by trocar-mesh without
-                                   ///< --series
+  /// Series in a folder; if empty, it is chosen as by trocar-mesh without --series.
+  std::string series;
   /// The collection's defaults overridden by the scan's own, without those set to false or null.
   nlohmann::json parameters = nlohmann::json::object();
   std::vector<WantedProduct> products = {};  ///< in the order of kProductKinds
@@ -33,7 +33,8 @@ struct Collection {
 /// underscore, followed by letters, digits and . _ + -. It is ASCII and has at most 120 characters.
 bool is_scan_name(std::string_view name);
 
-/// Errors: (usage) names the file and the JSON member.
+/// Reads a collection. Its folder is that of `file`. Errors: kUsage; the message names the file and
+/// the JSON member.
 Result<Collection> parse_collection(std::string_view text, const std::filesystem::path& file);
 Result<Collection> read_collection(const std::filesystem::path& file);
 

@@ -19,10 +19,10 @@ struct Command {
   std::filesystem::path errors;       ///< file for its standard error
 };
 
-/// Runs the command, which is killed if this process dies or `stop` is set. Errors have the last
-/// line of its standard error as their message, without the program's name in front. Their code is
-/// usage or refused if the command ended with 2 or 3, unwritable if it ended with 4, and otherwise
-/// bug; the latter two are temporary.
+/// Runs the command, which is killed if this process dies or `stop` is set. Errors: kUsage,
+/// kRefused or kUnwritable if the command ended with exit code 2, 3 or 4; otherwise kBug.
+/// kUnwritable and kBug are temporary (Error::is_temporary). The message is the last line of the
+/// command's standard error, without the program's name in front.
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop);
 
 }  // namespace trocar::farm

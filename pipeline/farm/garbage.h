@@ -18,9 +18,9 @@ struct Collected {
 };
 
 /// Removes actions that no index entry refers to, and contents that no remaining action refers to,
-/// unless they are younger than `grace` or their key is leased. Batches may run at the same time: a
-/// file is first moved away, and is moved back if a batch has renewed its time. Errors:
-/// (unwritable).
+/// unless they are younger than `grace` or their key is leased (lease.h). Batches may run at the
+/// same time: a file is first moved away, and is moved back if a batch has renewed its time.
+/// Errors: kUnwritable if no file can be written in the store.
 Result<Collected> collect_garbage(const Store& store, std::chrono::nanoseconds grace);
 
 }  // namespace trocar::farm

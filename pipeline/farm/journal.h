@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A store's journal, with times and outcomes: each process has a file, with one line of JSON for
-// each scan. It is for people, and for choosing the size of tasks. The store's correctness does not
-// depend on it.
+// The journal of a store has the times and outcomes of the work on scans. Each process has a file
+// of its own, with one line of JSON for each scan. The journal is for people, and for choosing the
+// size of tasks. The store's correctness does not depend on it.
 // Tests: tests/e2e/batch_test.py
 #pragma once
 
@@ -17,8 +17,8 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
   ~Journal();
-  /// Adds `time`, `host` and `pid` to the line and writes it. Returns false if it could not be
-  /// written.
+  /// Adds `time`, `host` and `pid` to the line and writes it. Returns false if the line could not
+  /// be written.
   bool add(nlohmann::json line);
 
  private:

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Leases: a process that computes the outputs of a key holds the key's lease, so that two batches
-// do not do the same work. Correctness does not depend on leases, because two processes that
-// compute the outputs of a key write the same bytes.
+// A lease reserves the key of an action (action_key.h) for the process that computes its outputs,
+// so that two batches do not do the same work. Correctness does not depend on leases, because two
+// processes that compute the outputs of a key write the same bytes.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -17,12 +17,12 @@
 
 namespace trocar::farm {
 
-/// A lease that this process holds until the object is destroyed. A thread renews it.
+/// A lease that this process holds until the object is destroyed. A thread renews the lease.
 class Lease {
  public:
-  /// Takes the lease of the key. The result is null if another process holds it. A lease whose
-  /// process is dead is taken over, and so is a lease that was not renewed for kLeaseDuration.
-  /// Errors: (unwritable).
+  /// Takes the lease of the key. The result is null if another process holds it. A lease is taken
+  /// over if its process is dead, or if it is unknown whether the process is alive and the lease
+  /// was not renewed for kLeaseDuration. Errors: kUnwritable if the lease cannot be written.
   static Result<std::unique_ptr<Lease>> take(const Store& store, const std::string& key,
                                              const std::string& scan);
   Lease(const Lease&) = delete;
@@ -40,7 +40,7 @@ class Lease {
   std::thread renewer_;
 };
 
-/// Is there a valid lease of the key?
+/// Does another process, or this one, hold a valid lease of the key?
 bool is_leased(const Store& store, const std::string& key);
 
 }  // namespace trocar::farm

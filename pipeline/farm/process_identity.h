@@ -12,8 +12,8 @@ namespace trocar::farm {
 
 struct ProcessIdentity {
   std::string host;
-  /// The first 12 digits of a digest of the boot and the process namespace. Within these two, a
-  /// process number is unique at any time.
+  /// The first 12 digits of a digest of the boot and of the process namespace. Within one boot and
+  /// one namespace, a process number is unique at any time.
   std::string boot;
   int pid = 0;
   std::uint64_t start = 0;  ///< start of the process, in kernel ticks since the boot
@@ -26,7 +26,8 @@ struct ProcessIdentity {
 /// The identity of this process. It is also correct directly after fork().
 ProcessIdentity this_process();
 
-/// The identity at the beginning of a text; a dot must follow it. Host names may contain dots.
+/// The identity in a text of the form HOST.BOOT.PID.START.REST, where only HOST may contain dots;
+/// no value if the text does not have this form.
 std::optional<ProcessIdentity> identity_in(std::string_view text);
 
 enum class Life { kAlive, kDead, kUnknown };

@@ -35,11 +35,12 @@ class Processes {
   /// Kills the running processes and waits for them.
   ~Processes();
 
-  /// Starts a process for a task. The process sends the text that `work` returns. It is killed if
-  /// this process dies. Errors (bug): no process can be created.
+  /// Starts a process for a task. The process sends the text that `work` returns to this process,
+  /// and is killed if this process dies. Errors: kBug if no process can be created.
   Result<void> start(std::size_t task, const std::function<std::string()>& work);
   std::size_t running() const { return running_.size(); }
-  /// Waits until a process ends, at most for the given time.
+  /// Waits for a process to end, at most for the given time, and returns it; no value if none has
+  /// ended.
   std::optional<Ended> wait(std::chrono::milliseconds most);
   /// Sends a signal to all running processes.
   void signal_all(int signal) const;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The products of a scan besides its asset: a preview, a surface, a scene for trocar-run, and what
-// trocar-run --check says of the scene.
+// The products of a scan besides its asset: a preview, a surface, a scene for trocar-run, and the
+// output of trocar-run --check for this scene.
 // Tests: tests/pipeline/farm/product_test.cpp
 #pragma once
 
@@ -13,7 +13,7 @@
 namespace trocar::farm {
 
 enum class ProductKind { kPreview, kSurface, kScene, kCheck };
-/// In the order in which they are made: the check needs the scene.
+/// All kinds, in the order in which they are made: the check needs the scene.
 inline constexpr std::array kProductKinds = {ProductKind::kPreview, ProductKind::kSurface,
                                              ProductKind::kScene, ProductKind::kCheck};
 
@@ -22,7 +22,8 @@ const char* product_name(ProductKind kind);
 std::optional<ProductKind> product_kind(std::string_view name);
 /// The name of the product's file: "preview.png", "surface.stl", "scene.json" or "check.txt".
 const char* product_file(ProductKind kind);
-/// Is it made by trocar-run, from the scan's asset? If not, trocar-mesh makes it from the scan.
+/// Does trocar-run make the product, from the scan's asset? If not, trocar-mesh makes it from the
+/// scan.
 bool is_made_by_run(ProductKind kind);
 
 struct WantedProduct {

@@ -17,8 +17,8 @@
 
 namespace trocar::farm {
 
-/// The programs that make products: their paths and SHA-256 digests. The texts of `run` are empty
-/// if no scan of the collection has a product that trocar-run makes.
+/// The programs that make products: their paths and SHA-256 digests. `run` and `run_digest` are
+/// empty if no scan of the collection has a product that trocar-run makes.
 struct ProductPrograms {
   std::string mesh, mesh_digest, run, run_digest;
   const std::string& digest_for(ProductKind kind) const {
@@ -32,7 +32,7 @@ struct ProductWork {
   const nlohmann::json& action;  ///< the action of the scan's asset
   const ProductPrograms& programs;
   const Store& store;
-  bool retry = false;                       ///< try known failures again
+  bool retry = false;                       ///< try known failures (store.md) again
   const std::atomic<bool>* stop = nullptr;  ///< a signal handler's flag, as in Work
 };
 
@@ -41,13 +41,14 @@ struct ProductsDone {
   std::size_t made = 0;
   /// The first product that failed; its message begins with the product's name.
   std::optional<Error> failure;
-  bool is_known = false;  ///< true: all failures are those of an earlier run
+  bool is_known = false;  ///< true: all failures are known ones, which were not tried again
 };
 
-/// Replaces entry.products by the wanted ones. A product is made only if the store does not have it
-/// under its key: the digest of the program, the product's parameters, and the digests of what it
-/// is made of, which are the scan's files for preview and surface, the asset for the scene, and
-/// asset and scene for the check. Errors: (unwritable) a file of the store; (refused) a signal.
+/// Replaces entry.products by the wanted products. A product is made only if the store does not
+/// have it under its key. The key is a digest of the program's digest, the product's parameters,
+/// and the digests of what the product is made of: the scan's files for preview and surface, the
+/// asset for the scene, and asset and scene for the check. Errors: kUnwritable if a file of the
+/// store cannot be written; kRefused if `stop` was set.
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry);
 
 }  // namespace trocar::farm

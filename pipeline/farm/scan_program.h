@@ -46,6 +46,7 @@ class OpenedScan {
   virtual ~OpenedScan() = default;
   /// The files that the scan consists of, in the order in which they enter its key.
   virtual std::vector<NamedFile> files() const = 0;
+  /// Meshes the scan.
   virtual Result<Product> mesh() = 0;
 };
 
@@ -56,10 +57,10 @@ class ScanProgram {
   ScanProgram& operator=(const ScanProgram&) = delete;
   virtual ~ScanProgram() = default;
   /// Checks parameters as a collection gives them: names of options with their values. Errors:
-  /// (usage) wrong parameters; (refused) a file that they name cannot be used.
+  /// kUsage if the parameters are wrong; kRefused if a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Must the scan be opened before its key is known? It must if only then it is known of which
-  /// files of a folder the scan consists, or whether the parameters apply to it.
+  /// Must the scan be opened before its key is known? It must if only opening shows of which files
+  /// of a folder the scan consists, or whether the parameters apply to it.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;
   /// Opens a scan. `inputs` are files, or one folder. Messages name the paths as given here.

@@ -16,12 +16,12 @@ namespace trocar::farm {
 
 struct Work {
   WantedScan wanted;
-  bool rehash = false;
+  bool rehash = false;  ///< read all inputs, even those whose state is unchanged
   bool verify = false;  ///< verify the stored outputs, and make damaged ones again
   bool retry = false;   ///< try a known failure again, and count it as a failure of this run
   int threads = 1;
-  const std::atomic<bool>* stop =
-      nullptr;  ///< set by a signal handler; an error is then not counted as a failure
+  /// Set by a signal handler. An error is then not counted as a failure.
+  const std::atomic<bool>* stop = nullptr;
 };
 
 /// The outcome of the work on a scan.
@@ -30,7 +30,7 @@ struct Outcome {
     kMade,   ///< this run computed the outputs, or a product
     kFound,  ///< the store already had the outputs under the scan's key
     kFailed,
-    kKnownFailure,  ///< the scan is the same as in an earlier run, in which it failed
+    kKnownFailure,  ///< the scan failed in an earlier run, is unchanged and was not tried again
     kLeased,        ///< another process is computing the outputs
     kInterrupted,   ///< a signal ended the batch
   };
@@ -41,7 +41,7 @@ struct Outcome {
   std::size_t products_made = 0;
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process
   double seconds = 0;
-  bool is_recorded = true;  ///< true: the index has the outcome
+  bool is_recorded = true;  ///< true: the outcome was written to the index
   nlohmann::json warnings = nlohmann::json::array();
 };
 const char* outcome_name(Outcome::Kind kind);
@@ -54,7 +54,7 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
 /// Records a scan whose process was killed by a signal or ended without an outcome.
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
 
-/// Checks that the bytes are a valid asset. Errors: (refused); the message begins with `name`.
+/// Checks that the bytes are a valid asset. Errors: kRefused; the message begins with `name`.
 Result<void> prove_asset(std::span<const std::uint8_t> glb, const std::string& name);
 
 }  // namespace trocar::farm

@@ -16,11 +16,11 @@ namespace trocar::farm {
 std::string sha256_of(std::span<const std::uint8_t> bytes);
 std::string sha256_of(std::string_view text);
 
-/// Errors: (refused) names the file.
+/// Errors: kRefused if the file cannot be read; the message names the file.
 Result<std::string> sha256_of_file(const std::filesystem::path& file);
 
-/// Does the text consist of 64 lower-case hexadecimal digits? Digests that are read from a store
-/// must be checked before they become part of a path.
+/// Does the text consist of 64 lower-case hexadecimal digits? The caller must check a digest that
+/// was read from a store before the digest becomes part of a path.
 bool is_sha256(std::string_view text);
 
 }  // namespace trocar::farm

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The state of a scan: done, known to fail, or stale. A scan is stale because its program, its
-// parameters, its input, its products or its files in the store have changed.
+// The state of a scan: done, a known failure, or stale. A known failure is a scan that was refused
+// in an earlier run for a lasting reason and has not changed since (store.md). A scan is stale if
+// its program, its parameters, its input, its products or its files in the store have changed.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -25,12 +26,13 @@ struct WantedScan {
 
 struct Comparison {
   bool rehash = false;  ///< true: reads all inputs
-  /// Reads inputs whose state changed; such an input is then a cause only if its bytes differ.
+  /// True: reads inputs whose state has changed. Such an input then makes the scan stale only if
+  /// its bytes differ.
   bool compare_bytes = false;
   bool retry = false;  ///< true: a scan that has failed is always stale
 };
 
-/// Tells what a run has to do about a scan.
+/// The state of a scan, which determines what a run does with it.
 struct ScanState {
   enum class Kind {
     kDone,          ///< nothing: the scan is done and unchanged
@@ -39,7 +41,7 @@ struct ScanState {
   };
   Kind kind = Kind::kStale;
   /// The causes of staleness as --json shows them (store.md); none if the scan is done. A known
-  /// failure has one, the failure.
+  /// failure has one cause: the failure.
   std::vector<nlohmann::json> why;
   std::uint64_t asset_bytes = 0;  ///< size of the asset, if the scan is done
 };
@@ -49,7 +51,7 @@ struct ScanState {
 ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
                    const Comparison& how);
 
-/// A cause as a line: "parameter tolerance: 0.2 -> 0.1".
+/// A cause as one line, such as "parameter tolerance: 0.2 -> 0.1".
 std::string cause_text(const nlohmann::json& cause);
 
 }  // namespace trocar::farm

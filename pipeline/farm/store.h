@@ -20,10 +20,12 @@
 
 namespace trocar::farm {
 
-/// Age from which a temporary file, or a lease, counts as abandoned if it cannot be checked whether
-/// its process is alive, for example because the process runs on another host.
+/// If it cannot be checked whether the process of a file is alive (for example because it runs on
+/// another host), the file counts as abandoned from this age on: kStrayAge for a temporary file,
+/// kLeaseDuration for a lease.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
+/// A file of the store that is named by its digest.
 struct Object {
   std::string sha256;
   std::uint64_t bytes = 0;
@@ -36,7 +38,7 @@ struct Outputs {
 
 /// A product of a scan (product.h), as the index has it.
 struct StoredProduct {
-  std::string key;  ///< empty if it could not be tried
+  std::string key;  ///< empty if the product could not be tried
   std::string program;
   nlohmann::json parameters;
   std::optional<Object> file = {};  ///< present if the product is done
@@ -55,12 +57,13 @@ struct ScanEntry {
   std::string series = {};
   std::vector<ScanFile> files = {};
   std::optional<Outputs> outputs = {};                 ///< present if the scan is done
-  std::map<std::string, StoredProduct> products = {};  ///< the key is the name of the product
+  std::map<std::string, StoredProduct> products = {};  ///< key: the name of the product
   // If the scan failed:
   std::string reason = {};
   int exit_code = 0;
   int signal = 0;  ///< signal that killed the scan's process; 0: none
-  /// True: the same program, parameters and input always fail, so that another try is of no use.
+  /// True: the failure is a known one (store.md). The same program, parameters and input always
+  /// fail, so the next run does not try again.
   bool is_lasting = false;
   bool is_done() const { return outputs.has_value(); }
 };
@@ -71,10 +74,10 @@ std::optional<ScanEntry> entry_from(std::string_view text);
 class Store {
  public:
   /// Creates the store, or folders that are missing in it, and removes files that killed processes
-  /// have left in it. Errors: (usage) the folder has other files, or is a store of another version;
-  /// (unwritable).
+  /// have left in it. Errors: kUsage if the folder has other files, or is a store of another
+  /// version; kUnwritable if a file or folder cannot be written.
   static Result<Store> open_for_writing(const std::filesystem::path& folder);
-  /// A store that does not exist is empty.
+  /// Opens a store; one that does not exist is empty. Errors: kUsage, as in open_for_writing().
   static Result<Store> open_for_reading(const std::filesystem::path& folder);
 
   const std::filesystem::path& folder() const { return folder_; }
@@ -88,26 +91,29 @@ class Store {
   std::optional<Outputs> find(const std::string& key) const;
   bool has(const Outputs& outputs) const;
   bool has(const Object& object) const;
-  /// Sets the files' modification times to now, so that --gc keeps them. Returns false if one no
-  /// longer exists.
+  /// Sets the modification times of the action and its outputs to now, so that --gc keeps them.
+  /// Returns false if one of these files no longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes an output unless one with its digest and size exists. `prove` checks the bytes after
-  /// they have been read back (AtomicFile::prove). Errors: (unwritable); those of `prove`.
+  /// Writes an output, unless one with its digest and size exists. `prove` checks the bytes after
+  /// they have been read back (AtomicFile::prove). Errors: kUnwritable if it cannot be written;
+  /// those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
-  /// The same for a product and its file.
+  /// Like find() and put_action(), but for a product and its file. find_product() also renews the
+  /// times.
   std::optional<Object> find_product(const std::string& key) const;
   Result<void> put_product(const std::string& key, const nlohmann::json& action,
                            const Object& file) const;
+  /// Records the outputs of an action.
   Result<void> put_action(const std::string& key, const nlohmann::json& action,
                           const Outputs& outputs) const;
 
   /// The index entry of a scan; std::nullopt if it is missing or damaged.
   std::optional<ScanEntry> entry(const std::string& name) const;
-  /// Do the links in assets/, reports/ and products/ lead to the entry's outputs and products? Are
-  /// the links of outputs and products that it does not have absent?
+  /// Do the links in assets/, reports/ and products/ lead to the outputs and products of the entry?
+  /// Are there no links for outputs and products that the entry does not have?
   bool links_fit(const ScanEntry& entry) const;
   /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;
@@ -116,7 +122,8 @@ class Store {
   /// The names of all scans in the index, sorted.
   std::vector<std::string> names() const;
 
-  /// The current time by the clock of the store's file system. Errors: (unwritable).
+  /// The current time by the clock of the store's file system. Errors: kUnwritable if no file can
+  /// be written there.
   Result<std::chrono::nanoseconds> now() const;
   /// Removes temporary files and leases of dead processes, and returns their number.
   std::size_t remove_strays() const;

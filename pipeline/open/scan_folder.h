@@ -14,20 +14,22 @@
 
 namespace trocar::pipeline {
 
-/// Limits of a search. No study reaches them, but a folder given by mistake (a home folder, a disk)
-/// does, so the mistake is soon reported.
+/// Limits of a search. No study reaches these limits. A folder given by mistake (a home folder, a
+/// disk) reaches them soon, and the mistake is reported.
 struct SearchLimits {
-  int depth = 16;                ///< deeper sub-folders are left out with a warning
-  std::size_t entries = 200000;  ///< largest number of files and folders; more are refused
+  int depth = 16;                ///< sub-folders below this depth are left out with a warning
+  std::size_t entries = 200000;  ///< a folder with more files and folders than this is refused
 };
 
 /// The regular files of a folder and its sub-folders, in natural order of their paths. Hidden files
 /// and broken links are left out. Links to folders are followed, but every folder is searched only
-/// once. Errors (refused): the folder cannot be read; too many entries. Warnings: folder_left_out.
+/// once. Errors: kRefused if `folder` cannot be read or has too many entries. Warnings:
+/// folder_left_out for a sub-folder that cannot be read or lies too deep.
 Result<std::vector<std::filesystem::path>> files_below(const std::filesystem::path& folder,
                                                        std::vector<Warning>& warnings,
                                                        const SearchLimits& limits = {});
 
+/// The files of a folder and its sub-folders, sorted by kind.
 struct ScanFolder {
   enum class Kind { kNothing, kDicom, kVolume, kImages };
 
@@ -35,27 +37,27 @@ struct ScanFolder {
   std::string where;                           ///< `folder` with a slash at its end, for messages
   std::vector<DicomFile> dicom;                ///< all files that are neither volumes nor images
   std::vector<std::filesystem::path> volumes;  ///< NIfTI files, recognised by their names
-  /// The image files of each folder, recognised by their names. If `folder` itself has images, they
-  /// come first.
+  /// The image files, recognised by their names; one list for each folder that has images. If
+  /// `folder` itself has images, its list comes first.
   std::vector<std::vector<std::filesystem::path>> images;
   bool has_own_images() const;
 
   /// The kind of files that form the scan. DICOM slices take precedence over volumes, and volumes
-  /// over images, because other files beside the slices were usually made from them. Localisers and
-  /// screen captures do not count as slices.
+  /// over images, because volumes and images beside the slices were usually made from the slices.
+  /// Localisers and screen captures do not count as slices.
   Kind kind() const;
-  /// The files that are left out because of kind(), such as "2 images (a.png, b.png)"; empty if
-  /// there are none.
+  /// A text that names the files left out because of kind(), such as "2 images (a.png, b.png)";
+  /// empty if no file is left out.
   std::string left_out() const;
 };
 
-/// Finds the files and reads the headers of all DICOM files, with `spacing_mm` and `any_modality`
-/// of the options. Errors (refused): those of files_below(); a file that may be DICOM cannot be
-/// read; the folder is empty.
+/// Finds the files below `folder` and reads the headers of all DICOM files. Of the options, only
+/// `spacing_mm` and `any_modality` apply. Errors: those of files_below(); kRefused if the folder is
+/// empty, or if there is no permission to read a file that may be DICOM.
 Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExtent extent,
                                  const OpenOptions& options, std::vector<Warning>& warnings);
 
-/// Checks the permission to read the file. Errors (refused): there is none.
+/// Checks that this process has permission to read the file. Errors: kRefused if it has none.
 Result<void> check_readable(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

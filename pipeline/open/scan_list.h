@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Lists the scans in a folder from their headers alone (`trocar-mesh list`). Pixels are read only
-// if two slices have the same position, to find out whether they are copies.
+// Lists the scans in a folder from their headers alone (`trocar-mesh list`). Only if two slices
+// have the same position, their pixels are read too, to find out whether the slices are copies.
 // Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
@@ -23,15 +23,15 @@ namespace trocar::pipeline {
 /// folder is given without --series). A DICOM series also has `uid`, `study_uid`, `study_date`,
 /// `number`, `description`, `kernel`, `modality`, `image_type`, `localiser` and `files`. A
 /// segmentation also has `segments` (`label`, `name`), and is usable with --labels. Values that are
-/// not known are null. If `folder` is a file, it is listed like the only file of a folder. Errors
-/// (refused): there is no such folder, or it is empty.
+/// not known are null. If `folder` is a file, it is listed like the only file of a folder. Errors:
+/// kRefused if `folder` does not exist, cannot be read, or contains no scan.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 
 /// The list as a table for people. `folder` is the folder or file that was listed.
 std::string scan_table(const nlohmann::json& list, const std::string& folder);
 
-/// Checks that at least one scan of the list is usable. Errors (refused): none is.
+/// Checks that at least one scan of the list is usable. Errors: kRefused if none is.
 Result<void> check_any_usable(const nlohmann::json& list, const std::string& folder);
 
 }  // namespace trocar::pipeline

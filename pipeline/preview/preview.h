@@ -31,8 +31,8 @@ struct PreviewSlice {
   EdgeLetters letters;
 };
 
-/// The material in all slices shown if the threshold or level were changed by `change`. It is
-/// computed by the same stages, but without solid bone and with a scanner's table.
+/// The material in all slices shown, if the threshold or level were changed by `change`. It is
+/// computed by the same stages as a run, but without solid bone and with the scanner's table.
 struct Change {
   double change = 0, threshold = 0, area_mm2 = 0;
   std::size_t outlines = 0;
@@ -59,8 +59,8 @@ struct Preview {
   double lowest_cut = 0, highest_cut = 0;
   Histogram histogram;          ///< empty for labels
   std::vector<Change> changes;  ///< empty for labels; the third one has change 0
-  std::map<int, std::int64_t>
-      label_voxels;  ///< number of voxels of each wanted label and each label except 0
+  /// Number of voxels of each label: of all wanted labels, and of all others that occur, except 0.
+  std::map<int, std::int64_t> label_voxels;
   bool has_solid = false;
   bool has_table = false;  ///< a scanner's table was found and left out
   bool is_filled = false;  ///< SolidOptions::fill_mm2 is given
@@ -68,12 +68,12 @@ struct Preview {
 };
 
 /// Previews `count` slices, evenly spread between the first and the last slice with material. In
-/// scans of more than 64 slices these two are found by bisection. Then only the slices that are
-/// needed are read, unless solid bone needs all of them. The number of threads does not change the
-/// result. Errors: those of the first stages of mesh_stack().
+/// scans of more than 64 slices, the first and the last one are found by bisection, so that only
+/// the slices that are needed are read (all of them if there is solid bone). The number of threads
+/// does not change the result. Errors: those of the first stages of mesh_stack().
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
-/// The unit of the values, in words: "HU", "grey levels", the modality with "values", or "labels".
+/// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.
 std::string unit_name(const Preview& preview);
 
 }  // namespace trocar::pipeline

@@ -19,7 +19,7 @@ struct Picture {
 };
 
 /// The text above the slices. Nothing on a sheet comes from names or texts of the input, because
-/// they may identify the patient.
+/// such texts may identify the patient.
 struct SheetText {
   std::string title;
   std::string options;  ///< the options that determine the material, in words
@@ -35,8 +35,8 @@ struct Sheet {
   /// The region of each slice that its tile shows. It contains the material of all slices, and a
   /// margin. The tile's edges are the outer edges of these pixels.
   Crop view;
-  double window_low = 0, window_high = 0;  ///< values that are drawn black and white; unused for
-                                           ///< labels
+  /// The values that are drawn black (low) and white (high); unused for labels.
+  double window_low = 0, window_high = 0;
 };
 
 /// Draws the sheet with the same scale for all slices.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The sentences and numbers of a preview, for its picture and its page. Nothing in them comes from
-// names or texts of the input, because they may identify the patient.
+// names or texts of the input, because such texts may identify the patient.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
@@ -26,8 +26,8 @@ std::string slices_shown(const Preview& preview);
 /// Sizes of the scan and of the region shown.
 std::string size_text(const Preview& preview, const Crop& view);
 
-/// The preview's warnings, each once, without file names. A sentence that may contain names or
-/// texts of the input is replaced by one that refers to the messages on the terminal.
+/// The preview's warnings, each once, without file names. If a sentence may contain names or texts
+/// of the input, another sentence that refers to the messages on the terminal replaces it.
 std::vector<Warning> shown_warnings(const Preview& preview);
 
 /// A sentence that explains the areas and outlines of Preview::changes.

@@ -26,13 +26,14 @@ int text_width(const std::string& text, double size);
 void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
                const cv::Scalar& colour, Align align = Align::kLeft);
 
-/// The same, but in light blue with a dark border, so that it can be read on any image.
+/// Like draw_text(), but in light blue with a dark border, so that the text is legible on any
+/// image.
 void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align);
 
 /// The text broken into lines of at most `width` pixels.
 std::vector<std::string> wrapped(const std::string& text, double size, int width);
 
-/// The largest of 1, 2 or 5 times a power of ten that is at most `value`.
+/// The largest number not above `value` that is 1, 2 or 5 times a power of ten.
 double nice_below(double value);
 
 }  // namespace trocar::pipeline

@@ -15,7 +15,7 @@
 
 namespace trocar::pipeline {
 
-/// The picture as a PNG file. Errors (refused): not enough memory.
+/// The picture as a PNG file. Errors: kRefused if there is not enough memory.
 Result<std::vector<std::uint8_t>> png_of(const Picture& picture);
 
 /// Was the file written by png_of()?

@@ -16,7 +16,8 @@
 namespace trocar::pipeline {
 
 /// The numbers in a text such as "A:B", "X,Y,Z" or "X0:X1,Y0:Y1". `pattern` has a # for each
-/// number, and the text must match it completely. `like` names the form in the message.
+/// number, and the text must match the pattern completely. Errors: kUsage if it does not; the
+/// message says that the value of `option` must be `like`.
 template <typename T>
 Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern,
                                const std::string& option, const char* like) {
@@ -38,12 +39,13 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-/// Adds the labels of a list, whose elements are L or A-B with commas between them. If `joined` is
-/// given, elements may also be joined by +, and each set of joined labels is added to `joined`.
+/// Adds the labels of a list to `labels`. The elements of a list are L or A-B, with commas between
+/// them. If `joined` is given, elements may also be joined by +, and each set of joined labels is
+/// added to `joined` instead. Errors: kUsage if the list is wrong.
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
                         std::vector<std::set<int>>* joined = nullptr);
 
-/// The labels of all values of --labels.
+/// The labels of all values of --labels. Errors: kUsage if a list is wrong.
 Result<Labels> labels(const std::vector<std::string>& lists);
 
 }  // namespace trocar::pipeline

@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// The values of the options. The CLI::Option of some options is kept, because it counts how often
-/// the option was given.
+/// The values of the options. For some options the CLI::Option is kept too, because it counts how
+/// often the option was given.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;
@@ -33,7 +33,8 @@ struct Arguments {
 
 /// Declares the options; `a` must outlive the app.
 void add_mesh_options(CLI::App& app, Arguments& a);
-/// Declares the same options for a preview, except those of the other outputs of a run.
+/// Declares the options of a preview: those of meshing, except the ones for outputs that a preview
+/// does not write.
 void add_preview_options(CLI::App& app, Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -17,23 +17,24 @@ namespace trocar::pipeline {
 /// patient's LPS frame) and `.svg`. If the asset has several materials, the files of material M are
 /// `slice_NNNN_M.poly` and so on. The folder is created if needed, and an earlier export of the
 /// same slices is replaced. Either all files appear or none. Returns the names of files that an
-/// export of other slices has left in the folder. These files are kept, and could be mistaken for
-/// files of this asset. Errors: (unwritable), also if `stop` was set.
+/// export of other slices has left in the folder. These files are kept, although they could be
+/// mistaken for files of this asset. Errors: kUnwritable if a file cannot be written or `stop` was
+/// set; kRefused if a mesh is not manifold.
 Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);
 
-/// Whether this is the ending of a file of one surface: .stl, .ply or .obj.
+/// Is this the ending of a file with one surface: .stl, .ply or .obj?
 bool is_surface_ending(std::string_view ending);
 
 /// The surface as binary .stl, binary .ply or .obj (the latter two with normals): mm, in the
-/// patient's LPS frame, counter-clockwise seen from outside.
+/// patient's LPS frame, counter-clockwise seen from outside. Errors: kRefused if the surface is not
+/// manifold.
 Result<std::string> surface_text(const TriangleSurface& surface, const std::string& ending);
 
-/// Writes each surface as binary `.stl`, binary `.ply` and `.obj`: mm, in the patient's LPS frame,
-/// counter-clockwise seen from outside. The files are `surface.stl` and so on, or `surface_M.stl`
-/// for material M of several. Apart from that, it does the same as export_asset(). Errors: those of
-/// export_asset(); (refused) the asset has no surface.
+/// Writes each surface as binary `.stl`, binary `.ply` and `.obj`, as surface_text() makes them.
+/// The files are `surface.stl` and so on, or `surface_M.stl` for material M of several. Either all
+/// files appear or none. Errors: those of export_asset(); kRefused if the asset has no surface.
 Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
                              const std::atomic<bool>* stop = nullptr);
 

@@ -23,7 +23,8 @@ struct BatchArguments {
 void add_batch_options(CLI::App& app, BatchArguments& a);
 
 /// Runs the batch and returns the exit code: 0; 2 for wrong options or a wrong collection; 3 if a
-/// scan failed that is no known failure, or is one with --strict; 4 if the store could not be written or a signal interrupted the run.
+/// scan failed that is not a known failure (farm/store.md), or, with --strict, if there is any
+/// failure; 4 if the store could not be written or a signal interrupted the run.
 int run_batch(const BatchArguments& a);
 
 }  // namespace trocar::pipeline

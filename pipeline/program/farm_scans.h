@@ -14,10 +14,10 @@ namespace trocar::pipeline {
 
 class FarmScans : public farm::ScanProgram {
  public:
-  /// Errors (usage): an option that trocar-mesh does not have, or that is not allowed in a
-  /// collection; the errors of the command line, with the same messages.
+  /// Errors: kUsage if trocar-mesh does not have an option, or if a collection must not give it;
+  /// those of the command line, with the same messages.
   Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
-  /// True for all inputs except NIfTI files.
+  /// False if all inputs, and the CT of --hu if there is one, are NIfTI files.
   bool opens_first(const std::vector<std::filesystem::path>& inputs,
                    const farm::Parameters& parameters) const override;
   Result<std::unique_ptr<farm::OpenedScan>> open(const nlohmann::json& given,

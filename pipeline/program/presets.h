@@ -16,18 +16,18 @@ namespace trocar::pipeline {
 
 struct Preset {
   std::string_view name, words;
-  std::vector<std::pair<std::string_view, std::string_view>> options;  ///< names with --, and
-                                                                       ///< values
+  /// Names with --, and values.
+  std::vector<std::pair<std::string_view, std::string_view>> options;
 };
 
 std::span<const Preset> presets();
 
-/// The words of a command line, followed by those options of its `--preset` that it does not give
+/// The words of a command line, with those options of its `--preset` added that it does not give
 /// itself. The words are unchanged if no preset has the given name.
 std::vector<std::string> with_preset_options(const std::vector<std::string>& words);
 
-/// The options and the meaning of the preset `name`, or of all presets if `name` is empty. Errors
-/// (usage): no such preset.
+/// The options and the meaning of the preset `name`, or of all presets if `name` is empty. Errors:
+/// kUsage if there is no such preset.
 Result<std::string> explain_presets(const std::string& name);
 
 }  // namespace trocar::pipeline

@@ -11,10 +11,10 @@
 
 namespace trocar::pipeline {
 
-/// The options of meshing. Errors: (usage) names the option.
+/// The options of meshing. Errors: kUsage; the message names the option.
 Result<StackOptions> stack_options(const Arguments& a);
 
-/// The options of opening the scan. Errors: (usage) names the option.
+/// The options of opening the scan. Errors: kUsage; the message names the option.
 Result<OpenOptions> open_options(const Arguments& a);
 
 /// "transverse", "coronal" or "sagittal".

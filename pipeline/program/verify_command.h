@@ -19,7 +19,7 @@ struct VerifyArguments {
 /// Declares the options; `a` must outlive the app.
 void add_verify_options(CLI::App& app, VerifyArguments& a);
 
-/// Checks every asset, prints the outcomes and returns the exit code of the first failure.
+/// Checks every asset, prints the outcomes and returns the exit code of the first failure, or 0.
 int run_verify(const VerifyArguments& a);
 
 }  // namespace trocar::pipeline

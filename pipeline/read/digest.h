@@ -13,14 +13,14 @@
 
 namespace trocar::pipeline {
 
-/// BLAKE2b-256 of a file's bytes, hexadecimal. Errors (refused): the file cannot be read.
+/// BLAKE2b-256 of a file's bytes, hexadecimal. Errors: kRefused if the file cannot be read.
 Result<std::string> digest_file(const std::filesystem::path& file);
 
 inline constexpr std::size_t kMinKeyBytes = 16, kMaxKeyBytes = 64;
 
-/// The keyed digest of an input: BLAKE2b-256 of the concatenated hexadecimal digests of its files.
-/// (In this way the files can be digested in parallel.) The key must have kMinKeyBytes to
-/// kMaxKeyBytes bytes.
+/// The keyed digest of an input, hexadecimal: BLAKE2b-256 of the concatenated hexadecimal digests
+/// of its files. (The files can thus be digested in parallel.) Precondition: the key has
+/// kMinKeyBytes to kMaxKeyBytes bytes.
 std::string digest_input(const std::vector<std::string>& file_digests,
                          const std::vector<std::uint8_t>& key);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Unpacks a gzip file (RFC 1952) as a stream. It uses ISA-L, which is about twice as fast as zlib.
+// Unpacks a gzip file (RFC 1952) as a stream. ISA-L does the work, about twice as fast as zlib.
 #pragma once
 
 #include <cstdint>
@@ -15,17 +15,17 @@ namespace trocar::pipeline {
 
 class GzipReader {
  public:
-  /// `descriptor` must refer to a file for which is_gzip() holds, and the caller must keep it open.
-  /// The file is read from its start by pread(). `name` is used in messages.
+  /// Precondition: is_gzip(descriptor) holds, and the caller keeps the descriptor open. The file is
+  /// read from its start by pread(). `name` is used in messages.
   GzipReader(int descriptor, std::string name);
 
   static bool is_gzip(int descriptor);
 
-  /// Fills `to` with the next unpacked bytes, member after member, and returns their number, which
-  /// is less than to.size() only at the end of the data. Bytes behind the last member are ignored,
-  /// as gzip does. The checksum of a member is verified when its last bytes are read. Errors
-  /// (refused): the gzip data are damaged. A file that ends early is not an error: the data end
-  /// there.
+  /// Fills `to` with the next unpacked bytes and returns their number, which is less than to.size()
+  /// only at the end of the data. A gzip file consists of members, which are unpacked one after the
+  /// other. The checksum of a member is verified when its last bytes are read. Bytes behind the
+  /// last member are ignored, as gzip does. A file that ends early is not an error: the data end
+  /// there. Errors: kRefused if the gzip data are damaged.
   Result<std::size_t> read(std::span<char> to);
 
  private:

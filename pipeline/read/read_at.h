@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// Reads to.size() bytes from offset `at` of a file. Returns their number, which is smaller at the
-/// end of the file and after an error.
+/// Reads to.size() bytes from offset `at` of a file. Returns the number of bytes read, which is
+/// smaller than to.size() at the end of the file and after an error.
 inline std::size_t read_at(int descriptor, std::int64_t at, std::span<char> to) {
   std::size_t done = 0;
   while (done < to.size()) {

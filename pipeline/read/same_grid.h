@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Compares the voxel grids of two stacks. They must be equal, because nothing is resampled.
+// Compares the voxel grids of two stacks. The grids must be equal, because nothing is resampled.
 // Tests: tests/pipeline/open/labels_with_ct_test.py
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace trocar::pipeline {
 
-/// Tolerance of the positions of two stacks' voxels, in voxels.
+/// Largest allowed distance between corresponding voxels of two stacks, in voxels.
 inline constexpr double kSameVoxel = 1e-3;
 
 /// Describes how `plane` differs from `other`, both with width x height pixels, for example
@@ -25,7 +25,7 @@ double slice_step_mm(const SliceStack& stack, int slice);
 
 /// The first difference between the grid of a stack and another grid.
 struct GridDifference {
-  int slice = -1;    ///< index of the slice; -1 if the sizes or the first slices differ
+  int slice = -1;    ///< index of the slice; -1 if sizes, first slices or slice distances differ
   std::string what;  ///< description, such as "size is ... voxels, not ..."
 };
 std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other);

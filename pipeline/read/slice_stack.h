@@ -27,22 +27,22 @@ inline constexpr float kNoData_HU = -1024;
 struct Image {
   int width = 0, height = 0;
   std::vector<float> values;
-  std::size_t not_numbers = 0;  ///< number of pixels that were NaN and are background here
+  std::size_t not_numbers = 0;  ///< number of NaN pixels, which `values` has as background
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
 /// A message to the user about something that did not stop the work.
 struct Warning {
-  std::string code;   ///< name for scripts, which does not change
-  std::string where;  ///< the files or slices that it concerns
+  std::string code;   ///< stable name, for scripts
+  std::string where;  ///< the files or slices concerned
   std::string sentence;
-  std::string shared = {};  ///< replacement in reports for a sentence that could identify the
-                            ///< patient
+  /// Replaces `sentence` in reports if the sentence could identify the patient, otherwise empty.
+  std::string shared = {};
 };
 
 /// The attributes by which a DICOM series describes itself, in UTF-8. Missing ones are empty.
 struct SeriesInfo {
-  std::string uid;  ///< if the series has none: a text made from what its images have in common
+  std::string uid;  ///< if the files state none: a text made from what the images have in common
   std::string study_uid, study_date;
   std::optional<int> number;
   std::string description, kernel, modality;
@@ -60,7 +60,8 @@ enum class PixelUnit {
 /// the origin at the centre of pixel (0, 0); u x v is the normal.
 struct SlicePlane {
   double spacing_u_mm = 0, spacing_v_mm = 0;
-  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< orthonormal, mm
+  /// Maps plane coordinates to LPS (DICOM's patient coordinates), mm. Its axes are orthonormal.
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   double z_mm = 0;  ///< coordinate of the origin along the first slice's normal
 };
 
@@ -73,21 +74,21 @@ class SliceStack {
   virtual int height() const = 0;
   virtual PixelUnit pixel_unit() const = 0;
   virtual const SlicePlane& plane(int slice) const = 0;
-  virtual std::string name(int slice) const = 0;  ///< the file, or the volume and the index; for
-                                                  ///< messages
-  /// Reads the pixels of a slice. Errors: (refused) names file, slice and reason.
+  /// The name of a slice in messages: its file, or the volume and the index.
+  virtual std::string name(int slice) const = 0;
+  /// Reads the pixels of a slice. Errors: kRefused; the message names file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
-  /// Waits until a gzipped volume is completely unpacked (OpenOptions::unpack_behind). Errors
-  /// (refused): it is damaged, even if no slice needed the damaged part, such as the checksum.
+  /// Waits until a gzipped volume is completely unpacked (OpenOptions::unpack_behind). Errors:
+  /// kRefused if the volume is damaged, even in a part that no slice needed, such as the checksum.
   virtual Result<void> finish() const { return {}; }
   /// The time that read() has waited so far for a volume to be unpacked, added up over all threads.
   virtual double waited_ms() const { return 0; }
 
   std::vector<Warning> warnings;                ///< the reader's warnings
   std::optional<SeriesInfo> series;             ///< the series of the slices; DICOM input only
-  std::optional<VoxelConflict> voxel_conflict;  ///< NIfTI input only
-  std::string modality;  ///< if pixel_unit() is kUncalibrated: such as "MR"; otherwise empty
-  /// The files that the slices come from, in order; digest_input() identifies them.
+  std::optional<VoxelConflict> voxel_conflict;  ///< set if a NIfTI states two voxel sizes
+  std::string modality;  ///< such as "MR" if pixel_unit() is kUncalibrated; otherwise empty
+  /// The files that the slices come from, in the order in which digest_input() takes them.
   std::vector<std::filesystem::path> files;
   /// The names that a DICOM segmentation gives its labels, as stored, in UTF-8; empty for other
   /// input.
@@ -104,21 +105,21 @@ enum class SliceAxis { kAxial, kCoronal, kSagittal };
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; used for input without a spacing
   std::string series;    ///< UID, number or description; see named_series()
-  std::set<int> labels;  ///< wanted labels with as_labels; they must not overlap; empty: all
-  /// The CT from which a DICOM segmentation was made, along its stored axis. The segmentation gets
-  /// the slices of the CT, although most of them may have no frame.
+  std::set<int> labels;  ///< wanted if as_labels is set; must not overlap; empty: all
+  /// The CT from which a DICOM segmentation was made, opened along its stored axis. The opened
+  /// segmentation has all slices of the CT, even those for which the file has no frame.
   const SliceStack* segmented_ct = nullptr;
-  std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis; for a NIfTI volume axial
-  std::optional<int> volume;      ///< volume of a NIfTI that holds several, counted from 0
+  std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis, or axial for a NIfTI volume
+  std::optional<int> volume;      ///< index of the volume in a NIfTI that holds several
   bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations
   bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
-  /// Unpack a gzipped volume while its first slices are already read. Damage is then reported by
-  /// SliceStack::read() and finish().
+  /// Unpack a gzipped volume on another thread, while its first slices are already read. Damage is
+  /// then reported by SliceStack::read() and finish().
   bool unpack_behind = false;
 };
 
-/// The name of the input in messages: its file, or the folder of its files; empty if there are
-/// none.
+/// The name of the input in messages: its file, or the folder of its files. Empty if the stack has
+/// no files.
 std::string input_name(const SliceStack& stack);
 
 inline constexpr int kMaxImageSide = 1 << 15;

@@ -16,22 +16,25 @@ namespace trocar::pipeline {
 struct StackShape {
   std::vector<double> gaps_mm;  ///< distances along the normal, from each slice to the next
   double step_mm = 0;           ///< median of gaps_mm; 0 for a single slice
-  double shift_mm = 0;          ///< the largest shift from one slice to the next, within the planes
-  double tilt_deg = 0;  ///< gantry tilt: angle between the normal and the line of the positions
+  double shift_mm = 0;          ///< largest shift within the planes from one slice to the next
+  /// Gantry tilt: the angle between the normal and the line from the first position to the last.
+  double tilt_deg = 0;
 
   bool is_tilted() const { return shift_mm > 0.01; }
   bool is_uneven(std::size_t gap) const;  ///< true if the gap differs from step_mm by more than 1 %
   std::optional<std::size_t> first_uneven() const;
 };
 
-/// `positions` are the origins of the slices in mm. They must ascend along `normal`, a unit vector.
+/// Precondition: the positions, which are the origins of the slices in mm, ascend along the unit
+/// vector `normal`.
 StackShape stack_shape(const std::vector<Eigen::Vector3d>& positions,
                        const Eigen::Vector3d& normal);
 
 StackShape stack_shape(const SliceStack& stack);
 
-/// Errors (refused): a slice from `first` to `last` is not parallel to slice `first`, has another
-/// pixel spacing, or does not lie above the slice before it. The message ends with `advice`.
+/// Checks that each slice from `first` to `last` is parallel to slice `first`, has the same pixel
+/// spacing, and lies above the slice before it. Errors: kRefused if one does not; the message ends
+/// with `advice`.
 Result<void> check_parallel(const SliceStack& stack, int first, int last,
                             const std::string& advice);
 

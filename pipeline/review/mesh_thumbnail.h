@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// AssetSlice::index of the middle one of the slices with triangles; std::nullopt if no slice has
-/// any.
+/// AssetSlice::index of the middle one of the slices with triangles; std::nullopt if there is no
+/// such slice.
 std::optional<int> middle_slice(const Asset& asset);
 
 struct Thumbnail {
@@ -19,9 +19,9 @@ struct Thumbnail {
   double width_mm = 0, height_mm = 0;  ///< size of the material in the slice
 };
 
-/// Draws the slice, which must have triangles, into a square of `size_px`: its triangles (with
-/// brightness by HU if the asset has HU), the edges between them, and the outline. Each material
-/// has its own colour.
+/// Draws a slice into a square of `size_px`: its triangles (with brightness by HU if the asset has
+/// HU), the edges between them, and the outline. Each material has its own colour. Precondition:
+/// the slice has triangles.
 Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px);
 
 }  // namespace trocar::pipeline

@@ -8,14 +8,14 @@
 
 namespace trocar::pipeline {
 
-/// A browser resolves `..` in a link by the text of the page's address, without looking at symbolic
-/// links. The links are relative if they are right both for the page's path as it was given and for
-/// its path without symbolic links, so that page and store can be moved together. Otherwise they are
-/// absolute (`file:///...`).
+/// Links are relative, so that page and store can be moved together. If symbolic links would make a
+/// relative link wrong, links are absolute (`file:///...`): a browser resolves `..` by the text of
+/// the page's address, without looking at symbolic links. A relative link is therefore used only if
+/// it is right both for the page's path as it was given and for its path without symbolic links.
 class PageLinks {
  public:
   PageLinks(const std::filesystem::path& page, const std::filesystem::path& store);
-  /// The URL of a file, whose path is relative to the store.
+  /// The URL of a file. `file` is its path relative to the store.
   std::string to(const std::filesystem::path& file) const;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The index on the first page of a review, by which that page searches, filters and sorts the scans
-// of all pages.
+// The index on the first page of a review. By this index the page searches, filters and sorts the
+// scans of all pages.
 // Tests: tests/e2e/review_test.py, tests/e2e/review_page_test.py
 #pragma once
 
@@ -12,7 +12,8 @@
 
 namespace trocar::pipeline {
 
-/// A scan takes 20 to 35 bytes of text and its name, so that the index has at most about 15 MB.
+/// Largest number of scans in the index. A scan takes 20 to 35 bytes of text in addition to its
+/// name, so the index has at most about 15 MB.
 inline constexpr std::size_t kMaxIndexed = 100'000;
 
 class ScanIndex {
@@ -31,12 +32,12 @@ class ScanIndex {
     std::optional<std::uint64_t> bytes = {}, triangles = {}, slices = {};
   };
 
-  /// Only the first kMaxIndexed scans are kept.
+  /// Makes an index for this number of scans, of which only the first kMaxIndexed are kept.
   explicit ScanIndex(std::size_t scans);
   /// Sets the row of a scan. `place` is its number in the order of the pages.
   void set(std::size_t place, Row row);
-  /// The rows as one array for each column, because that is the shortest text. The place of a scan
-  /// in the arrays gives its page. "further" is the number of scans that are not kept.
+  /// The rows as one array for each column, because that is the shortest text. The position of a
+  /// scan in the arrays determines its page. "further" is the number of scans that are not kept.
   nlohmann::json as_json() const;
 
  private:

@@ -12,7 +12,7 @@
 
 namespace trocar::pipeline {
 
-/// A value for the asset in the store, and for the asset in the other store.
+/// A value of the asset in the store (`now`) and of the asset in the other store (`before`).
 template <typename T>
 struct Both {
   T now{}, before{};
@@ -23,9 +23,9 @@ struct AssetDifference {
   /// over the slices with material in both. If the planes of a slice differ, the outlines are
   /// compared in the plane of the newer asset. Accurate to 0.001 mm.
   double hausdorff_mm = 0;
-  int worst_slice = -1;  ///< slice with this distance; -1 if no slice has material in both
-  int slices_changed = 0;
-  Both<int> slices_alone;  ///< slices with material in only one of the assets
+  int worst_slice = -1;    ///< slice with this distance; -1 if no slice has material in both
+  int slices_changed = 0;  ///< slices whose outline or number of triangles differs
+  Both<int> slices_alone;  ///< slices with material in only this one of the assets
   Both<double> area_mm2;
   Both<std::uint64_t> triangles;
 };
@@ -41,8 +41,8 @@ struct ScanDifference {
   AssetDifference geometry;  ///< differences of kChanged
   Both<std::uint64_t> bytes;
 };
-/// "damaged", "failed" (it had not failed before), "gone" (it has no entry any more), "changed",
-/// "repaired" (it had failed before), "new".
+/// "damaged", "failed" (the scan had not failed before), "gone" (the scan has no entry any more),
+/// "changed", "repaired" (the scan had failed before), "new".
 const char* name_of(ScanDifference::Kind kind);
 
 struct StoreDiff {
@@ -51,8 +51,8 @@ struct StoreDiff {
 };
 /// Compares two stores. Reads only assets whose digests differ. The differences are ordered by
 /// kind, then by the number of slices with material in only one asset, then by distance, then by
-/// the difference of area, of triangles and of bytes, then by name. If `stop` is given and set, the
-/// comparison ends early with the error (unwritable).
+/// the difference of area, of triangles and of bytes, then by name. Errors: kUnwritable if `stop`
+/// was set; the comparison then ends early.
 Result<StoreDiff> compare_stores(const farm::Store& now, const farm::Store& before,
                                  const std::atomic<bool>* stop = nullptr);
 

@@ -12,8 +12,7 @@
 
 namespace trocar::farm {
 
-/// The data of a scan in the index. They are small, so that the records of all scans fit into
-/// memory.
+/// The data of a scan in the index. The data are small, so that those of all scans fit into memory.
 struct IndexedScan {
   enum class Status { kDone, kFailed, kDamaged };
   std::string name;
@@ -25,7 +24,7 @@ struct IndexedScan {
 /// All scans of the index, sorted by name. An entry that cannot be read has the status kDamaged.
 std::vector<IndexedScan> indexed_scans(const Store& store);
 
-/// Reads an asset. Errors: (refused) the file is missing, does not have its digest, or is not an
+/// Reads an asset. Errors: kRefused if the file is missing, does not have its digest, or is not an
 /// asset; the message names the file and the remedy.
 Result<Asset> read_stored_asset(const Store& store, const Object& object);
 

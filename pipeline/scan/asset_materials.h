@@ -14,12 +14,12 @@
 
 namespace trocar::pipeline {
 
-/// The materials of an asset. The map leads from MeshedMaterial::first_label to the index in
-/// Asset::materials.
+/// The materials of an asset. Key: MeshedMaterial::first_label; value: index in Asset::materials.
 using MaterialIndices = std::map<int, int>;
 
-/// The name of the label. For a material of several joined labels, the name consists of as many of
-/// their names as fit into kMaxNameBytes.
+/// The name of the material that `first_label` identifies, which is the name of its label. For a
+/// material of several joined labels, the name consists of as many of their names as fit into
+/// kMaxNameBytes.
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label);
 
 /// Asset::materials, in the order of `indices`.

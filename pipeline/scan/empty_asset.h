@@ -10,10 +10,10 @@
 
 namespace trocar::pipeline {
 
-/// Makes the error (refused) for the case that none of the slices `first` to `last` (both included)
-/// has triangles. The message states the values in the slices and suggests what to try. It lists
-/// the labels if the values look like a label map, or if labels were wanted. The slices are read
-/// again; if this fails, the error of reading is returned.
+/// Makes the error kRefused for the case that none of the slices `first` to `last` (both included)
+/// has triangles. The message states the values in the slices, or the labels if the values look
+/// like a label map, and suggests what to try. The slices are read again; if this fails, the error
+/// of reading is returned.
 Error empty_asset_error(const SliceStack& stack, int first, int last, const MeshOptions& options,
                         const LabelNames& names = {});
 

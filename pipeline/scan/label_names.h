@@ -21,9 +21,10 @@ inline constexpr int kMaxLabel = 999'999'999;
 class LabelNames {
  public:
   /// Reads the names that the argument of --names gives: a table (verse, totalsegmentator) or a
-  /// JSON file {"20": "L1", ...}. Errors (refused): there is no such file, it is larger than 1 MiB
-  /// or not JSON, a key is not a label, a name is invalid, or a label or name occurs twice.
+  /// JSON file {"20": "L1", ...}. Errors: kRefused if there is no such file, it is larger than 1
+  /// MiB or not JSON, a key is not a label, a name is invalid, or a label or name occurs twice.
   static Result<LabelNames> named(const std::string& what);
+  /// Is the argument of --names the name of a table?
   static bool is_table(const std::string& what);
 
   /// Adds the names that the input itself gives to labels that have no name yet. A name that is
@@ -39,7 +40,7 @@ class LabelNames {
 
  private:
   static Result<LabelNames> of_file(const std::string& file);
-  bool add(int label, const std::string& name);  // false: the name is in use
+  bool add(int label, const std::string& name);  // returns false if the name is in use
   std::map<int, std::string> names_;
   std::set<std::string> used_;
 };

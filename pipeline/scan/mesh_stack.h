@@ -21,7 +21,7 @@ namespace trocar::pipeline {
 struct StackOptions {
   MeshOptions mesh;
   SolidOptions solid;
-  bool keep_table = false;  ///< without it, a scanner's table is left out (scanner_table.h)
+  bool keep_table = false;  ///< false: the scanner's table is left out (scanner_table.h)
   LabelNames names;         ///< names of labels; other labels get the names in the scan
   std::optional<SurfaceOptions> surface;      ///< adds a surface for display
   std::optional<SliceAxis> axis;              ///< axis along which the stack was opened
@@ -30,7 +30,7 @@ struct StackOptions {
   std::vector<std::uint8_t> input_key;        ///< key of the input's digest; empty: no digest
   bool lines = false;                         ///< Asset::lines
   bool colours = false;                       ///< Asset::colours
-  /// Pitch of Asset::context, mm; 0: default_context_mm(); no value: without it.
+  /// Pitch of Asset::context, mm. 0: default_context_mm(); no value: the asset gets no context.
   std::optional<double> context_mm;
   std::optional<int> dump_slice;  ///< slice whose StackResult::stages are wanted
   std::function<void(int done, int total)> progress;  ///< called by any thread, one call at a time
@@ -42,20 +42,21 @@ struct StackOptions {
 struct StackResult {
   std::string input_key_digest;  ///< empty without a key
   std::vector<std::uint8_t> glb;
-  std::vector<AssetSurface> surfaces;  ///< those in the glb
+  std::vector<AssetSurface> surfaces;  ///< the surfaces in the glb
   nlohmann::json report;
   nlohmann::json stages;  ///< contours, outline and meshes of slice dump_slice, or null
 };
 
-/// Checks the options against the stack. Errors (usage): slices or crop are outside the stack;
-/// vertex colours, areas graded by HU (graded_area.h) or a context are wanted but the values are not HU.
+/// Checks the options against the stack. Errors: kUsage if slices or crop are outside the stack, or
+/// if vertex colours, areas graded by HU (graded_area.h) or a context are wanted but the values are
+/// not HU.
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
 /// Meshes the stack. The same stack and options give the same glb, with any number of threads. If
 /// values are not HU, report and asset state this (formats/asset/asset.md). warnings.h describes
-/// the warnings in the report. Errors: those of check_ranges(); those of mesh_slice(); (refused) no
-/// slice has any material; (unwritable) the run was interrupted by StackOptions::stop. If a slice
-/// fails, there is no asset. If several slices fail, the error of the lowest one is returned.
+/// the warnings in the report. If a slice fails, there is no asset. If several slices fail, the
+/// error of the lowest one is returned. Errors: those of check_ranges() and mesh_slice(); kRefused
+/// if no slice has any material; kUnwritable if StackOptions::stop has interrupted the run.
 Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
                                const nlohmann::json& parameters);
 

@@ -18,11 +18,11 @@ class RunStages {
   /// Adds the time since the last lap to the stage.
   void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
 
-  /// Adds the stages on which several threads have worked since the last lap. `thread_ms` has the
-  /// time of each stage, summed over all threads. This sum is divided by the number of threads.
-  /// `busy_ms` is the time, summed over all threads, in which they were busy. The remaining time is
-  /// added to the stage `idle`. Busy time that belongs to no stage is not listed, so the stages can
-  /// add up to less than the time of the run.
+  /// Adds the times of stages on which several threads have worked since the last lap. `thread_ms`
+  /// has the time of each stage, summed over all threads; this sum is divided by the number of
+  /// threads. `busy_ms` is the time in which threads were busy, summed over all threads. The rest
+  /// of the time since the last lap is added to the stage `idle`. Busy time that belongs to no
+  /// stage is not listed, so the stages can add up to less than the time of the run.
   void lap_shared(int threads, double busy_ms, const std::map<std::string, double>& thread_ms) {
     for (const auto& [stage, ms] : thread_ms)
       ms_[stage] += ms / threads;

@@ -15,7 +15,7 @@ namespace trocar::pipeline {
 /// The grid of the slice's cropped pixels.
 PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options);
 
-/// The contours of a slice's field as one material. The field must come from slice_field().
+/// The contours of a slice's field as one material. Precondition: `field` comes from slice_field().
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field);
 
@@ -25,15 +25,17 @@ struct SliceBorders {
   std::optional<LabelBorders> shared;
 };
 
-/// The contours of all materials of a slice. Merges small components in pixels.several. A material
-/// that vanishes because of this is removed from `materials`, which keeps at least one entry.
+/// The contours of all materials of a slice. First merges small components in pixels.several. A
+/// material that vanishes because of this is removed from `materials`, which keeps at least one
+/// entry.
 SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
                             SlicePixels& pixels, std::vector<MeshedMaterial>& materials);
 
+/// Simplifies the contours of a slice.
 SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
                         const SimplificationOptions& options);
 
-/// Returns the two-sided Hausdorff distance of each material, in mm. It is measured between the material's
+/// The two-sided Hausdorff distance of each material, in mm: the distance between the material's
 /// borders in `contours` and the borders of the same index in `other`.
 std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorders& other,
                                  const Lattice& lattice);

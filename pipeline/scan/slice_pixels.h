@@ -13,9 +13,9 @@
 namespace trocar::pipeline {
 
 struct SlicePixels {
-  Field field;                       ///< all materials together
-  std::optional<Image> original;     ///< the values before segmentation, if `field` no longer has
-                                     ///< them
+  Field field;  ///< all materials together
+  /// The values before segmentation, if `field` no longer has them.
+  std::optional<Image> original;
   std::optional<Image> ct;           ///< the CT of a label map
   bool needs_hu = false;             ///< true: the slice's own values are used as HU
   std::optional<double> solid_mean;  ///< result of SolidBone::apply()
@@ -29,7 +29,7 @@ struct SlicePixels {
     if (!needs_hu) return nullptr;
     return original ? &*original : &field.image;
   }
-  /// Returns the same image, and moves it out of this object.
+  /// Moves the image of hu() out of this object and returns it; no value if there is none.
   std::optional<Image> take_hu() {
     if (ct) return std::move(ct);
     if (!needs_hu) return std::nullopt;
@@ -46,8 +46,8 @@ struct SliceImages {
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 /// Segments a slice. Sets these members of `out`: materials (at least one entry, with first_label
-/// and mean_hu), labels, values and all_material. Errors: (refused) too many materials; (usage)
-/// options that only one material can have.
+/// and mean_hu), labels, values and all_material. Errors: kRefused if there are too many materials;
+/// kUsage if several materials have options that only one material can have.
 Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
                                   SliceImages images, MeshedSlice& out);
 

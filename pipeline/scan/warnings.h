@@ -33,9 +33,9 @@ nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
 /// One warning for each code, as in warnings_json().
 std::vector<Warning> grouped(const std::vector<Warning>& warnings);
 
-/// `warnings[]` of a run: the warnings of the slices, the warnings of the stack, voxel_volume
-/// (read/voxel_volume.h), face, and those of label_map_detection.h. `values` and `area_mm2` are
-/// totals over all meshed slices.
+/// `warnings[]` of a run: the warnings of the stack and of the slices, voxel_volume
+/// (read/voxel_volume.h), face (a face can be recognised in the asset), and those of
+/// label_map_detection.h. `values` and `area_mm2` are totals over all meshed slices.
 nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                             const ValueTally& values, double area_mm2,
                             const std::vector<SliceWarning>& of_slices);

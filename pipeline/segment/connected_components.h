@@ -17,13 +17,13 @@ struct VoxelGrid {
   std::array<std::vector<double>, 3> at_mm;
   std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
   std::size_t size() const { return count(0) * count(1) * count(2); }
-  /// The width of a voxel along an axis: half of the distance between its two neighbours. At the
-  /// ends it is the distance to the only neighbour.
+  /// The width of voxel i along an axis: half of the distance between its two neighbours. At either
+  /// end of the axis it is the distance to the only neighbour, and 1 if there is none.
   double width_mm(std::size_t axis, std::size_t i) const;
 };
 
-/// The grid of a scan whose slices are parallel and in ascending order (check_parallel()). Its origin is the
-/// centre of the first pixel of the first slice.
+/// The grid of a scan whose slices are parallel and in ascending order (check_parallel()). Its
+/// origin is the centre of the first pixel of the first slice.
 VoxelGrid grid_of(const SliceStack& stack);
 
 /// Components connected by faces, edges or corners, as runs of voxels along x. Component c has the

@@ -13,29 +13,29 @@
 
 namespace trocar::pipeline {
 
-/// Statistics of the values of some slices, for the rules below. A pair is two pixels side by
-/// side or one above the other. A pair is counted only if one of its values lies between the
-/// lowest and the highest of the slice, because saturated levels and the background are uniform
-/// in any picture.
+/// Statistics of the values of some slices, for the rules below. A pair is two pixels side by side
+/// or one above the other. A pair is counted only if at least one of its values lies strictly
+/// between the lowest and the highest value of the slice, because saturated levels and the
+/// background are uniform in any picture.
 struct ValueTally {
   double low = 0, high = 0;
   std::int64_t pixels = 0;
   bool has_fractions = false;  ///< whether a value is not a whole number
   std::set<int> values;        ///< the whole values, up to kMaxLabels + 1 of them
   std::int64_t equal = 0;      ///< number of pairs of equal values
-  std::int64_t steps = 0;      ///< number of pairs that differ by at most 1
-  std::int64_t jumps = 0;      ///< number of pairs that differ by more
+  std::int64_t steps = 0;      ///< number of pairs that differ, but by at most 1
+  std::int64_t jumps = 0;      ///< number of pairs that differ by more than 1
   bool has_negative = false;
-  std::int64_t offset_soft_tissue = 0;  ///< number of pixels of 964 to 1,124
+  std::int64_t offset_soft_tissue = 0;  ///< number of pixels with values from 964 to 1,124
 
   void add(const ValueTally& other);
 };
 
 inline constexpr std::size_t kMaxLabels = 256;
 
-/// O(pixels). Without `as_labels` the function stops as soon as none of the rules below can
-/// apply, which happens at the first pixels of a CT with air. The statistics are then those of
-/// the pixels read so far.
+/// Computes the statistics of a slice. Without `as_labels` the function stops at the first negative
+/// value, because none of the rules below can apply then. (A CT with air has one among its first
+/// pixels.) The statistics are then those of the pixels read so far. O(pixels).
 ValueTally tally_values(const Image& image, bool as_labels);
 
 /// Rule 1, looks_like_labels, applies to a scan in HU whose material is not chosen by labels. All
@@ -43,19 +43,21 @@ ValueTally tally_values(const Image& image, bool as_labels);
 ///  - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
 ///    or fat, below 0. A crop inside the body has noise.)
 ///  - At least two values are not 0. Or one value is not 0, it is at most 255, and the threshold is
-///    not half of it. (At half of its level a binary image gives the same mesh either way.)
+///    not half of it. (With a threshold at half of its level, a binary image gives the same mesh as
+///    a label map.)
 ///  - No value is above 255, or two labels differ by 1. Labels are small or numbered one after
 ///    another, whereas the HU of a phantom's materials are neither.
 ///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more than
-///    16 values, at least 40 % of the other pairs differ by more than 1. (A CT in a window of 8
-///    bits has less than 10 % of equal pairs. Where it is smoothed, its values change by 1.)
+///    16 values, at least 40 % of the unequal pairs differ by more than 1. (In a CT in a window of
+///    8 bits less than 10 % of the pairs are equal. Where the CT is smoothed, its values change by
+///    1.)
 ///
 /// Rule 2, looks_like_ct, applies to any scan whose material is chosen by labels. One of these
 /// conditions must hold:
 ///  - Some values are not whole numbers.
 ///  - Less than a third of the pairs are equal, and the number of unequal pairs is at least 32 and
-///    at least 1 % of all pixels. (Label maps of vertebrae at 1.5 mm have 66 % of equal pairs and
-///    more. Single marked voxels give few unequal pairs.)
+///    at least 1 % of all pixels. (In label maps of vertebrae at 1.5 mm, at least 66 % of the pairs
+///    are equal. Single marked voxels give few unequal pairs.)
 ///
 /// Rule 3, looks_offset, applies to a scan in HU whose material is chosen by a threshold. All of
 /// these conditions must hold: no value is negative, more than 256 are different, and at least 15 %

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A label map's pixels as materials, each of which is a set of labels, and the rule that decides
-// which of them are connected.
+// Assigns the pixels of a label map to materials, each of which is a set of labels. Also defines
+// which pixels of a material are connected.
 // Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
@@ -18,18 +18,19 @@ using MaterialNumber = std::uint16_t;
 inline constexpr MaterialNumber kNoMaterial = 0;
 inline constexpr std::size_t kMaxMaterials = 65'535;
 
-/// Row-major, as Image: kNoMaterial, or one more than the index of the pixel's material.
+/// The material of each pixel. `values` is row-major, as in Image; a value is kNoMaterial, or one
+/// more than the index of the pixel's material.
 struct MaterialImage {
   int width = 0, height = 0;
   std::vector<MaterialNumber> values;
-  /// The labels of each material that occur in the image.
+  /// One set for each material: those of its labels that occur in the image.
   std::vector<std::set<int>> labels;
 
   MaterialNumber at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
-/// A pixel belongs to the first material that contains its label. A label is a whole number. There
-/// may be at most kMaxMaterials. O(pixels).
+/// Assigns each pixel to the first material that contains its label. A value that is not a whole
+/// number is no label. Precondition: there are at most kMaxMaterials materials. O(pixels).
 MaterialImage material_image(const Image& labels, std::span<const Labels> materials);
 
 /// The materials of a label map (Labels::joined) that occur in an image.
@@ -39,20 +40,21 @@ struct LabelMaterials {
   /// identifies the material in every slice.
   std::vector<int> first_labels;
 };
-/// Errors (refused): more than kMaxMaterials. O(pixels + m log m) for m materials.
+/// Assigns each pixel to its material of `wanted`. Errors: kRefused if more than kMaxMaterials
+/// materials occur. O(pixels + m log m) for m materials.
 Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted);
 
-/// The connected diagonal of a cell of four pixels a, b, c, d (counter-clockwise) in which all
-/// pixels that share an edge differ.
+/// The connected diagonal in a cell of four pixels a, b, c, d (counter-clockwise), in which every
+/// two pixels that share an edge have different materials.
 enum class Diagonal : std::uint8_t {
   kNone,  ///< the materials touch in a point
   kAC,
   kBD,
 };
 
-/// A diagonal of one material is connected. If both diagonals are of one material each, only the
-/// diagonal of the material with the lower number is connected. Background is never connected, so
-/// that two materials on the other diagonal touch in a point.
+/// A diagonal is connected if both of its pixels have the same material. If this holds for both
+/// diagonals, only the diagonal of the material with the lower number is connected. Background is
+/// never connected, so that two materials on the other diagonal touch in a point.
 inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialNumber c,
                                    MaterialNumber d) {
   const bool ac = a == c && a != kNoMaterial, bd = b == d && b != kNoMaterial;
@@ -64,11 +66,11 @@ inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialN
 /// is less than `min_pixels`, it is merged into the material with which it has the longest border,
 /// or into the background. The smallest component is merged first. A hole (connected background
 /// that does not extend to the image's border) is treated as a component, so small holes are
-/// filled. Every pixel belongs to one component before and after, so no gap or overlap arises. If
-/// two borders are equally long, the material with the lowest number is chosen, and background
-/// last. The area is that within the half-way outline (half a pixel for a single pixel), without
-/// holes. The area of a merged component is the sum of the areas of its components. O(pixels + n
-/// log n) for n components.
+/// filled. If two borders are equally long, the material with the lowest number is chosen, and
+/// background last. Every pixel belongs to one component before and after the merging, so no gap or
+/// overlap arises. The area of a component is the area within its outline half-way between pixels
+/// (half a pixel for a single pixel), without its holes. The area of a merged component is the sum
+/// of the areas of its components. O(pixels + n log n) for n components.
 void merge_small_components(MaterialImage& image, double min_pixels);
 
 }  // namespace trocar::pipeline

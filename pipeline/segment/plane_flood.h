@@ -15,25 +15,26 @@ struct PlaneGrid {
   std::size_t size() const { return u_mm.size() * v_mm.size(); }
 };
 
-/// Squared distance in mm^2 from each pixel's centre to the nearest pixel of `set` (row-major, !=
-/// 0); infinite if the set is empty. Exact up to rounding. O(pixels). (P. Felzenszwalb, D.
+/// Squared distance in mm^2 from each pixel's centre to the nearest pixel of `set` (row-major,
+/// nonzero); infinite if the set is empty. Exact up to rounding. O(pixels). (P. Felzenszwalb, D.
 /// Huttenlocher, Distance transforms of sampled functions, Theory of Computing 8, 2012.)
 void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
                        std::vector<float>& squared_mm2);
-/// The same in a volume, whose voxels are at these positions along x, y and z.
+/// The same in a volume whose voxels are at these positions along x, y and z.
 void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
                        std::span<const std::uint8_t> set, std::vector<float>& squared_mm2);
 
-/// Finds the pixels that `solid` (row-major, nonzero) encloses. Sets `enclosed` to 1 there, and to
-/// 0 elsewhere. A disc of radius `radius_mm` moves in from the plane's border without touching
-/// `solid`. The pixels outside `solid` that it never covers are enclosed if their region (connected
-/// by edges) is at most `largest_mm2` large. A gap of up to twice the radius is therefore treated
-/// as closed. With radius 0, pixels that are not connected to the border are enclosed.
+/// Finds the pixels that `solid` (row-major, nonzero) encloses. Sets `enclosed` to 1 at these
+/// pixels and to 0 elsewhere. A disc of radius `radius_mm` moves in from the plane's border without
+/// touching `solid`. The pixels outside `solid` that the disc never covers are enclosed if their
+/// region (connected by edges) is at most `largest_mm2` large. A gap of up to twice the radius is
+/// therefore treated as closed. With radius 0, pixels that are not connected to the border are
+/// enclosed. If `near_mm2` is given, it receives squared_distances() of `solid`, but distances
+/// beyond `near_mm` may be infinite. O(pixels * (1 + max(radius_mm, near_mm) / spacing)).
 ///
 /// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. (A
 /// test of connectivity after a morphological closing would leak where an inner and an outer disc
-/// touch.) If `near_mm2` is given, it receives squared_distances() of `solid`. Values beyond
-/// `near_mm` may be infinite. O(pixels * (1 + the larger of radius and near_mm / spacing)).
+/// touch.)
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
                    double largest_mm2, std::vector<std::uint8_t>& enclosed, double near_mm = 0,
                    std::vector<float>* near_mm2 = nullptr);

@@ -14,20 +14,20 @@ namespace trocar::pipeline {
 struct Threshold {
   double value = 226;  ///< HU on calibrated input, grey level 0..255 on images
 };
-/// The paper's method: histogram equalisation (of the slice's whole range, mapped to 0..255), then
-/// a threshold on the equalised levels.
+/// The paper's method: histogram equalisation and then a threshold on the equalised levels. Before
+/// equalisation, the range of values of a slice in HU is mapped to 0..255.
 struct Equalize {
   double level = 230;
 };
-/// A label map, whose material is these labels.
+/// The material consists of the pixels that have these labels in a label map.
 struct Labels {
   std::set<int> labels;
-  bool all = false;  ///< every label but 0; `labels` is ignored
-  /// Disjoint sets of labels. Each set is one material, and every other label is a
+  bool all = false;  ///< every label except 0 is wanted; `labels` is ignored
+  /// Disjoint sets of labels. Each set is one material, and every other wanted label is a
   /// material by itself.
   std::vector<std::set<int>> joined = {};
 };
-/// True if the labels are several materials. Always false with `all`, where the number depends on
+/// Are the labels several materials? Always false with `all`, because their number then depends on
 /// the label map.
 inline bool are_several(const Labels& labels) {
   return !labels.all && labels.labels.size() > 1 &&
@@ -35,22 +35,23 @@ inline bool are_several(const Labels& labels) {
 }
 using Segmentation = std::variant<Threshold, Equalize, Labels>;
 
-/// Material is where field >= iso.
+/// The scalar field of a slice. A pixel is material if its value is at least `iso`.
 struct Field {
   Image image;
   float iso = 0;
   bool is_mask = false;       ///< whether the values are 0 and 1 only, which cannot be interpolated
   std::set<int> labels = {};  ///< the wanted labels that occur in the image
-  /// 1 for each pixel whose value was moved across the iso-value (solid_bone.h); empty if there is
-  /// none. The border between a changed pixel and another one follows the mask and not the values.
+  /// 1 for each pixel whose value was moved across the iso-value (by SolidBone or
+  /// ScannerTable); empty if there is no such pixel. Between a changed pixel and an unchanged one,
+  /// the values do not say where the border lies (see contour.h).
   std::vector<std::uint8_t> changed = {};
 };
 
 /// Moves the value of a pixel to the wanted side of the iso-value by mirroring it at the iso-value,
-/// and marks it in Field::changed. The value must be on the other side before.
+/// and marks the pixel in Field::changed. Precondition: the value is on the other side.
 void put_on_side(Field& field, std::size_t pixel, bool wanted);
 
-/// Mean of `values`, an image of the same size, over the pixels that are material; no value if
+/// The mean of `values`, an image of the same size, over the pixels that are material; no value if
 /// there is no such pixel. The order of summation is fixed, so the result has the same bits
 /// everywhere.
 std::optional<double> mean_of_material(const Field& field, const Image& values);
@@ -59,7 +60,7 @@ inline std::optional<double> mean_of_material(const Field& field) {
   return mean_of_material(field, field.image);
 }
 
-/// Takes ownership of the image. O(pixels).
+/// Computes the field of an image, of which it takes ownership. O(pixels).
 Field segment(Image image, PixelUnit unit, const Segmentation& how);
 
 }  // namespace trocar::pipeline

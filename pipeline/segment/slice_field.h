@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The field of one slice of a scan: its pixels within a crop, after segmentation. SolidBone adds
-// and removes voxels, and a scanner's table is removed.
+// The field of one slice of a scan: its pixels within a crop, after segmentation. If wanted, the
+// scanner's table is removed from the field, and SolidBone adds and removes voxels.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -22,9 +22,9 @@ struct Crop {
 struct MaterialOptions {
   Segmentation segmentation = Threshold{};
   std::optional<Crop> crop;
-  const SolidBone* solid = nullptr;  ///< the voxels that are material, if it overrides segmentation
-  const ScannerTable* table = nullptr;  ///< left out; `solid` is then made without it
-  double min_region_mm2 = 1;            ///< smaller islands are dropped, smaller holes filled
+  const SolidBone* solid = nullptr;     ///< if not null, its voxels are the material
+  const ScannerTable* table = nullptr;  ///< if not null: a table to leave out, not in `solid`
+  double min_region_mm2 = 1;  ///< islands below this area are dropped, holes below it are filled
 };
 
 /// The slice's values within the crop, if there is one. Errors: those of stack.read().
@@ -32,10 +32,10 @@ Result<Image> read_cropped(const SliceStack& stack, int slice, const std::option
 
 struct SliceField {
   Field field;
-  std::optional<double> solid_mean;  ///< result of SolidBone::apply()
+  std::optional<double> solid_mean;  ///< result of SolidBone::apply(); no value without `solid`
 };
 
-/// `image` is a result of read_cropped().
+/// The field of a slice. Precondition: `image` is the result of read_cropped() for this slice.
 SliceField slice_field(const SliceStack& stack, int slice, const MaterialOptions& options,
                        Image image);
 

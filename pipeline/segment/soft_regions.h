@@ -2,12 +2,12 @@
 // Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
 // contrast medium.
 //
-// The scan is averaged over blocks of about kBlock_mm. A region is a set of connected blocks deeper
-// than kDepths_mm[i] below the surface of the material. The deepest regions are examined first,
-// because depth separates a vessel from a bone that it touches. A region is soft if its mean is
-// below kMaxSoft_HU and above the mean of the shell between the region and the surface. (Bone has a
-// denser cortex in this shell, whereas a vessel's edge fades.) Each block belongs to the nearest
-// region, which is soft or bone.
+// The scan is averaged over blocks of about kBlock_mm. A region is a set of connected blocks that
+// lie deeper than 7 mm below the surface of the material or, in a second pass, deeper than 4 mm.
+// The deepest regions are examined first, because depth separates a vessel from a bone that it
+// touches. A region is soft if its mean is below kMaxSoft_HU and above the mean of the shell
+// between the region and the surface. (Bone has a denser cortex in this shell, whereas a vessel's
+// edge fades.) Each block belongs to the nearest region, which is soft or bone.
 // Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 
@@ -28,9 +28,9 @@ inline constexpr double kMaxSoft_HU = 500;
 class BlockMeans {
  public:
   explicit BlockMeans(const VoxelGrid& grid);
-  /// Adds a slice of the grid, in HU. Safe for several slices at the same time.
+  /// Adds a slice of the grid, in HU. Several threads may add different slices at the same time.
   void add(std::size_t slice, const Image& image);
-  /// The caller calls this once, after all slices were added.
+  /// Computes the means. The caller calls this function once, after all slices were added.
   void finish();
 
   const VoxelGrid& grid() const { return blocks_; }
@@ -43,21 +43,24 @@ class BlockMeans {
   }
 
  private:
-  std::array<std::size_t, 3> size_{};  // of a block, in voxels
+  std::array<std::size_t, 3> size_{};  // size of a block along each axis, in voxels
   std::array<std::size_t, 3> voxels_{};
   VoxelGrid blocks_;
-  std::vector<float> hu_;  // before finish() a plane for each slice
+  std::vector<float> hu_;  // until finish(): a plane of blocks for each slice
 };
 
 struct SoftRegions {
-  std::vector<std::uint16_t> limit_HU;  ///< the highest soft value of each block; 0: none
-  int count = 0;
-  double volume_mm3 = 0;
-  double low_HU = 0, high_HU = 0;  ///< least and largest mean of a region
-  bool touches_bone = false;       ///< a region is connected with other material
+  /// One value for each block: the highest HU that count as soft tissue, or 0 if the block is in no
+  /// soft region.
+  std::vector<std::uint16_t> limit_HU;
+  int count = 0;                   ///< number of soft regions
+  double volume_mm3 = 0;           ///< volume of the blocks of all soft regions
+  double low_HU = 0, high_HU = 0;  ///< least and largest mean of a soft region
+  bool touches_bone = false;       ///< true if a soft region is connected with bone
 };
 
-/// O(blocks + those in the boxes of the regions of at least 0.3 ml).
+/// O(blocks + n), where n is the number of blocks in the bounding boxes of all regions of at least
+/// 0.3 ml.
 SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
 
 }  // namespace trocar::pipeline

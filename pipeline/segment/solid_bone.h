@@ -6,8 +6,8 @@
 //
 // A table (scanner_table.h) is removed first. Then these steps follow. A step is skipped if its
 // option is not given.
-//  1. min_volume: components of less volume are removed. This precedes filling, because specks
-//     would close gaps.
+//  1. min_volume: components smaller than this volume are removed. This precedes filling, because
+//     specks would close gaps.
 //     With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
 //     directions of slices. Canals (canals.h) along the patient's long axis stay open. Input in HU
@@ -37,19 +37,20 @@ namespace trocar::pipeline {
 
 inline constexpr float kAir_HU = -200;
 inline constexpr double kMaskMargin_mm = 1.5;
-/// The option `column` keeps the components that come within kColumnCore_mm of the middle of the
-/// spinal canal, in planes across it. Of these it keeps the material within kColumn_mm of the
-/// middle, so that ribs are cut off there.
+/// The option `column` measures distances from the middle of the spinal canal, in planes across the
+/// canal. It first removes the material beyond kColumn_mm, so that ribs are cut off there. Then it
+/// keeps the components that come within kColumnCore_mm.
 inline constexpr double kColumn_mm = 75, kColumnCore_mm = 20;
 /// A seed farther than this from any material is refused.
 inline constexpr double kMaxSeedDistance_mm = 10;
 
 struct SolidOptions {
-  double close_mm = 0;             ///< radius of the disc; gaps of up to twice this count as closed
+  /// Radius of the disc that find_enclosed() moves. Gaps of up to twice this width count as closed.
+  double close_mm = 0;
   std::optional<double> fill_mm2;  ///< largest region that is filled in a plane; may be infinite
   double min_volume_mm3 = 0;
   bool column = false;                        ///< keep the spinal column alone; needs fill_mm2
-  int largest = 0;                            ///< 0: all
+  int largest = 0;                            ///< number of components that are kept; 0: all
   std::vector<Eigen::Vector3d> seeds_lps_mm;  ///< patient coordinates (LPS)
   std::string mask_file;                      ///< a NIfTI label map on the scan's grid
   std::set<int> mask_labels;
@@ -62,27 +63,28 @@ struct SolidOptions {
 /// The material of a scan, voxel by voxel.
 class SolidBone {
  public:
-  /// Reads all slices, several at the same time. Errors: those of reading; (refused) slices that
-  /// are not parallel or not in ascending order, a mask on another grid, a seed that is not near
-  /// any material, no canal with `column`, nothing left. O(voxels log voxels) with seeds, else O(voxels).
+  /// Reads all slices, several at the same time. Errors: those of reading; kRefused if the slices
+  /// are not parallel or not in ascending order, the mask is unusable or on another grid, a seed is
+  /// not near any material, there is no canal with `column`, or nothing is left. O(voxels log
+  /// voxels) with seeds, otherwise O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
                                 std::optional<SliceAxis> axis, const SolidOptions& options,
                                 const ScannerTable* table = nullptr);
 
-  /// Whether the pixel, counted in the whole slice, is material.
+  /// Is the pixel material? Its position is counted in the whole slice.
   bool inside(int slice, int x, int y) const {
     return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
   }
   /// Makes a slice's field agree with the voxels. Values on the wrong side of the iso-value are
-  /// mirrored at it and marked in Field::changed. Where the values bound the material, the outline
-  /// is unchanged. Where only the voxels bound it, the outline is smooth (contour.h). (offset_x,
-  /// offset_y) is the position of a cropped field in its slice. Returns the mean of the material's
-  /// values before the change; no value if nothing is material.
+  /// mirrored at it and marked in Field::changed. Where the values alone give the same border as
+  /// the voxels, the outline does not change. Elsewhere the border is a smooth curve (contour.h).
+  /// (offset_x, offset_y) is the position of a cropped field in its slice. Returns the mean of the
+  /// material's values before the change; no value if nothing is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
-  /// A warning of soft tissue above the threshold (contrast_filled), if there is any.
+  /// Warning: contrast_filled if there is soft tissue above the threshold.
   const std::vector<Warning>& warnings() const { return warnings_; }
-  /// Volumes for the report.
+  /// Volumes that were added to the material and removed from it, for the report.
   double filled_mm3() const { return filled_mm3_; }
   double dropped_mm3() const { return dropped_mm3_; }
 

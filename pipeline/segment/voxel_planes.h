@@ -10,7 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// The planes across the axis `across`. Their columns run along the axis u and their rows along v.
+/// The planes across the axis `across`. In a plane, x counts along the axis u and y along the axis
+/// v.
 struct VoxelPlanes {
   const VoxelGrid& grid;
   std::size_t across, u, v;

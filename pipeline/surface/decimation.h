@@ -15,29 +15,31 @@ namespace trocar::pipeline {
 
 /// Collapses vertices of a surface into neighbours, in ascending order of error. The error is the
 /// sum, over the original triangles around a vertex, of area times squared distance from the
-/// triangle's plane (Garland and Heckbert 1997), plus a small multiple of the edge's length. A
-/// collapse removes two triangles, keeps the surface closed and manifold, turns no triangle by more
-/// than 60 degrees, and creates no triangle that intersects a neighbour. Distant parts of the
-/// surface may still intersect. The caller finds such triangles and undoes collapses.
-/// Deterministic. Memory: 250 bytes for each vertex.
+/// triangle's plane (Garland and Heckbert 1997), plus a small multiple of the fourth power of the
+/// edge's length. A collapse removes two triangles, keeps the surface closed and manifold, turns no
+/// triangle by more than 60 degrees, and creates no triangle that intersects a neighbour. Distant
+/// parts of the surface may still intersect each other: the caller must find such triangles and
+/// call undo(). Deterministic. Memory: 250 bytes for each vertex.
 class Decimation {
  public:
+  /// The vertex `from` was merged into the vertex `to`.
   struct Collapse {
     std::uint32_t from = 0, to = 0;
   };
 
-  /// The surface must pass check_triangle_surface() and outlive this object. If `stop` is set,
-  /// collapses end early.
+  /// Precondition: the surface has passed check_triangle_surface() and outlives this object. If
+  /// `stop` is set, collapses end early.
   explicit Decimation(const TriangleSurface& fine, const std::atomic<bool>* stop = nullptr);
 
   /// Returns the surface with this number of triangles, or with the smallest possible number if
-  /// that is larger. The collapses of the last call that were not undone are used again as far as
-  /// they are needed, and further ones are added.
+  /// that is larger. Collapses of the last call that were not undone are made again as long as they
+  /// are needed, and then further ones are added.
   TriangleSurface decimated(std::size_t triangles);
 
-  /// Undoes the last collapses that led to a corner of one of these triangles in the last
-  /// result, at most `most` for each corner. Their vertices are kept from now on. Returns false
-  /// if there were none.
+  /// Undoes collapses near some triangles, which are given by their indices in the last result of
+  /// decimated(). For each corner of these triangles, the last collapses that led to this corner
+  /// are undone, at most `most` of them. Their vertices `from` are not collapsed again. Returns
+  /// false if there was no such collapse.
   bool undo(const std::vector<std::size_t>& triangles, std::size_t most);
 
  private:
@@ -45,7 +47,8 @@ class Decimation {
   const std::atomic<bool>* stop_;
   std::vector<Collapse> collapses_;
   std::vector<bool> locked_;
-  std::vector<std::array<std::uint32_t, 3>> triangles_;  // of the last result, by fine vertices
+  // The triangles of the last result, with the vertices of fine_.
+  std::vector<std::array<std::uint32_t, 3>> triangles_;
 };
 
 }  // namespace trocar::pipeline

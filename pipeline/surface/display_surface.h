@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Makes a closed triangle surface of the material for display, in three steps.
 //
-//  1. The isosurface of the volume is computed (isosurface.h). All vertices are on the lattice
-//     that is stored.
-//  2. It is decimated by quadrics to the wanted number of triangles (decimation.h). Where triangles
-//     intersect, the last collapses near them are undone.
-//  3. The stored surface is proved to be closed, manifold and oriented
+//  1. The isosurface of the volume is computed (isosurface.h). Its vertices lie on a lattice, which
+//     the asset stores.
+//  2. The isosurface is decimated by quadrics to the wanted number of triangles (decimation.h).
+//     Where triangles then intersect, the last collapses near them are undone.
+//  3. The resulting surface is proved to be closed, manifold and oriented
 //     (formats/geometry/triangle_surface.h), and free of self-intersections by CGAL's exact
-//     predicates. Its distance is measured.
+//     predicates. The distances between the surface and the zero level of the volume are measured.
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
@@ -22,8 +22,10 @@
 namespace trocar::pipeline {
 
 struct SurfaceOptions {
-  int triangles = 50'000;  ///< wanted number; fewer if the isosurface has fewer
-  /// True: `triangles` is a limit even if DisplaySurface::bound_mm needs more triangles.
+  int triangles = 50'000;  ///< wanted number of triangles; fewer if the isosurface has fewer
+  /// False: the number of triangles is doubled until the distances are within
+  /// DisplaySurface::bound_mm. True: it is not doubled. In both cases the surface has more
+  /// triangles if it would otherwise intersect itself, because collapses are then undone.
   bool at_most = false;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
 };
@@ -37,17 +39,19 @@ struct DisplaySurface {
   /// Wanted bound of distance.p99_mm and left_out.p99_mm: half of the mean side of a voxel.
   double bound_mm = 0;
   std::size_t parts = 0;                  ///< number of closed surfaces
-  std::size_t mesher_triangles = 0;       ///< triangles of the isosurface
-  std::array<int, 3> coarsened{1, 1, 1};  ///< voxels averaged along each axis
+  std::size_t mesher_triangles = 0;       ///< number of triangles of the isosurface
+  std::array<int, 3> coarsened{1, 1, 1};  ///< number of voxels averaged along each axis
   double mesher_ms = 0, decimate_ms = 0, check_ms = 0;
 
   bool is_within_bound() const { return std::max(distance.p99_mm, left_out.p99_mm) <= bound_mm; }
 };
 
-/// Makes the surface. Deterministic. If SurfaceOptions::at_most is set and the isosurface has more
-/// than 32 times as many triangles as wanted, voxels are averaged first. Errors: (refused) the
-/// surface is outside the range of coordinates, or intersects itself where slices are too close for
-/// its lattice; (unwritable) stopped. Memory: 350 bytes for each vertex of the isosurface.
+/// Makes the surface. If SurfaceOptions::at_most is set and the isosurface has more than 32 times
+/// as many triangles as wanted, voxels are averaged before the isosurface is computed
+/// (DisplaySurface::coarsened). Deterministic. Errors: kRefused if the surface is outside the range
+/// of coordinates, or if it intersects itself even without collapses, because slices are too close
+/// together for its lattice; kUnwritable if SurfaceOptions::stop was set. Memory: 350 bytes for
+/// each vertex of the isosurface.
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options);
 

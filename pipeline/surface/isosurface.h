@@ -11,12 +11,12 @@
 namespace trocar::pipeline {
 
 /// The surface of the material, in the patient's frame (LPS). Its lattice has a step of at most a
-/// 64th of a voxel's shortest side, provided that this step needs at most 14 bits. The surface has
-/// a vertex on each edge of the grid between material and outside. The vertex is at the linear
-/// interpolation of zero, but at least a 16th of the edge away from its ends. A few ambiguous cells
-/// also have a vertex in their middle. The surface is closed, manifold and oriented by
-/// construction. At a slice's height it follows the slice's contour. The vertices' order is that of
-/// the voxels. Errors: (refused) a coordinate exceeds kMaxSpaceCoordinate. O(voxels).
+/// 64th of a voxel's shortest side, unless such a step needs more than 14 bits. On each edge of the
+/// grid between material and outside, the surface has one vertex. The vertex lies where the linear
+/// interpolation is zero, but at least a 16th of the edge away from the ends of the edge. A few
+/// ambiguous cells also have a vertex in their middle. The surface is closed, manifold and oriented
+/// by construction. At a slice's height it follows the slice's contour. The vertices are in the
+/// order of the voxels. Errors: kRefused if a coordinate exceeds kMaxSpaceCoordinate. O(voxels).
 Result<TriangleSurface> isosurface(const SurfaceVolume& volume);
 
 }  // namespace trocar::pipeline

@@ -10,21 +10,21 @@
 
 namespace trocar::pipeline {
 
-/// Percentiles of the distance at 20,000 evenly spread points.
+/// Percentiles of distances that were measured at about 20,000 or more evenly spread points.
 struct SurfaceDistance {
   double p50_mm = 0, p99_mm = 0, max_mm = 0;
 };
 
 /// The distance from the surface, which is in the patient's frame, to the zero level of the
-/// trilinear interpolation. It is never underestimated.
+/// trilinear interpolation. The result is never smaller than the true distance.
 SurfaceDistance distance_from(const TriangleSurface& surface, const SurfaceVolume& volume);
 
-/// The distance from points in the volume's frame to the surface, by an AABB tree.
+/// The distance from points in the volume's frame to the surface.
 SurfaceDistance distance_to(const TriangleSurface& surface, const SurfaceVolume& volume,
                             const std::vector<Eigen::Vector3d>& points);
 
-/// About 20,000 to 40,000 points of the zero level on edges of the grid, chosen evenly from all, or
-/// all if there are fewer. O(voxels).
+/// Points at which edges of the grid meet the zero level: all of them or, if they are many, 20,000
+/// to 40,000 that are evenly chosen. O(voxels).
 std::vector<Eigen::Vector3d> points_on_zero(const SurfaceVolume& volume);
 
 }  // namespace trocar::pipeline

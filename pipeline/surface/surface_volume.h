@@ -20,14 +20,15 @@ struct DroppedComponents {
   double largest_mm3 = 0;  ///< volume of the largest speck or hole
 };
 
-/// Positions are in the frame of the first slice of the stack: mm, u along its rows, v along its
-/// columns, then its normal. The voxels are surrounded by a border, one voxel wide, that is outside
-/// the material, so that the material is closed half a voxel beyond the voxels that were read.
+/// The values of voxels and their positions. A position is in mm, in the frame of the first slice
+/// that was read: along its rows (u), along its columns (v) and along its normal. The outermost
+/// layer of voxels is an added border outside the material. The surface is therefore closed, half a
+/// voxel beyond the voxels that were read.
 struct SurfaceVolume {
   std::array<int, 3> size{};               ///< voxels along a row, along a column, slices
   double u_mm = 0, v_mm = 0;               ///< distances between voxels
   std::vector<Eigen::Vector3d> origin_mm;  ///< position of each slice's first voxel; z ascending
-  std::vector<float> values;               ///< row by row, slice by slice: >= 0 in the material
+  std::vector<float> values;  ///< row by row, slice by slice; a voxel with >= 0 is material
   Eigen::Affine3d T_lps_volume = Eigen::Affine3d::Identity();
   DroppedComponents dropped;
 
@@ -36,7 +37,8 @@ struct SurfaceVolume {
   float value(int x, int y, int z) const {
     return values[(static_cast<std::size_t>(z) * size[1] + y) * size[0] + x];
   }
-  /// The slice at or below the height; -1 below the first, size[2] - 1 at and above the last.
+  /// Index of the slice at or below the height; -1 below the first slice, size[2] - 1 at and above
+  /// the last.
   int slice_below(double z_mm) const;
   /// Trilinear interpolation; negative outside the volume.
   double at(const Eigen::Vector3d& p_mm) const;
@@ -48,7 +50,8 @@ struct SurfaceVolume {
     return position(static_cast<int>(voxel % row), static_cast<int>(voxel % slice / row),
                     static_cast<int>(voxel / slice));
   }
-  /// Unit vector along the gradient by central differences; upwards where the gradient vanishes.
+  /// Unit vector along the gradient, by central differences; the normal where the gradient
+  /// vanishes.
   Eigen::Vector3d gradient(const Eigen::Vector3d& p_mm, double step_mm) const;
   /// The sides of a voxel; along z the mean of all voxels.
   std::array<double, 3> voxel_mm() const {
@@ -57,25 +60,32 @@ struct SurfaceVolume {
   }
 };
 
-/// Removes small components, which are components of fewer voxels or less volume: first specks,
-/// which become outside, and then holes, which become material. Components are sets of voxels
-/// connected by faces. O(voxels).
+/// Removes components of fewer than `min_voxels` voxels or of less volume than `min_mm3`. A
+/// component is a set of voxels connected by faces. First, small components of the material
+/// (specks) become outside. Then small components of the outside (holes) become material.
+/// O(voxels).
 void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3);
 
-/// The volume whose values are the means over blocks of factor[0] x factor[1] x factor[2] voxels.
+/// A coarser volume, whose values are the means over blocks of factor[0] x factor[1] x factor[2]
+/// voxels. If fewer than two slices would remain, returns the volume unchanged.
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);
 
-/// Specks and holes of fewer voxels, or of less volume than MaterialOptions::min_region_mm2 to the
-/// power of 3/2, are not part of the surface.
+/// Specks and holes with fewer voxels than this are left out of the surface, and so are those with
+/// less volume than MaterialOptions::min_region_mm2 to the power of 3/2.
 inline constexpr int kMinSurfaceVoxels = 8;
 
 /// Reads the slices from `first` to `last`, several at the same time, within the crop. A mask (of
-/// labels) is smoothed by a Gaussian. Each voxel stays on its side of zero, so the surface moves by
-/// less than half a voxel. If the asset has several materials (`is_one_of_several`), only the
-/// voxels that MaterialOptions::solid removes are taken from it, because it treats all materials as
-/// one. The result is empty if no component is large enough. Errors: those of reading; (refused)
-/// fewer than two slices, slices that are not parallel, with different pixels, or not in ascending
-/// order; a volume too large for memory. Memory: 8 bytes for each voxel.
+/// labels) is smoothed by a Gaussian. In smoothing, each voxel stays on its side of zero, so the
+/// surface moves by less than half a voxel.
+///
+/// If MaterialOptions::solid is given, it adds voxels to the material and removes others. It treats
+/// all materials of the asset as one. If the asset has several (`is_one_of_several`), it is unknown
+/// to which of them an added voxel belongs. In this case the function removes the voxels that
+/// `solid` removes, but does not add any.
+///
+/// The result is empty if no component is large enough. Errors: those of reading; kRefused if there
+/// are fewer than two slices, slices are not parallel, differ in their pixel size or are not in
+/// ascending order, or the volume is too large for memory. Memory: 8 bytes for each voxel.
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
                                           const MaterialOptions& options,
                                           bool is_one_of_several = false);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles between the edges of a cavity's boundary and a new point. They are evaluated four
-// at a time and without branches, because it is unpredictable whether one of them is bad.
-// Refinement spends most of its time here. Nearly all boundaries lie within kMaxBoundaryOffset of
-// the point for which the cavity was found. Their coordinates then have 16 bits, and one
+// The triangles between a new point and the edges of the boundary of its cavity. (A cavity is the
+// set of triangles that the insertion of the point replaces.) The triangles are evaluated four at a
+// time and without branches, because it is unpredictable whether one of them is bad. Refinement
+// spends most of its time here. Nearly all boundaries lie within kMaxBoundaryOffset of the point
+// for which the cavity was found. Coordinates relative to this point then fit into 16 bits, and one
 // instruction multiplies two pairs of them.
 #pragma once
 
@@ -34,7 +35,7 @@ inline FourReal four_of(float x) {
 inline FourReal larger(FourReal a, FourReal b) {
   return a < b ? b : a;
 }
-/// One bit for each element of a mask.
+/// A number with one bit for each element of a mask.
 inline unsigned bits_of(Four mask) {
 #ifdef __SSE2__
   return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
@@ -45,7 +46,7 @@ inline unsigned bits_of(Four mask) {
 inline bool is_any(Four mask) {
   return bits_of(mask) != 0;
 }
-/// Number of set elements of masks, given the sum of the masks.
+/// The number of set elements of some masks, given the sum of these masks.
 inline int count_of(Four mask) {
   return -(mask[0] + mask[1] + mask[2] + mask[3]);
 }
@@ -62,8 +63,8 @@ inline int count_of(Four mask) {
   return out;
 #endif
 }
-/// Four points with 16-bit coordinates, from two pairs of points with 32 bits. Larger coordinates
-/// are clamped.
+/// Four points with 16-bit coordinates, made of two pairs of points with 32-bit coordinates.
+/// Coordinates that do not fit are clamped.
 [[gnu::always_inline]] inline FourPoints narrowed(Four low, Four high) {
 #ifdef __SSE2__
   return reinterpret_cast<FourPoints>(
@@ -95,8 +96,8 @@ inline int count_of(Four mask) {
 /// differences of such points stay below 2^30.
 inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
 
-/// A mask of those of four points, relative to an origin, that are farther than kMaxBoundaryOffset
-/// from the origin.
+/// A mask that marks those of four points that are farther than kMaxBoundaryOffset from the origin
+/// along an axis.
 inline Four is_beyond_max_offset(FourPoints p) {
   using Unsigned = std::uint16_t __attribute__((vector_size(16)));
   constexpr std::uint16_t kMaxDifference = kMaxBoundaryOffset;
@@ -112,29 +113,32 @@ inline Four is_beyond_max_offset(FourPoints p) {
 /// Four edges ab of a cavity's boundary. If fewer than four are left, the last one is repeated.
 struct BoundaryQuad {
   FourPoints a, b;  ///< relative to the cavity's origin, if the cavity is within kMaxBoundaryOffset
-  Four is_edge;     ///< false for the copies
+  Four is_edge;     ///< false for the repeated copies
   Four is_outline;
-  /// If an edge of the outline is split: this edge ends at its start, or starts at its end.
+  /// Set if the point splits an edge of the outline: marks the edges that end at the start of the
+  /// split edge (before) or start at its end (after).
   Four is_before, is_after;
   Four is_bad;  ///< the triangle with the new point is bad; set by InsertionTrial, like is_blocked
-  /// The point encroaches upon this edge of the outline or lies beyond it. If an edge is split: the
-  /// edge, or the half of the split edge next to it, is encroached upon afterwards.
+  /// If the point lies in the material: this edge is on the outline, and the point encroaches upon
+  /// it or lies beyond it. If the point splits an edge: after the split, this edge is encroached
+  /// upon, or the half of the split edge next to it is.
   Four is_blocked;
 };
 
-/// The four triangles abp between edges of a cavity's boundary and points p, with products of their
-/// edges. Coordinates are differences within kMaxBoundaryOffset, so everything is exact.
+/// The four triangles abp between edges ab of a cavity's boundary and points p. Coordinates are
+/// differences within kMaxBoundaryOffset, so everything is exact.
 struct BoundaryTriangles {
-  Four doubled_area, pa2, pb2;
-  Four at_p, at_a, at_b;  ///< dot products of the edges at each corner; negative if obtuse
+  Four doubled_area, pa2, pb2;  ///< pa2 and pb2 are the squared lengths of the edges pa and pb
+  Four at_p, at_a, at_b;        ///< dot products of the edges at each corner; negative if obtuse
 
   Four ab2() const { return at_a + at_b; }
 };
 
 /// The limits beyond which a triangle is bad; see ShapeLimits.
 struct QuickShapeLimits {
-  FourReal surely_sharp, perhaps_sharp;  ///< bounds on the smallest angle's squared sine
-  Four doubled_area;
+  /// Limits on the squared sine of the smallest angle. Between the two, floats cannot decide.
+  FourReal surely_sharp, perhaps_sharp;
+  Four doubled_area;  ///< largest doubled area allowed
 
   QuickShapeLimits() = default;
   QuickShapeLimits(double sine2, double largest_doubled_area)
@@ -147,7 +151,7 @@ struct QuickShapeLimits {
   static constexpr double kRounding = 0x1p-20;
 };
 
-/// Evaluates four triangles. All points are relative to the same origin and within
+/// Evaluates four triangles. Precondition: all points are relative to the same origin and within
 /// kMaxBoundaryOffset of it.
 [[gnu::always_inline]] inline BoundaryTriangles boundary_triangles(FourPoints from, FourPoints to,
                                                                    FourPoints p) {
@@ -156,8 +160,8 @@ struct QuickShapeLimits {
   return {dots(a, turned(b)), pa2, pb2, dot, pa2 - dot, pb2 - dot};
 }
 
-/// TriangleShape::is_sharp as far as floats can decide it; `is_unsure` marks the undecided
-/// triangles.
+/// TriangleShape::is_sharp of four triangles, as far as floats can decide it. `is_unsure` marks the
+/// undecided triangles.
 struct Sharpness {
   Four is_sharp, is_unsure;
 };

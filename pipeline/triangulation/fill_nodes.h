@@ -15,12 +15,12 @@ struct FillNode {
   LatticePoint p;
 };
 
-/// Lists the points of a lattice of equilateral triangles that lie inside triangles of the mesh
-/// that are larger than these, or on their sides. A point on a side of two triangles may appear
-/// twice. The equilateral triangles have the area doubled_area / 2, in lattice steps squared, and
-/// edges of at least 2 steps. `triangles` is their approximate number. It bounds the running
-/// time, so that for some outlines not all points are found. If the mesh is moved, the points
-/// move with it.
+/// Lists points of a lattice of equilateral triangles with the area doubled_area / 2 (lattice steps
+/// squared). The points are those that lie in triangles of the mesh that are larger than the
+/// equilateral ones, or on their sides. A point on a side of two triangles may appear twice.
+/// `triangles` is the approximate number of equilateral triangles. It bounds the running time, so
+/// for some outlines not all points are found. If the mesh is moved, the points move with it.
+/// Precondition: the edges of the equilateral triangles have at least 2 steps.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);
 

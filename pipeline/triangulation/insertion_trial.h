@@ -23,31 +23,35 @@ struct Candidate {
   LatticePoint p;
   InsertionCavity cavity;
   int growth = 0;  ///< `flaws` minus the bad triangles that the insertion removes, or kImpossible
-  int flaws = 0;   ///< bad triangles, and encroached edges if an edge is split, around the point
+  /// Number of bad triangles around the point. If the point splits an edge, the encroached edges
+  /// are counted too.
+  int flaws = 0;
 };
 inline constexpr int kImpossible = std::numeric_limits<int>::max();
 
 /// Evaluates insertions of points.
 class InsertionTrial {
  public:
-  /// Evaluates insertions into `mesh`, which may grow, against `bounds`. Both must
-  /// outlive this object.
+  /// Evaluates insertions into `mesh`, which may grow, against `bounds`. Both must outlive this
+  /// object.
   InsertionTrial(const RefinementMesh& mesh, const TriangleBounds& bounds)
       : mesh_(mesh), bounds_(bounds), anywhere_(bounds.anywhere()) {}
 
   /// Sums over all triangles between a cavity's boundary and a point.
   struct Tally {
-    int flaws = 0;            ///< bad triangles, and encroached edges if an edge is split
-    bool is_turned = false;   ///< the point is not on the left of an edge
+    int flaws = 0;            ///< see Candidate::flaws
+    bool is_turned = false;   ///< the point is not on the left of some edge
     bool is_near = false;     ///< the point is too near to a vertex
-    bool is_blocked = false;  ///< the point encroaches upon an edge of the outline
+    bool is_blocked = false;  ///< an edge is blocked (BoundaryQuad::is_blocked)
   };
   enum class PointKind {
     kFree,   ///< a point in the material
     kSplit,  ///< a point that splits an edge of the outline
   };
-  /// Evaluates the insertion of the candidate, whose cavity has been found. Sets the candidate's
-  /// flaws and growth, and marks the edges of the boundary (BoundaryQuad::is_bad, is_blocked).
+  /// Evaluates the insertion of the candidate. Precondition: its cavity has been found.
+  /// `min_distance2` is the square of the least allowed distance from other vertices. Sets the
+  /// candidate's flaws and growth, and marks the edges of the boundary (BoundaryQuad::is_bad,
+  /// is_blocked).
   template <PointKind kKind>
   [[gnu::always_inline]] Tally evaluate(Candidate& candidate, double min_distance2) const {
     InsertionCavity& cavity = candidate.cavity;
@@ -91,10 +95,9 @@ class InsertionTrial {
   /// good enough, because a branch on this condition would be unpredictable.)
   using Positions = std::array<LatticePoint, 4>;
 
-  /// The flaws at each position if the point were inserted into this cavity: the number of
-  /// bad triangles and, if an edge is split, of encroached edges. At least kManyFlaws if the
-  /// point cannot have this cavity, is too near to a vertex or, in the material, encroaches
-  /// upon the outline.
+  /// The flaws (as in Candidate) at each position, if the point were inserted into this cavity. The
+  /// result is at least kManyFlaws if the point cannot have this cavity, is too near to a vertex
+  /// or, for a point in the material, encroaches upon the outline.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
@@ -125,8 +128,7 @@ class InsertionTrial {
     }
     return -flaws | (is_excluded & four_of(kManyFlaws));
   }
-  /// The position with the fewest flaws among those that the mask allows. If several have the same
-  /// number, it is the first one.
+  /// The position with the fewest flaws among those that the mask allows; the first of several.
   struct Fewest {
     std::int32_t flaws;
     std::size_t position;
@@ -179,17 +181,17 @@ class InsertionTrial {
     return out;
   }
 
-  // The least allowed distance from other vertices, squared.
+  // The square of the least allowed distance from other vertices.
   struct Clearance {
     explicit Clearance(double distance2)
         : exact(distance2), whole(static_cast<std::int32_t>(std::min(distance2, 0x1p30))) {
       whole += whole < distance2 ? 1 : 0;
     }
     double exact;
-    std::int32_t whole;  // rounded up
+    std::int32_t whole;  // `exact`, rounded up
   };
-  // Evaluates four triangles. `triangles` returns the same four as `from`, `to` and `p` define; it
-  // is called only if 16-bit coordinates or floats do not suffice.
+  // Evaluates four triangles. `triangles` is a function that returns the same four triangles as
+  // `from`, `to` and `p` define. It is called only if 16-bit coordinates or floats do not suffice.
   template <typename Triangles>
   [[gnu::always_inline]] FourResults evaluate_four(bool is_near_origin, FourPoints from,
                                                    FourPoints to, FourPoints p,

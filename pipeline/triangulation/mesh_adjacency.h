@@ -12,8 +12,8 @@
 
 namespace trocar::pipeline {
 
-/// Gives for each triangle and each of its edges (triangle_edge.h) the number of the same edge in the
-/// triangle beyond it; kNoEdge at the boundary.
+/// One entry for each triangle and each of its edges (triangle_edge.h): the number of the same edge
+/// in the triangle beyond it, or kNoEdge at the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 
 /// The neighbours in a valid mesh. O(n).

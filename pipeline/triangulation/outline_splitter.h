@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The steps of refinement at the outline. Keeps lists of the bad triangles and the encroached
-// edges, and splits edges of the outline.
+// The steps of refinement at the outline. OutlineSplitter keeps lists of the bad triangles and of
+// the encroached edges, and splits edges of the outline. (An edge of the outline is encroached upon
+// if the apex of its triangle lies in its diametral circle.)
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -31,8 +32,8 @@ inline constexpr std::int64_t kMinEdge_steps = 4;
 // Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// Shorter edges can be split only a few times before kMinEdge_steps, so that each split
-// decides which angles remain. With half of this length, grids of holes of 1 to 40 steps had
+// Edges shorter than this can be split only a few times before they reach kMinEdge_steps, so each
+// split decides which angles remain. With half of this length, grids of holes of 1 to 40 steps had
 // more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
@@ -42,8 +43,8 @@ struct EncroachedEdge {
   std::uint32_t generation;
 };
 
-// Memory that is reused for all slices. (Without this, fresh memory pages took a fifth
-// of the time.)
+// Memory that is reused for all slices. (Without this reuse, fresh memory pages took a fifth of the
+// time.)
 struct RefinementWorkspace {
   RefinementMesh mesh;
   RefinementOutline outline;
@@ -108,7 +109,8 @@ class OutlineSplitter {
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // Across a small input angle, a vertex on the same shell encroaches only because of rounding.
+    // A shell is a circle around a corner. Across a small input angle, a vertex on the same shell
+    // as a or b encroaches only because of rounding.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
@@ -117,7 +119,7 @@ class OutlineSplitter {
            std::abs(d - distance(b, corner)) > kSameShell_steps;
   }
 
-  // Queues the triangle's edges on the outline that are encroached upon.
+  // Queues those edges of the triangle that are on the outline and encroached upon.
   [[gnu::always_inline]] void queue_encroached_edges(std::uint32_t t) {
     const WorkingTriangle& tri = mesh_.triangles[t];
     if (((tri.beyond[0] | tri.beyond[1] | tri.beyond[2]) & kOutline) == 0) return;
@@ -149,15 +151,15 @@ class OutlineSplitter {
     }
   }
 
-  // Evaluates a split of the edge at p; false if it is impossible.
+  // Evaluates a split of the edge at p. Returns false if it is impossible.
   bool evaluate_split(EdgeId s, LatticePoint p, Candidate& out) {
     out.p = p;
     mesh_.find_split_cavity(s, p, out.cavity);
     return !insertion_.evaluate<PointKind::kSplit>(out, 0).is_turned;
   }
 
-  // An input segment, and the largest allowed distance of its splits from it. Each split is rounded
-  // inwards, so repeated splits move away from the segment.
+  // An input segment, and the largest distance from it that the points of its splits may have. Each
+  // split is rounded inwards, so repeated splits move away from the segment.
   struct Segment {
     LatticePoint from, to;
     double length2, max_area2;
@@ -165,7 +167,7 @@ class OutlineSplitter {
       const auto area = static_cast<double>(orient2d(from, to, p));
       return area * area >= max_area2;
     }
-    // Is the point on the void's side of the segment and more than a step away?
+    // Is the point on the void's side of the segment and more than one step away from it?
     bool is_outside(LatticePoint p) const {
       const auto area = static_cast<double>(orient2d(from, to, p));
       return area < 0 && area * area > length2;
@@ -178,10 +180,10 @@ class OutlineSplitter {
     return {from, to, length2, max_distance2_ * length2};
   }
 
-  // Finds the position at which to split the edge ab of triangle t = abc at this fraction; false
-  // if there is none. Of the four lattice points around this position, it chooses the nearest
-  // one on the material's side or, if that keeps the area of the loop better, the nearest one on
-  // the void's side.
+  // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
+  // way from a to b. Returns false if there is none. Of the four lattice points around the position
+  // at this fraction, the function chooses the nearest one on the material's side or, if that keeps
+  // the area of the loop better, the nearest one on the void's side.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
@@ -196,7 +198,7 @@ class OutlineSplitter {
     if (is_p) out = cell.point(p);
     if (!keep_area_ || (is_p && cell.side(p) == 0) || !outline_.has_clearance(segment))
       return is_p && !input.is_far(out);
-    // On the void's side: in the circumcircle, so that the mesh stays Delaunay.
+    // A point on the void's side must lie in the circumcircle, so that the mesh stays Delaunay.
     const auto may_split_outside = [&](LatticePoint q) {
       return encroaches(a, b, q) & !input.is_outside(q) & mesh_.circumcircle_contains(t, q);
     };
@@ -253,7 +255,7 @@ class OutlineSplitter {
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {
-        // They are compared on the material's side.
+        // The other positions are compared on the material's side.
         Positions positions;
         Four is_allowed_position{};
         positions.fill(best_.p);
@@ -276,7 +278,7 @@ class OutlineSplitter {
     queue_encroached_edges(best_);
     return true;
   }
-  // Queues the edges that the split has encroached upon, after its insertion.
+  // After the insertion of a split, queues the edges that are encroached upon because of it.
   [[gnu::always_inline]] void queue_encroached_edges(const Candidate& split) {
     InsertionTrial::for_each_edge(split.cavity, &BoundaryQuad::is_blocked, [&](std::size_t k) {
       queue_encroached_edges(split.cavity.fresh_triangle(k));
@@ -297,7 +299,7 @@ class OutlineSplitter {
   }
 
   // Splits a shared edge at one point for both sides. Returns false if there is no such point.
-  // (Without the attributes here and below, slices without shared edges took 2 % longer.)
+  // (Without the attribute here and that of insert(), slices without shared edges took 2 % longer.)
   [[gnu::noinline]] bool split_shared_edge(EdgeId s, EdgeId t) {
     const auto [ia, ib] = mesh_.ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s)), d = at(mesh_.apex(t));

@@ -10,10 +10,10 @@
 
 namespace trocar::pipeline {
 
-/// Returns the borders with the points by which refinement split their edges. `outlines` are
-/// their material_outlines(). `stored` are the same outlines after refinement, with the same
-/// rings and first vertices, as check_shared_borders() (formats/geometry/shared_borders.h)
-/// proves. O(n log n).
+/// Returns the borders with the points by which refinement split their edges. Precondition:
+/// `outlines` are material_outlines(borders), and `stored` are the same outlines after refinement,
+/// with the same rings and first vertices. (check_shared_borders() of
+/// formats/geometry/shared_borders.h proves this.) O(n log n).
 LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
                              std::span<const Pslg> stored);
 

@@ -4,7 +4,7 @@
 // rule of Miller, Pav and Walkington (2003) that a short edge across a small input angle is not
 // refined. Steiner points lie on the lattice, so every decision is exact. Of several allowed
 // positions, each point is inserted at the one that leaves the fewest bad triangles (similar to
-// Erten and Uengoer's locally optimal Steiner points, 2009). If the largest area requires many
+// Erten and Uengoer's locally optimal Steiner points, 2009). If the bound on the area requires many
 // triangles, a lattice of equilateral triangles fills the inside first.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
@@ -18,9 +18,9 @@
 
 namespace trocar::pipeline {
 
-/// An input angle that exceeds the wanted one by less than this is treated as if it were below
-/// the wanted angle, because the angle of a small triangle at the corner depends on rounding
-/// to the lattice.
+/// An input angle (an angle of the outline) that exceeds the wanted angle by less than this is
+/// treated as if it were below the wanted angle, because the angle of a small triangle at the
+/// corner depends on rounding to the lattice.
 inline constexpr double kLatticeAllowance_deg = 1.5;
 
 /// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it
@@ -30,19 +30,19 @@ inline constexpr double kMaxDistanceFromOutline_steps = 3;
 /// Up to this angle refinement terminates in practice, for any input.
 inline constexpr double kSafeAngle_deg = 33;
 
-/// The area bound is raised if it would require more triangles than this in one slice. A slice with
-/// this number has about 1.5 million vertices and occupies half a GB until it is encoded.
+/// The area bound is raised if it would require more triangles than this in one slice. At this
+/// limit a slice has about 1.5 million vertices and occupies half a GB until it is encoded.
 inline constexpr double kMaxTrianglesByArea = 2e6;
 
 struct RefinementOptions {
   double min_angle_deg = 30;
   double max_area_mm2 = 50;  ///< raised if it requires more than kMaxTrianglesByArea triangles
   /// Refinement stops, and keeps the mesh that it has, when the mesh would grow beyond this many
-  /// vertices. 0 derives a budget from input and area or, for angles above kSafeAngle_deg, from the
-  /// size of the mesh refined to that angle.
+  /// vertices. 0: the limit is derived from input and area or, for angles above kSafeAngle_deg,
+  /// from the size of the mesh refined to kSafeAngle_deg.
   std::uint32_t max_vertices = 0;
   /// Rounds the points on boundary edges to whichever side keeps the area within each closed
-  /// boundary. Otherwise they are always rounded to the material's side.
+  /// boundary. Otherwise these points are always rounded to the material's side.
   bool keep_area = false;
   /// Splits outline edges that coincide in opposite directions together (regions.h).
   bool shared_borders = false;
@@ -58,7 +58,7 @@ struct RefinementOptions {
 enum class RefinementOutcome {
   /// All triangles are within bounds, except where small input angles make this impossible.
   kRefined,
-  /// The same, but bad triangles with a size of a few lattice steps remain.
+  /// Like kRefined, but bad triangles with a size of a few lattice steps remain.
   kLatticeTooCoarse,
   /// The wanted angle, above kSafeAngle_deg, needs more vertices than allowed. All triangles are
   /// within bounds for the smaller angle Refined::angle_deg.
@@ -71,7 +71,7 @@ enum class RefinementOutcome {
 struct VertexOrigin {
   static constexpr std::int32_t kFree = -1;    ///< a Steiner point in the material
   static constexpr std::int32_t kCorner = -2;  ///< a vertex of the input
-  std::int32_t segment = kFree;                ///< the input segment that it splits, or as above
+  std::int32_t segment = kFree;  ///< the input segment that it splits, kFree or kCorner
 };
 
 struct Refined {
@@ -79,9 +79,10 @@ struct Refined {
   std::vector<VertexOrigin> origins;  ///< origin of each vertex
   /// A segment of the input.
   struct Segment {
-    std::uint32_t from, to;    ///< its start and end as vertices of `mesh`
-    std::int32_t previous;     ///< the segment that ends at this one's start
-    double angle_at_from_deg;  ///< angle between the two in the material; 360 for 90 and more
+    std::uint32_t from, to;  ///< its start and end as vertices of `mesh`
+    std::int32_t previous;   ///< the segment that ends at this one's start
+    /// Angle between `previous` and this segment in the material; 360 if it is 90 or more.
+    double angle_at_from_deg;
   };
   std::vector<Segment> segments;
   RefinementOutcome outcome = RefinementOutcome::kRefined;
@@ -97,12 +98,13 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 
 /// Refines a triangulation. The result is valid and constrained Delaunay, like that of
 /// triangulate(). Each boundary edge of the input becomes a chain of edges whose inner vertices lie
-/// on it. If no lattice point lies on it, they lie on its material side less than
-/// `max_distance_steps` away. (Each split rounds by less than 1.5 steps and inherits a part of the
-/// deviation of the edge that it splits.) With keep_area, points of edges with enough void next to
-/// them may also lie up to one step on the void's side, so that each loop of the boundary keeps its
-/// area except for about one rounding. If the outline is moved by lattice steps or rotated by right
-/// angles, the mesh moves and rotates with it, unless a rotation maps the outline onto itself.
+/// on the edge. If no lattice point lies on the edge, these vertices lie on its material side, less
+/// than `max_distance_steps` away. (Each split rounds by less than 1.5 steps and inherits a part of
+/// the deviation of the edge that it splits.) With keep_area, points of edges with enough void next
+/// to them may also lie up to one step on the void's side. In this way each loop of the boundary
+/// keeps its area except for about one rounding. If the outline is moved by lattice steps or
+/// rotated by right angles, the mesh moves and rotates with it, unless a rotation maps the outline
+/// onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The mesh during refinement: flat arrays, and insertion by cavities (Bowyer; Watson, 1981).
+// The mesh during refinement: flat arrays, and insertion of points by cavities (Bowyer; Watson,
+// 1981). The cavity of a point consists of the triangles whose circumcircles contain it.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -23,8 +24,8 @@ namespace trocar::pipeline {
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
 /// A triangle's circumcircle, prepared for tests of many points: the determinant of in_circle(),
-/// expanded in the coordinates of the point. It is exact. 64 bits suffice if all differences are
-/// below kMaxDifference, which is nearly always the case.
+/// expanded in the coordinates of the point. It is exact. 64 bits suffice if all differences of
+/// coordinates are below kMaxDifference, which is nearly always the case.
 class Circumcircle {
  public:
   Circumcircle() = default;
@@ -44,7 +45,7 @@ class Circumcircle {
     return is_near_origin(std::int64_t{p.x} - origin_.x, std::int64_t{p.y} - origin_.y);
   }
   /// Returns 1 if p lies strictly inside, and 0 otherwise, without a comparison that a compiler
-  /// might turn into a branch. The value has no meaning unless is_near(p).
+  /// might turn into a branch. Precondition: is_near(p).
   std::uint32_t contains(LatticePoint p) const {
     const auto dx = static_cast<std::uint64_t>(std::int64_t{p.x} - origin_.x),
                dy = static_cast<std::uint64_t>(std::int64_t{p.y} - origin_.y);
@@ -75,27 +76,29 @@ struct alignas(64) WorkingTriangle {
   Circumcircle circle;
   std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
   std::array<std::uint32_t, 3> beyond{};  ///< EdgeId, or kOutline | segment
-  std::uint32_t visit = 0;                ///< number of the last search that visited it
+  std::uint32_t visit = 0;                ///< number of the last search that visited this triangle
   std::uint32_t generation : 31 = 0;      ///< incremented when the triangle is replaced
-  std::uint32_t is_bad : 1 = 0;           ///< has to be improved
+  std::uint32_t is_bad : 1 = 0;           ///< 1 if the triangle has to be improved
 };
 
-/// The triangles that the star of a new point replaces, and the boundary around them.
+/// The triangles that an insertion replaces by triangles around the new point, and the boundary of
+/// the replaced triangles.
 class InsertionCavity {
  public:
   struct BoundaryEdge {
-    std::uint32_t a, b;    ///< the cavity is on the left
+    std::uint32_t a, b;    ///< ends of the edge, with the cavity on its left
     std::uint32_t beyond;  ///< EdgeId, or kOutline | segment
-    EdgeId inside;         ///< the edge as one of the cavity's triangle
+    EdgeId inside;         ///< the same edge in the triangle of the cavity
     bool is_outline() const { return (beyond & kOutline) != 0; }
   };
 
   std::span<const BoundaryEdge> boundary() const { return {boundary_.data(), edges_}; }
-  /// The same edges in groups of four.
+  /// The edges of the boundary in groups of four.
   std::span<const BoundaryQuad> quads() const { return {quads_.data(), (edges_ + 3) / 4}; }
   std::span<BoundaryQuad> quads() { return {quads_.data(), (edges_ + 3) / 4}; }
-  /// The ends of the four edges, as vertices.
+  /// The four edges of group k.
   const BoundaryEdge* edges_of_quad(std::size_t k) const { return boundary_.data() + 4 * k; }
+  /// The number of triangles in the cavity.
   std::uint32_t size() const { return triangles_; }
   /// The new triangle on edge k of the boundary, after fill_cavity().
   std::uint32_t fresh_triangle(std::size_t k) const { return triangle_of(entries_[k]); }
@@ -109,7 +112,8 @@ class InsertionCavity {
   friend class RefinementMesh;
 
   std::size_t capacity() const { return capacity_; }
-  // Grows the arrays. They have a few more elements than capacity_, which one step may write.
+  // Grows the arrays. They have a few more elements than capacity_, because one step may write that
+  // many.
   [[gnu::noinline]] void grow() {
     capacity_ = 2 * capacity_ + 64;
     entries_.resize(capacity_ + 3), sides_.resize(capacity_ + 3), boundary_.resize(capacity_ + 3);
@@ -120,9 +124,10 @@ class InsertionCavity {
   std::uint32_t triangles_ = 0, edges_ = 0;
   int bad_ = 0;
   bool is_near_origin_ = false;
-  std::vector<EdgeId> entries_;  // by triangle: the edge through which the search entered it
-  std::vector<std::uint64_t>
-      sides_;  // by boundary edge: BoundaryEdge::beyond and, below it, BoundaryEdge::inside
+  std::vector<EdgeId> entries_;  // for each triangle: the edge through which the search entered it
+  // One entry for each boundary edge: BoundaryEdge::beyond in the upper 32 bits,
+  // BoundaryEdge::inside in the lower ones.
+  std::vector<std::uint64_t> sides_;
   std::vector<BoundaryEdge> boundary_;
   std::vector<BoundaryQuad> quads_;
 };
@@ -133,7 +138,7 @@ class RefinementMesh {
   std::vector<WorkingTriangle> triangles;
 
   /// Starts with a new triangulation and keeps the memory. `segment(a, b)` returns the number of
-  /// the input segment that is the outline's edge from a to b.
+  /// the input segment for the outline's edge from a to b.
   template <typename Segment>
   void assign(const Triangulation& from, Segment segment) {
     // Long outlines grow to about this multiple. Reserving it avoids copies; unused pages cost
@@ -203,20 +208,22 @@ class RefinementMesh {
   }
 
   /// Finds the cavity of p: `start`, all triangles connected with it whose circumcircles contain p,
-  /// and the edges around them. p must lie in `start` or in its circumcircle. Whether a neighbour
-  /// belongs to the cavity is unpredictable, so no branch depends on this.
+  /// and the edges around them. Precondition: p lies in `start` or in its circumcircle. Whether a
+  /// neighbour belongs to the cavity is unpredictable, so no branch depends on this.
   void find_cavity(std::uint32_t start, LatticePoint p, InsertionCavity& cavity) {
     find<false>(start, kNoEdge, p, cavity);
   }
-  /// The same for a point that splits an edge of the outline. That edge is not listed.
+  /// The same for a point p that splits an edge of the outline. The boundary then does not list
+  /// that edge.
   void find_split_cavity(EdgeId split, LatticePoint p, InsertionCavity& cavity) {
     find<true>(triangle_of(split), split, p, cavity);
   }
 
-  /// Replaces the cavity by the star of a new vertex p that lies to the left of all edges of the
-  /// boundary. The boundary is a closed loop or, if p splits an edge on the outline, open at that
-  /// edge (`split`, else kNoEdge). Edge k of the boundary becomes edge 0 of
-  /// cavity.fresh_triangle(k). Returns false and changes nothing if the boundary is not one loop.
+  /// Replaces the triangles of the cavity by triangles around a new vertex p. Edge k of the
+  /// boundary becomes edge 0 of cavity.fresh_triangle(k). `split` is the edge of the outline that p
+  /// splits, or kNoEdge. Precondition: p lies to the left of all edges of the boundary. Returns
+  /// false and changes nothing if the boundary is not one closed loop or, with `split`, one loop
+  /// that is open at that edge.
   bool fill_cavity(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
     return split == kNoEdge ? fill<false>(cavity, p, split) : fill<true>(cavity, p, split);
   }
@@ -303,8 +310,9 @@ class RefinementMesh {
       ++tri.generation;
       tri.is_bad = 0;
       star[r.a] = t;
-      // The triangle beyond the edge gets the new triangle as its neighbour. An edge on the outline
-      // has none: its own triangle takes the write, and the assignment to tri.beyond undoes it.
+      // The triangle beyond the edge gets the new triangle as its neighbour. There is no triangle
+      // beyond an edge of the outline: the write then goes to the edge's own new triangle, and the
+      // assignment to tri.beyond undoes it.
       const std::uint32_t is_outline = r.beyond >> 31,
                           target = (r.beyond & (is_outline - 1)) | (edge_id(t, 0) & -is_outline);
       all[triangle_of(target)].beyond[index_of(target)] = edge_id(t, 0);
@@ -390,7 +398,7 @@ class RefinementMesh {
   }
 
   std::uint32_t visits_ = 0;
-  std::vector<std::uint32_t> star_;  // by vertex: the new triangle that starts there (fill_cavity)
+  std::vector<std::uint32_t> star_;  // for each vertex: the new triangle that starts there
 };
 
 }  // namespace trocar::pipeline

@@ -16,13 +16,15 @@ class RefinementOutline {
  public:
   static constexpr std::uint32_t kNoCorner = 0xffffffff, kNoTwin = 0xffffffff;
 
-  /// Removes all segments and keeps the memory. Segments are numbered in the order of add().
+  /// Removes all segments and keeps the memory. `vertices` is the number of input vertices.
   void clear(std::size_t vertices);
+  /// Adds a segment between two input vertices and returns its number. Numbers count from 0.
   std::uint32_t add(std::uint32_t from, std::uint32_t to);
   /// Measures the angles between the segments. Call it once, after the last add().
   void close(const std::vector<LatticePoint>& points);
 
-  /// Finds the segments that two regions share, after close(). If it is not called, there are none.
+  /// Finds the segments that two regions share (twins). Call it after close(). Without this call no
+  /// segment has a twin.
   void find_twins(const std::vector<LatticePoint>& points);
   /// The segment with the same ends in the other order, or kNoTwin.
   std::uint32_t twin(std::uint32_t segment) const {
@@ -30,14 +32,14 @@ class RefinementOutline {
   }
 
   /// Finds the loops that the segments form. If regions share borders, a loop is divided: each part
-  /// with the same material, or void, beyond it is a loop of its own.
+  /// beyond which there is the same material, or void, is a loop of its own.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
-  /// Returns true if no other part of the outline can meet this segment even if each point of both
-  /// moves up to one step to the void's side and up to three to the material's. Valid after
-  /// start_clearance(). The answer is computed when it is needed for the first time, because most
-  /// segments are never split.
+  /// Returns true if no other part of the outline can meet this segment, even if each point of both
+  /// moves up to one step to the void's side and up to three to the material's side. Valid after
+  /// start_clearance(). The answer is computed when it is first needed, because most segments are
+  /// never split.
   bool has_clearance(std::uint32_t segment) {
     if (clearance_[segment] == Clearance::kUnknown) [[unlikely]]
       find_clearance(segment);
@@ -48,11 +50,11 @@ class RefinementOutline {
   std::int64_t& lost_of_loop(std::uint32_t segment) { return lost_[loop_[segment]]; }
 
   const std::vector<Refined::Segment>& segments() const { return segments_; }
-  /// The angle of an input vertex in the material; 360 for 90 and more.
+  /// The angle of an input vertex in the material; 360 if it is 90 degrees or more.
   double angle_deg(std::uint32_t vertex) const { return angle_deg_[vertex]; }
 
-  /// The corner where two segments (as in VertexOrigin: negative for none) meet under an angle
-  /// below 60 degrees in the material, or kNoCorner.
+  /// The corner at which two segments meet under an angle below 60 degrees in the material, or
+  /// kNoCorner. A negative s or t is no segment, as in VertexOrigin.
   std::uint32_t small_corner(std::int32_t s, std::int32_t t) const {
     return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
   }
@@ -62,9 +64,9 @@ class RefinementOutline {
   bool has_shells(std::uint32_t segment) const {
     return is_acute_from(segment) || is_acute_to(segment);
   }
-  /// The position, as a fraction of the way from a to b, at which to split the edge ab of a segment
-  /// that has shells. It is chosen so that edges of the two segments that meet in the nearer acute
-  /// corner end at equal distances from that corner.
+  /// The position at which to split the edge ab of a segment that has shells, as a fraction of the
+  /// way from a to b. The edges of the two segments that meet in the nearer acute corner then end
+  /// at equal distances from that corner.
   double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                         const std::vector<LatticePoint>& points) const;
 
@@ -83,17 +85,17 @@ class RefinementOutline {
   void find_clearance(std::uint32_t segment);
 
   std::vector<Refined::Segment> segments_;
-  std::vector<std::int32_t> into_;  // by input vertex: the segment that ends there
+  std::vector<std::int32_t> into_;  // for each input vertex: the segment that ends there
   std::vector<std::uint32_t> twins_;
   std::vector<double> angle_deg_;
   enum class Clearance : std::uint8_t { kUnknown, kNo, kYes };
   std::vector<Clearance> clearance_;
-  std::vector<std::uint32_t> next_;   // by segment: the one that starts at its end
-  std::vector<LatticeSegment> ends_;  // of the segments, like grid_ for their clearance
-  SegmentGrid grid_;                  // made for the first segment that is asked for
+  std::vector<std::uint32_t> next_;   // for each segment: the one that starts at its end
+  std::vector<LatticeSegment> ends_;  // for each segment: its ends, for has_clearance()
+  SegmentGrid grid_;                  // grid of ends_, made when has_clearance() first needs it
   bool has_grid_ = false;
-  std::vector<std::uint32_t> loop_;
-  std::vector<std::int64_t> lost_;  // by loop: see lost_of_loop()
+  std::vector<std::uint32_t> loop_;  // for each segment: its loop
+  std::vector<std::int64_t> lost_;   // for each loop: see lost_of_loop()
 };
 
 }  // namespace trocar::pipeline

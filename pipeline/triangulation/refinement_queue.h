@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The triangles to be improved. They are ordered by the square of their shortest edge, in buckets
-// of a quarter of a power of two. Within a bucket the newest comes first. When an entry is popped
-// whose triangle has been replaced, the entry is dropped.
+// of a quarter of a power of two. Within a bucket the newest comes first. An entry whose triangle
+// has been replaced is dropped when it is popped.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -26,7 +26,7 @@ class RefinementQueue {
     used_ = {};
   }
 
-  /// `shortest2` is the squared length of the shortest edge, from 1 to below 2^64.
+  /// Adds an entry. `shortest2` is the squared length of the shortest edge, from 1 to below 2^64.
   void push(double shortest2, Entry entry) {
     // A double's exponent and first two digits: four buckets for each power of two.
     const auto digits = std::bit_cast<std::uint64_t>(shortest2) >> 50;
@@ -35,7 +35,8 @@ class RefinementQueue {
     used_[k / 64] |= std::uint64_t{1} << (k % 64);
   }
 
-  /// Puts the first entry for which is_valid() holds into `out`. Returns false if there is none.
+  /// Drops entries until is_valid() holds for one, and puts that one into `out`. Returns false if
+  /// there is none.
   template <typename IsValid>
   bool pop(Entry& out, IsValid is_valid) {
     for (std::size_t word = 0; word < used_.size(); ++word) {

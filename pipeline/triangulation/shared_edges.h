@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The edges that two regions share during refinement. Each region has its own vertices. The same
-// edge on the other side is found by the other region's copy of its end.
+// The edges that two regions share during refinement. Each region has its own vertices, so a shared
+// edge exists twice. From one of the two edges, the other one is found by the other region's copy
+// of its end.
 // Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
@@ -14,17 +15,17 @@
 
 namespace trocar::pipeline {
 
-/// The positions at which to split a shared edge ab, with the triangles abc and bad on its sides,
-/// at this fraction. These are the nearest lattice point on each side, the one that better keeps
-/// the areas first. `lost` is twice the area that the side of c has lost along this border so far.
-/// There may be none, one or two positions.
+/// Returns up to two positions at which to split a shared edge ab near the given fraction of the
+/// way from a to b. The triangles on its two sides are (a, b, c) and (b, a, d). The positions are
+/// the nearest lattice points on either side of ab. The one that keeps the areas better comes
+/// first. `lost` is twice the area that the side of c has lost along this border so far.
 std::array<std::optional<LatticePoint>, 2> shared_split_points(LatticePoint a, LatticePoint b,
                                                                LatticePoint c, LatticePoint d,
                                                                double fraction, std::int64_t lost);
 
-/// Returns true if the edge on the outline may be split at p, which may lie on its inner side or
-/// beyond it. If p lies beyond it, the circumcircle of the edge's triangle must contain p, so that
-/// the mesh stays Delaunay.
+/// Returns true if the edge on the outline may be split at p, which may lie on the edge's inner
+/// side or beyond the edge. A point beyond the edge must lie in the circumcircle of the edge's
+/// triangle, so that the mesh stays Delaunay.
 bool may_split_either_way(const RefinementMesh& mesh, EdgeId edge, LatticePoint p);
 
 class SharedEdges {
@@ -42,14 +43,15 @@ class SharedEdges {
         leaving_[mesh.triangles[t].v[i]] = edge_id(t, i);
     }
   }
-  /// Records that a shared edge has been split, with its new vertices on the two sides.
+  /// Records that a shared edge was split: `here` and `there` are the new vertices on its two
+  /// sides. Precondition: here < there.
   void add_copies(std::uint32_t here, std::uint32_t there) {
     copies_.resize(there + 1, 0);
     copies_[here] = there;
     copies_[there] = here;
   }
 
-  /// The same edge on the other side; kNoEdge if there is none.
+  /// The edge of the other region that coincides with e; kNoEdge if there is none.
   EdgeId beyond(EdgeId e, const RefinementMesh& mesh, const RefinementOutline& outline) const {
     const std::uint32_t segment = mesh.beyond(e) ^ kOutline, twin = outline.twin(segment);
     if (twin == RefinementOutline::kNoTwin) return kNoEdge;
@@ -59,8 +61,9 @@ class SharedEdges {
   }
 
  private:
-  std::vector<EdgeId> leaving_;        // by vertex: the outline's edge that starts there
-  std::vector<std::uint32_t> copies_;  // by vertex that splits a shared edge: the other side's
+  std::vector<EdgeId> leaving_;  // for each vertex: the outline's edge that starts there
+  // One entry for each vertex that splits a shared edge: the new vertex on the other side.
+  std::vector<std::uint32_t> copies_;
 };
 
 }  // namespace trocar::pipeline

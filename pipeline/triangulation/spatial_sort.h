@@ -7,8 +7,8 @@
 
 namespace trocar::pipeline {
 
-/// Numbers the vertices along the rows of a grid, from cell to cell, and the triangles by their
-/// least vertex. The mesh is otherwise unchanged, including the order of corners within each
+/// Renumbers the vertices along the rows of a grid, cell by cell, and orders the triangles by their
+/// smallest vertex. The mesh is otherwise unchanged, including the order of corners within each
 /// triangle. Refinement numbers points in the order of insertion. Without this sort, later stages
 /// spend their time on cache misses in a large mesh. O(n).
 void sort_by_position(Refined& refined);

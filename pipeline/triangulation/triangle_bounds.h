@@ -29,6 +29,7 @@ class TriangleBounds {
 
   /// Returns true if the bound on the area depends on the position.
   bool has_area_at() const { return has_area_at_; }
+  /// The bounds on angle and area, without the bound that depends on the position.
   const ShapeLimits& everywhere() const { return everywhere_; }
   /// Triangles within these limits are within the bounds at any position.
   QuickShapeLimits anywhere() const {
@@ -36,7 +37,7 @@ class TriangleBounds {
                                    ? std::min(least_doubled_area_, everywhere_.doubled_area)
                                    : everywhere_.doubled_area};
   }
-  /// The bound for a triangle, taken at its centroid.
+  /// The bound on the doubled area of a triangle, evaluated at its centroid.
   double largest_doubled_area(LatticePoint a, LatticePoint b, LatticePoint c) const {
     if (!has_area_at_) return everywhere_.doubled_area;
     const auto third = [](std::int64_t sum) { return static_cast<std::int32_t>(sum / 3); };

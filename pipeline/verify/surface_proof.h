@@ -9,10 +9,10 @@
 
 namespace trocar::pipeline {
 
-/// The triangles that intersect another triangle in more than a common vertex or edge. They are
-/// ascending, and each one occurs once. The list is empty if the surface has no self-intersection.
-/// Coordinates are integers, so nothing is rounded. All indices must be in range. O(n log n) for
-/// most surfaces.
+/// The triangles that intersect another triangle in more than a common vertex or edge, in ascending
+/// order without repetition. The list is empty if the surface has no self-intersection. Coordinates
+/// are integers, so nothing is rounded. Precondition: all indices are in range. O(n log n) for most
+/// surfaces.
 std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surface);
 
 }  // namespace trocar::pipeline

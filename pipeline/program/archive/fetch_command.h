@@ -22,7 +22,7 @@ struct FetchArguments {
 void add_fetch_options(CLI::App& app, FetchArguments& a);
 
 /// Fetches the study and returns the exit code: 0; 2 for wrong options; 3 if the archive refuses,
-/// breaks off or has no such study; 4 if the folder cannot be written or a signal ended it.
+/// breaks off or has no such study; 4 if the folder cannot be written or a signal ended the fetch.
 int run_fetch(const FetchArguments& a);
 
 }  // namespace trocar::pipeline

@@ -25,8 +25,8 @@ struct ReceiveArguments {
 /// Declares the options; `a` must outlive the app.
 void add_receive_options(CLI::App& app, ReceiveArguments& a);
 
-/// Receives until a signal ends it, and returns the exit code: 0; 2 for wrong options; 3 if the port
-/// or a TLS file cannot be used; 4 if the folder cannot be written.
+/// Receives until a signal ends the program, and returns the exit code: 0; 2 for wrong options; 3
+/// if the port or a TLS file cannot be used; 4 if the folder cannot be written.
 int run_receive(const ReceiveArguments& a);
 
 }  // namespace trocar::pipeline

@@ -44,13 +44,14 @@ struct DicomFrame {
   std::string name() const;  ///< the file's name, and the frame's number if there are several
 };
 
-/// The plane of the frame, moved to `position`. Its z_mm is measured along its own normal.
+/// The plane of the frame, moved so that its origin is `position`. Its z_mm is measured along the
+/// frame's own normal.
 SlicePlane plane_of(const DicomFrame& frame, const Eigen::Vector3d& position);
 
 /// The segments of a segmentation (SEG).
 struct DicomSegments {
-  std::map<int, std::string> names;  ///< name of each Segment Number, in UTF-8; may be empty
-  double step_mm = 0;                ///< distance between slices; 0: not stated
+  std::map<int, std::string> names;  ///< key: Segment Number; value: name in UTF-8, may be empty
+  double step_mm = 0;                ///< distance between slices; 0 if not stated
   int max_fraction = 0;              ///< MaximumFractionalValue if FRACTIONAL; 0 if BINARY
 };
 
@@ -64,7 +65,7 @@ struct DicomFile {
   };
   std::filesystem::path file;
   Kind kind = Kind::kNotImage;
-  SeriesInfo series;        ///< its UID is empty if missing
+  SeriesInfo series;        ///< its UID is empty if the file states none
   std::string problem;      ///< one line, with the file's name
   bool is_capture = false;  ///< true: it can never be a slice, like a picture of a screen
   ImageContent content;
@@ -76,11 +77,11 @@ struct DicomFile {
 /// broken.
 std::string without_control(std::string text);
 
-/// Are the first 132 bytes those of a DICOM file? The file's name does not matter.
+/// Are the first 132 bytes of the file those of a DICOM file? The name of the file does not matter.
 bool has_dicom_preamble(const std::filesystem::path& file);
 
-/// Should a file in a folder be parsed? It should if it has the preamble or if, without one, it
-/// begins with the tag of a group with which DICOM files begin.
+/// Should a file in a folder be parsed? It should if it has the preamble, or if its first bytes are
+/// the tag of a group with which DICOM files without a preamble begin.
 bool may_be_dicom(const std::filesystem::path& file);
 
 enum class DicomExtent {
@@ -88,9 +89,10 @@ enum class DicomExtent {
   kHeader,  ///< data behind the header are not read, and may be missing
 };
 
-/// Never fails: problems are part of the result. `spacing_mm`, if given, applies to frames that
-/// state no pixel spacing. Unless `any_modality` is set, images of another modality than CT are
-/// kUnusable, and localisers have no frames. Segmentations are kSegmentation in any case.
+/// Reads the headers of a file. The function never fails: the result states the problem. If
+/// `spacing_mm` is given, it applies to frames that state no pixel spacing. Unless `any_modality`
+/// is set, images of another modality than CT are kUnusable, and localisers have no frames.
+/// Segmentations are kSegmentation in any case.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
                              bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);

@@ -10,11 +10,12 @@
 
 namespace trocar::pipeline {
 
-/// Decodes the frame `h` of its loaded file. Supported are uncompressed pixels in either byte
-/// order, deflated files, RLE, JPEG baseline, extended and lossless, JPEG-LS (DCMTK) and JPEG 2000
-/// (OpenJPEG). From an uncompressed or encapsulated file only this frame is read, and `format`
-/// keeps nothing of it. Dense padding (DicomFrame::has_dense_padding()) becomes kNoData_HU. Errors
-/// (refused): the pixels are damaged or truncated, or have another transfer syntax.
+/// Decodes the pixels of a frame. `format` is the loaded file that `h` describes. Supported are
+/// uncompressed pixels in either byte order, deflated files, RLE, JPEG baseline, extended and
+/// lossless, JPEG-LS (DCMTK) and JPEG 2000 (OpenJPEG). Of an uncompressed or encapsulated file only
+/// this frame is read, and `format` does not keep its pixels. Dense padding
+/// (DicomFrame::has_dense_padding()) becomes kNoData_HU. Errors: kRefused if the pixels are damaged
+/// or truncated, or have another transfer syntax.
 Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format);
 
 }  // namespace trocar::pipeline

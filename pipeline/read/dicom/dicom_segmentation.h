@@ -11,10 +11,10 @@
 
 namespace trocar::pipeline {
 
-/// Opens a segmentation. Its labels are the numbers of the segments. `file` must come from
-/// read_dicom_headers(). Slices without a frame are empty. Errors (refused): frames do not fit each
-/// other or options.segmented_ct; when a slice is read, wanted segments overlap. Warnings:
-/// frames_left_out, uneven_spacing.
+/// Opens a segmentation. Its labels are the numbers of the segments. Precondition: `file` comes
+/// from read_dicom_headers(). Slices without a frame are empty. Errors: kRefused if the frames do
+/// not fit each other or options.segmented_ct; those of resliced(). SliceStack::read() refuses a
+/// slice in which wanted segments overlap. Warnings: frames_left_out, uneven_spacing.
 Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
                                                       const OpenOptions& options);
 

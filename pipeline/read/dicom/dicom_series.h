@@ -22,10 +22,10 @@ struct DicomSeries {
   std::vector<std::filesystem::path> files;  ///< slices, localisers and unusable files
   std::string problem;                       ///< message about the first unusable file
   std::size_t unusable = 0;                  ///< number of unusable files
-  std::size_t broken = 0;                    ///< number of unusable files that should have been
-                                             ///< slices
-  std::size_t localisers = 0;                ///< number of localiser files
-  /// Broken slices are included, so that a damaged scan is still preferred to a smaller series.
+  /// Number of unusable files that should have been slices (broken slices).
+  std::size_t broken = 0;
+  std::size_t localisers = 0;  ///< number of localiser files
+  /// The number of slices. Broken ones count, so that a damaged scan is preferred to a smaller one.
   std::size_t images() const { return slices.size() + broken; }
   bool is_localiser() const { return localisers > 0 && images() == 0; }
 };
@@ -38,17 +38,19 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
 
 /// The UID of the series that `wanted` names. A series can be named by its UID, its number, its
 /// complete description, or a part of its description, in which upper and lower case do not matter.
-/// Errors: (usage) `wanted` names no series, or several.
+/// Errors: kUsage if `wanted` names no series or several.
 Result<std::string> named_series(const std::vector<DicomSeries>& series, const std::string& wanted);
 
 struct ChosenSeries {
   std::size_t index = 0;
-  std::string why;  ///< reason, such as "the only CT series"; empty if there is no other
+  std::string why;  ///< reason, such as "the only CT series"; empty if there was nothing to choose
 };
 
-/// Chooses the series with this UID. If `uid` is empty, chooses the series with the most images,
-/// and any CT series before others; of several with equally many images, the first. `series` must
-/// not be empty. Errors: (refused) there are only localisers.
+/// Chooses the series with this UID. If `uid` is empty, chooses by modality first: CT series are
+/// preferred to those without a modality, and these to all other series. Of the preferred series,
+/// the one with the most images is chosen, or the first of several with equally many. Precondition:
+/// `series` is not empty. Errors: kRefused if the series is a localiser, or if there are only
+/// localisers.
 Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
                                    const std::string& where);
 
@@ -56,8 +58,8 @@ Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const
 /// description.
 std::string series_name(const SeriesInfo& series);
 
-/// The slices of the chosen series. Warnings: other_series, no_rescale. Errors (refused): one of
-/// its files cannot be used, or lacks a rescale that others have.
+/// The slices of the chosen series. Warnings: other_series, no_rescale. Errors: kRefused if a file
+/// of the series cannot be used, or lacks a rescale that other files of the series have.
 Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series,
                                           const ChosenSeries& chosen, const std::string& where,
                                           std::vector<Warning>& warnings);
@@ -65,11 +67,11 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
 /// The shape of a stack of sorted slices.
 StackShape stack_shape(const std::vector<DicomFrame>& slices);
 
-/// Sorts slices by position along the first slice's normal (ascending). Errors: (refused) size,
-/// orientation, pixel spacing or frame of reference differ, or two slices with the same position
-/// differ in a pixel; the message names both files. Of two slices with the same position and equal
-/// pixels, one is kept (warning copied_slice). Other warnings: missing_slice, uneven_spacing,
-/// gantry_tilt, tilt_contradiction, dense_padding.
+/// Sorts slices by position along the first slice's normal (ascending). Of two slices with the same
+/// position and equal pixels, one is kept (warning copied_slice). Other warnings: missing_slice,
+/// uneven_spacing, gantry_tilt, tilt_contradiction, dense_padding. Errors: kRefused if size,
+/// orientation, pixel spacing or frame of reference differ, or if two slices with the same position
+/// differ in a pixel; the message names both files.
 Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings);
 
 }  // namespace trocar::pipeline

@@ -14,15 +14,15 @@
 
 namespace trocar::pipeline {
 
-/// Opens the series that options.series names or, if it is empty, the one that choose_series()
-/// prefers. With options.as_labels, opens a segmentation if there is one. `where` names the input
-/// in messages. Errors: (refused) there is no usable slice; those of dicom_series.h,
-/// open_segmentation() and resliced().
+/// Opens the series that options.series names or, if options.series is empty, the one that
+/// choose_series() prefers. With options.as_labels, opens a segmentation if there is one. `where`
+/// names the input in messages. Errors: kRefused if there is no usable slice; kUsage if there are
+/// several segmentations; those of dicom_series.h, open_segmentation() and resliced().
 Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);
 
-/// The same, but reads the headers of the files first.
+/// Reads the headers of the files first, and then does the same.
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options);
 

@@ -17,10 +17,11 @@ enum class Levels {
 
 /// Reads PNG (by ISA-L or libspng), JPEG and BMP (libjpeg-turbo) and TIFF (libtiff). The format is
 /// recognised by the first bytes. Images have 8 or 16 bits per channel and are grey or coloured.
-/// The size is checked before anything is decoded. Errors (refused) name the file and the reason:
-/// it cannot be read, a TIFF has several pages, the decoder warns (it has then substituted missing
-/// pixels), or labels are wanted from colours or a JPEG. (OpenCV's imread is not used: it prints to
-/// stderr, accepts up to 2^30 pixels, and tries further formats.)
+/// The size is checked before anything is decoded. Errors: kRefused if the file cannot be read, a
+/// TIFF has several pages, the decoder warns (because it has substituted missing pixels), or labels
+/// are wanted but the image is coloured or a JPEG. The message names the file and the reason.
+/// (OpenCV's imread is not used: it prints to stderr, accepts up to 2^30 pixels, and tries further
+/// formats.)
 Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted = Levels::kTo255);
 
 }  // namespace trocar::pipeline

@@ -12,9 +12,10 @@
 
 namespace trocar::pipeline {
 
-/// The stack has one slice for each file, in the order of `files`, with the distances of
-/// options.spacing_mm. Errors: (usage) the spacing is missing; (refused) those of
-/// read_image_file(); images have different sizes.
+/// Opens one slice for each file, in the order of `files`, with the pixel sizes and the slice
+/// distance of options.spacing_mm. Errors: kUsage if the spacing is missing; those of
+/// read_image_file(). SliceStack::read() refuses an image whose size differs from the first one's.
+/// Warnings: missing_slice if the numbers in the names have a gap.
 Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
                                                 const OpenOptions& options);
 

@@ -17,8 +17,8 @@ struct Jpeg2000 {
   bool is_signed = false;
 };
 
-/// Decodes a codestream with one component of up to 16 bits. `name` is used in messages. Errors
-/// (refused): the bytes are not a bare codestream, the size is not width x height, or the
+/// Decodes a codestream with one component of up to 16 bits. `name` is used in messages. Errors:
+/// kRefused if the bytes are not a bare codestream, the size is not width x height, or the
 /// codestream is damaged.
 Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
                                  const std::string& name);

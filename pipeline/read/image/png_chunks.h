@@ -18,9 +18,9 @@ class PngChunks {
  public:
   using Bytes = std::span<const std::uint8_t>;
 
-  /// `file` must begin with the signature, which is not checked.
+  /// Precondition: `file` begins with the signature of PNG.
   explicit PngChunks(Bytes file) : left_(file.subspan(std::min<std::size_t>(file.size(), 8))) {}
-  /// Goes to the next chunk; false if there is no more complete chunk.
+  /// Goes to the next chunk. Returns false if there is no further complete chunk.
   bool next() {
     if (left_.size() < 12) return false;
     const std::uint32_t length = big_endian(left_.data());
@@ -31,6 +31,7 @@ class PngChunks {
     return true;
   }
   bool is(std::string_view name) const { return std::memcmp(named_.data(), name.data(), 4) == 0; }
+  /// Does the checksum of the chunk agree with its data?
   bool is_whole() const { return gzip_checksum(named_) == checksum_; }
   Bytes data() const { return named_.subspan(4); }
 

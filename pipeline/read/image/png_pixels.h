@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Decodes the pixels of a plain PNG (W3C recommendation, third edition). They are unpacked by
-// ISA-L, which is more than twice as fast as zlib.
+// Decodes the pixels of a plain PNG (W3C recommendation, third edition). ISA-L unpacks the pixels,
+// more than twice as fast as zlib.
 // Tests: tests/pipeline/read/image/png_pixels_test.cpp
 #pragma once
 
@@ -11,7 +11,7 @@
 namespace trocar::pipeline {
 
 struct PngRows {
-  int count = 0;              ///< at least 1
+  int count = 0;              ///< number of rows, at least 1
   std::size_t row_bytes = 0;  ///< bytes of a row without its filter byte
   int channels = 0;           ///< 1, 3 or 4
   int sample_bytes = 0;       ///< 1 or 2

@@ -12,8 +12,8 @@
 namespace trocar::pipeline {
 
 /// Slices the volume of a stack along `axis`, in the same way as a NIfTI volume. The voxels are
-/// written to a temporary file. `where` names the input in messages. Errors (refused): the slices
-/// are tilted or not evenly spaced, or there is only one.
+/// written to a temporary file. `where` names the input in messages. Errors: kRefused if the slices
+/// are tilted or not evenly spaced, or if there is only one.
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
                                              const std::string& where);
 
