@@ -29,7 +29,7 @@ Eigen::VectorXd singular_values(const Eigen::MatrixXd& A) {
 }
 
 Eigen::VectorXd least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
-  return A.completeOrthogonalDecomposition().solve(b);
+  return A.colPivHouseholderQr().solve(b);
 }
 
 Eigen::VectorXd solve(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
@@ -37,7 +37,7 @@ Eigen::VectorXd solve(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
 }
 
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& A) {
-  return A.inverse();
+  return A.fullPivLu().inverse();
 }
 
 Eigen::MatrixXd orthogonal_factor(const Eigen::MatrixXd& A) {

@@ -21,11 +21,12 @@ Svd svd(const Eigen::MatrixXd& A);
 /// The singular values alone, in descending order.
 Eigen::VectorXd singular_values(const Eigen::MatrixXd& A);
 
-/// The shortest of the vectors x for which |A x - b| is least, by Householder's method.
+/// The vector x for which |A x - b| is least, by Householder's method. Precondition: the columns of
+/// A are linearly independent.
 Eigen::VectorXd least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 /// The solution of A x = b for a square, regular A, by elimination with full pivoting.
 Eigen::VectorXd solve(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
-/// The inverse of a square, regular matrix, by elimination with partial pivoting.
+/// The inverse of a square, regular matrix, by elimination with full pivoting.
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& A);
 /// An orthogonal matrix: the factor Q of A = Q R. A is square.
 Eigen::MatrixXd orthogonal_factor(const Eigen::MatrixXd& A);

@@ -14,8 +14,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-const Lattice kFine{14};  // rounding error far below the discretisation error
+const Lattice kVeryFine{14};  // rounding error far below the discretisation error
 constexpr double kRadius_mm = 3;
 constexpr double kFar_mm = 200;
 
@@ -26,26 +25,26 @@ struct Solved {
 
 Solved solve_polar(double lambda_mm, int sides) {
   const Membrane membrane = membrane_for_disc(5000, lambda_mm * 1e-3, kRadius_mm * 1e-3);
-  const double step_per_mm = 1 / kFine.step_mm();
+  const double step_per_mm = 1 / kVeryFine.step_mm();
   // Rings of nearly equilateral triangles.
-  const int rings = static_cast<int>(
-      std::lround(sides * std::log(kFar_mm / kRadius_mm) / (2 * kPi) * 2 / std::sqrt(3)));
+  const int rings = static_cast<int>(std::lround(sides * std::log(kFar_mm / kRadius_mm) /
+                                                 (2 * std::numbers::pi) * 2 / std::sqrt(3)));
   const SliceMesh mesh =
       test::polar_mesh(kRadius_mm * step_per_mm, kFar_mm * step_per_mm, sides, rings);
   EXPECT_TRUE(check_mesh(mesh));
-  const Network network = make_network(mesh, kFine, membrane);
+  const Network network = make_network(mesh, kVeryFine, membrane);
   EXPECT_EQ(network.signs.negative(), 0U);
   std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
   std::fill(kind.begin(), kind.begin() + sides, NodeKind::kTool);
   const auto solution = solve_global(network, kind);
   EXPECT_TRUE(solution);
   const double under_tool_m2 =
-      0.5 * sides * std::sin(2 * kPi / sides) * std::pow(kRadius_mm * 1e-3, 2);
+      0.5 * sides * std::sin(2 * std::numbers::pi / sides) * std::pow(kRadius_mm * 1e-3, 2);
   Solved out;
   out.error =
       (solution->stiffness_N_per_m + membrane.foundation_N_per_m3 * under_tool_m2) / 5000 - 1;
   for (std::size_t i = 0; i < network.size(); ++i) {
-    const double r_m = std::hypot(mesh.vertices[i].x, mesh.vertices[i].y) * kFine.step_m();
+    const double r_m = std::hypot(mesh.vertices[i].x, mesh.vertices[i].y) * kVeryFine.step_m();
     const double exact =
         r_m <= kRadius_mm * 1e-3 ? 1 : disc_shape(membrane, kRadius_mm * 1e-3, r_m);
     out.shape_error = std::max(out.shape_error, std::abs(solution->w[i] - exact));

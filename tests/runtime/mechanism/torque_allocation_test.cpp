@@ -316,9 +316,9 @@ TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
       near.q = from_rotation_vector(0.1 * size * random.direction()) * T.q;
       const Jacobian G_near = jacobian_at(device, near);
       const Reference there = reference(G_near, wanted + step);
-      const double dP = (there.null_space * there.null_space.transpose() -
-                         here.null_space * here.null_space.transpose())
-                            .operatorNorm();
+      const double dP =
+          reference::singular_values(there.null_space * there.null_space.transpose() -
+                                     here.null_space * here.null_space.transpose())[0];
       const double change = (there.minimum_norm - here.minimum_norm).norm() + limit.norm() * dP;
       const double both =
           (allocate_torques(G_near, wanted + step, limit).tau_motor_Nm - result.tau_motor_Nm)
