@@ -2,17 +2,17 @@
 // Ground truth for contouring errors: the exact outline of the material at any
 // height, as the level set of a smooth function of the plane.
 //
-// There are two:
+// There are two ground truths:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
 //  - iso_section: the curve on which a noiseless scanner of the given geometry (pixel and slice
 //    apertures, point spread) reads the iso-value, at pixel centres and between them. A perfect
-//    contouring program would find this curve in the scan. At 226 HU it lies a few tenths of a mm
-//    outside the anatomy, because 226 HU is below the mean of bone and soft tissue.
+//    contouring program would find this curve in the scan. At 226 HU this curve lies a few tenths
+//    of a mm outside the anatomy, because 226 HU is below the mean of bone and soft tissue.
 //
 // Method: A quadtree discards squares that are too far from the bone's surface to meet the level
-// set. Marching squares traces the others. Every crossing is refined by bracketing root finding
-// (ITP: Oliveira and Takahashi 2020). Every chord is split until the curve rises above it by at
-// most the tolerance.
+// set. Marching squares traces the curve in the other squares. Every crossing is refined by
+// bracketing root finding (ITP: Oliveira and Takahashi 2020). Every chord is split until the curve
+// rises above it by at most the tolerance.
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -25,8 +25,8 @@
 namespace trocar::sample {
 
 struct SectionOptions {
-  /// Cell size of marching squares; smaller islands and gaps may be missed. It is halved, up to
-  /// four times, if the outline bends too sharply within a cell.
+  /// Cell size of marching squares. Islands and gaps smaller than a cell may be missed. The cell
+  /// size is halved, up to four times, if the outline bends too sharply within a cell.
   double cell_mm = 0.2;
   double tolerance_mm = 1e-3;  ///< greatest rise of the true curve above a chord
 };
@@ -34,8 +34,9 @@ struct SectionOptions {
 /// An exact cross-section. Its rings lie in the x-y plane of the scan frame (mm); they are simple
 /// and disjoint, and do not repeat the first point. Outer rings have positive area
 /// (counter-clockwise from x to y) and holes have negative area, so the material is on the left.
-/// Every point lies on the level set within 1e-9 mm, and every chord within tolerance_mm. Each ring
-/// starts at its smallest (y, x) point, and rings are ordered by this point.
+/// Every point lies on the level set within 1e-9 mm, and every chord within tolerance_mm. Each
+/// ring starts at its point with the smallest y (and among these the smallest x). Rings are
+/// ordered by this point.
 struct CrossSection {
   double z_mm = 0;
   double tolerance_mm = 0;
@@ -44,34 +45,35 @@ struct CrossSection {
   double area_error_mm2 = 0;  ///< bound on area_mm2's error: perimeter * tolerance / 4
 };
 
-/// A function of the plane that is positive in the material, and a bound: within the distance
-/// clear_mm(p) of a point p, the function does not change its sign.
+/// A function of the plane that is positive in the material, and a bound for the changes of its
+/// sign: within the distance clear_mm(p) of a point p, the sign of value() does not change.
 struct PlaneField {
   std::function<double(Vec2)> value;
   std::function<double(Vec2)> clear_mm;
 };
 
 /// Traces the level set 0 of the field inside [lower, upper] (mm). Evaluates the field O(n) times
-/// for n crossed cells. Errors: (refused) the curve leaves that rectangle; (usage) an option is not
-/// positive or the rectangle is wider than 1024 cells; (bug) the outline bends too sharply for the
-/// smallest cells.
+/// for n crossed cells. Errors: kRefused if the curve leaves that rectangle; kUsage if an option is
+/// not positive, or if the rectangle is empty or wider than 1024 cells; kBug if the outline bends
+/// too sharply for the smallest cells.
 Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
                                    const SectionOptions& options);
 
-/// The bone's outer surface at height z. Never fails for |z| <= 40 mm.
+/// The bone's outer surface at height z. Does not fail for |z| <= 40 mm with the default options.
 Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
                                      const SectionOptions& options = {});
 
 /// The curve on which a noiseless scanner reads iso_hu at height z (the middle of the slice).
-/// Errors: (usage) iso_hu is not above all soft tissue (110 HU) and below the cancellous core (its
-/// mean minus its texture); the level set would then follow the texture.
+/// Errors: kUsage if iso_hu is not above all soft tissue (110 HU), or not below all of the
+/// cancellous core (the core's mean minus its texture). Outside these bounds the level set would
+/// follow the texture.
 Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
                                  double z_mm, double iso_hu = 226,
                                  const SectionOptions& options = {});
 
-/// Signed distance in the plane to a cross-section, negative in the material. It is exact for the
-/// polygon, so its error for the curve is at most tolerance_mm. Building takes O(n), a query O(1)
-/// near the outline.
+/// Signed distance in the plane to a cross-section, negative in the material. The distance is exact
+/// for the polygon, so it differs from the distance to the true curve by at most tolerance_mm.
+/// Building takes O(n). A query near the outline takes O(1).
 class SectionDistance {
  public:
   explicit SectionDistance(const CrossSection& section);

@@ -7,8 +7,8 @@
 // rotated about z and shifted in this frame (PhantomOptions), so that nothing is aligned with the
 // pixel grid by accident.
 //
-// The scanner's in-plane blur (point spread) is part of the field, as a formula. At the signed
-// distance d from a surface, the HU follow Phi(-d / sigma), where Phi is the cumulative normal
+// The HU include the scanner's in-plane blur (point spread), as a formula. At the signed distance d
+// from a surface, the HU follow Phi(-d / sigma), where Phi is the cumulative normal
 // distribution. This is exact for a flat surface, and a close approximation if the radius of
 // curvature is larger than sigma.
 #pragma once
@@ -32,8 +32,8 @@ struct TissueHu {
   double canal = 20;
   double cortical = 900;
   double cancellous = 315;
-  double cancellous_texture = 40;  ///< largest deviation from the mean
-  double soft_texture = 9;         ///< largest deviation, in fat and muscle
+  double cancellous_texture = 40;  ///< largest deviation from `cancellous`
+  double soft_texture = 9;         ///< largest deviation in fat, muscle and bowel
 };
 
 struct PhantomOptions {
@@ -65,11 +65,12 @@ struct BoneFractions {
 };
 BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone);
 
-/// Beyond this distance from a surface, its blurred edge differs from 0 or 1 by less
-/// than 4e-4 (0.3 HU) and may be taken as 0 or 1.
+/// Beyond this distance from a surface, the fractions of blurred_fractions() differ from 0 or 1 by
+/// less than 4e-4 (0.3 HU) and may be set to 0 or 1.
 double blur_radius_mm(const PhantomOptions& phantom);
 
-/// HU at a point of the scan frame if everything were soft tissue, and if everything were core.
+/// HU at a point of the scan frame if everything were soft tissue, and if everything were
+/// cancellous core.
 double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan);
 double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan);
 

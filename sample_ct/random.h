@@ -17,6 +17,7 @@ inline std::uint64_t mix64(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
+/// 64 random bits for a seed and a position (i, j, k).
 inline std::uint64_t hash_at(std::uint64_t seed, std::int64_t i, std::int64_t j, std::int64_t k) {
   std::uint64_t h = mix64(seed);
   h = mix64(h ^ static_cast<std::uint64_t>(i));
@@ -30,7 +31,7 @@ inline double signed_unit(std::uint64_t bits) {
 }
 
 /// A nearly normal number with mean 0 and variance 1: the scaled sum of eight uniform 16-bit
-/// numbers (Irwin-Hall), taken from a hash and its successor. |value| < 4.9.
+/// numbers (Irwin-Hall), taken from `bits` and mix64(bits). |value| < 4.9.
 inline double nearly_normal(std::uint64_t bits) {
   const std::uint64_t more = mix64(bits);
   std::int64_t sum = 0;
@@ -44,7 +45,7 @@ inline double nearly_normal(std::uint64_t bits) {
 }
 
 /// Smooth noise in (-1, 1): random values on an integer grid, blended with a
-/// quintic so that it has two continuous derivatives.
+/// quintic so that the noise has two continuous derivatives.
 double value_noise(std::uint64_t seed, double x, double y, double z);
 
 }  // namespace trocar::sample

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scanner: samples the phantom's field as slices of integer HU.
 //
-// A pixel holds the mean of the bone's volume fraction over the pixel's area and the slice's
-// thickness (partial volume). Near the bone's outer or inner surface this is computed by
-// supersampling, elsewhere from one sample. Textures vary little over a pixel, so they are sampled
-// at its centre. Then noise is added. It is mildly correlated in the plane, like the noise of a
-// reconstruction kernel. Only the sum is rounded to an integer.
+// The HU of a pixel follow from the mean volume fraction of bone over the pixel's area and the
+// slice's thickness (partial volume). Near the bone's outer or inner surface this mean is computed
+// by supersampling, elsewhere from one sample. Textures vary little over a pixel, so they are
+// sampled at its centre. Then noise is added. The noise is mildly correlated in the plane, like the
+// noise of a reconstruction kernel. Only the sum is rounded to an integer.
 //
 // Results are a pure function of the arguments: they do not depend on the number of
 // threads or the order of the slices.
@@ -42,7 +42,7 @@ inline constexpr double kFieldOfView_mm = 160.0;
 inline constexpr double kMaxNoise_hu = 200.0;
 
 /// The sample scan's geometry: `size` x `size` pixels over a field of view of 160 mm, `slices`
-/// slices 1 mm apart, centred on the middle of the vertebral body. Errors: (usage) a number is
+/// slices 1 mm apart, centred on the middle of the vertebral body. Errors: kUsage if a number is
 /// outside the limits above.
 Result<ScanGeometry> sample_geometry(int size, int slices);
 
@@ -50,19 +50,19 @@ Result<ScanGeometry> sample_geometry(int size, int slices);
 Vec3 pixel_centre_mm(const ScanGeometry& scan, double i, double j, double k);
 
 /// The reading of a noiseless scanner with this geometry for a pixel centred at any point of the
-/// scan frame. Near the bone's surface it is a smooth function of this point.
+/// scan frame. Near the bone's surface the reading is a smooth function of this point.
 double scanner_hu(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre);
 
-/// Radius of the ball around a pixel's centre that contains its aperture: the pixel's area times
-/// the slice's thickness.
+/// Radius of the ball around a pixel's centre that contains the pixel's aperture. The aperture is
+/// the box of the pixel's area and the slice's thickness.
 double aperture_radius_mm(const ScanGeometry& scan);
 
 /// One slice of noiseless, unrounded HU, rows * columns values, row by row.
 std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeometry& scan, int k);
 
 /// Noise of mean 0 and standard deviation sigma_hu, rows * columns values. The correlation of
-/// pixels in a row or column is 4/9 for neighbours and 1/18 at a distance of two; it is 0 at larger
-/// distances and between slices.
+/// pixels in a row or column is 4/9 for neighbours and 1/18 at a distance of two pixels. It is 0 at
+/// larger distances and between slices.
 std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, double sigma_hu,
                                 int k);
 

@@ -15,16 +15,16 @@
 
 namespace trocar::sample {
 
-/// Checks before rendering whether a scan can be written to `folder`, as far as this is known
-/// without writing. Errors: (unwritable).
+/// Checks, before a scan is rendered, whether it can be written to `folder`, as far as this can be
+/// determined without writing. Errors: kUnwritable if it cannot.
 Result<void> check_sample_folder(const std::filesystem::path& folder);
 
 /// Writes everything to a hidden folder inside `folder` (created if needed), then moves the four
-/// outputs to their final names, replacing those of an earlier run. Calls `progress`, if given,
-/// with the name of the next step. Errors: (unwritable) names the file that cannot be written; it
-/// is also the error if an existing png/ or dicom/ has other files than slices of an earlier run,
-/// or if `stop` is given and set during the work. On failure existing outputs are unchanged and the
-/// hidden folder is removed.
+/// outputs to their final names, replacing those of an earlier run. If `progress` is given, calls
+/// it before each step with the name of the step. Errors: kUnwritable if a file cannot be written
+/// (the message names it), if an existing png/ or dicom/ has other files than slices of an earlier
+/// run, or if `stop` is given and is set while files are being written. If an error occurs before
+/// the move, existing outputs are unchanged. The hidden folder is always removed.
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::filesystem::path& folder,
                                  const std::function<void(const std::string&)>& progress = {},

@@ -2,7 +2,7 @@
 // Signed distances of simple solids, in mm, negative inside.
 //
 // Laws (tests/sample_ct/phantom_test.cpp checks them for the whole vertebra):
-//  1. every function here is 1-Lipschitz in its point: |f(p) - f(q)| <= |p - q|,
+//  1. every function is 1-Lipschitz as a function f of the point: |f(p) - f(q)| <= |p - q|,
 //     so |f(p)| never exceeds the true distance to the surface;
 //  2. f < 0 inside, f > 0 outside, f = 0 on the surface;
 //  3. min, max, smooth_min and smooth_max keep law 1 (their gradient is a convex
@@ -61,8 +61,8 @@ inline double norm(Vec3 a) {
   return std::sqrt(dot(a, a));
 }
 
-/// min(a, b) rounded over a blend of width k > 0; equals min where |a - b| >= k
-/// and is at most k/4 below it elsewhere.
+/// min(a, b), rounded over a blend of width k > 0. It equals min(a, b) where |a - b| >= k, and is
+/// at most k/4 below min(a, b) elsewhere.
 inline double smooth_min(double a, double b, double k) {
   const double h = std::max(k - std::abs(a - b), 0.0) / k;
   return std::min(a, b) - h * h * k * 0.25;
@@ -89,8 +89,8 @@ inline double round_cone_distance(Vec3 p, Vec3 a, Vec3 b, double radius_a, doubl
   return (std::sqrt(x2 * a2 * il2) + y * rr) * il2 - radius_a;
 }
 
-/// The exact signed distance from a simple polygon in the plane. Its vertices may be in either
-/// order. O(vertices).
+/// The exact signed distance from a simple polygon in the plane. The vertices may run
+/// clockwise or counter-clockwise. O(vertices).
 inline double polygon_distance(Vec2 p, std::span<const Vec2> polygon) {
   Vec2 previous = polygon.back();
   double d2 = dot(p - polygon[0], p - polygon[0]);
@@ -106,9 +106,9 @@ inline double polygon_distance(Vec2 p, std::span<const Vec2> polygon) {
   return (inside ? -1.0 : 1.0) * std::sqrt(d2);
 }
 
-/// A plane shape, extruded by half_thickness to both sides along its normal and then grown by
-/// `rounding`. `in_plane` is the signed distance from the shape in the plane, `off_plane` the
-/// coordinate along the normal.
+/// The signed distance from a plane shape that is extruded by half_thickness to both sides along
+/// its normal and then grown by `rounding`. `in_plane` is the signed distance from the shape in the
+/// plane, `off_plane` the coordinate along the normal.
 inline double plate_distance(double in_plane, double off_plane, double half_thickness,
                              double rounding) {
   const double w = std::abs(off_plane) - half_thickness;
@@ -116,7 +116,7 @@ inline double plate_distance(double in_plane, double off_plane, double half_thic
          norm(Vec2{std::max(in_plane, 0.0), std::max(w, 0.0)}) - rounding;
 }
 
-/// A box with half sizes `half` about the origin, grown by `rounding`.
+/// The signed distance from a box with half sizes `half` about the origin, grown by `rounding`.
 inline double rounded_box_distance(Vec3 p, Vec3 half, double rounding) {
   const Vec3 q{std::abs(p.x) - half.x, std::abs(p.y) - half.y, std::abs(p.z) - half.z};
   return norm(Vec3{std::max(q.x, 0.0), std::max(q.y, 0.0), std::max(q.z, 0.0)}) +

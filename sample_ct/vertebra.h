@@ -14,7 +14,7 @@ namespace trocar::sample {
 
 /// Distance between neighbouring vertebrae along z: 28 mm for the body and 10 mm for the disc.
 inline constexpr double kVertebraPitch_mm = 38.0;
-/// Half the height of the vertebral body at its rim.
+/// Half the height of the vertebral body at the edge of its end plates.
 inline constexpr double kBodyHalfHeight_mm = 14.0;
 
 /// The bone near a point.
@@ -23,9 +23,9 @@ struct BoneSample {
   double cortical_mm = 1;  ///< thickness of the cortical shell near the point
 };
 
-/// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz, has
-/// the sign of the exact distance and never exceeds it in magnitude; on the walls of the body it is
-/// at most 4 % smaller.
+/// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz. It has
+/// the sign of the exact distance and never exceeds the exact distance in magnitude. On the walls
+/// of the body it is at most 4 % smaller.
 BoneSample sample_bone(Vec3 p);
 
 /// sample_bone(p).distance_mm.

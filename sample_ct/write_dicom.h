@@ -19,9 +19,9 @@ std::string dicom_name(int k);
 /// scan's parameters and of `purpose` ("study", "series", "frame", "image/3").
 std::string dicom_uid(const Scan& scan, const std::string& purpose);
 
-/// Writes the slices, lowest first, into an existing folder. An error (unwritable)
-/// names the file; files written before it stay. The same scan gives the same bytes (dates and
-/// UIDs are fixed by its parameters).
+/// Writes the slices, lowest first, into an existing folder. Errors: kUnwritable; the message names
+/// the file, and files that were written earlier stay. The same scan gives the same bytes (dates
+/// and UIDs are fixed by its parameters).
 Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder);
 
 std::string dicom_library_version();

@@ -12,8 +12,9 @@
 
 namespace trocar::sample {
 
-/// grey = round(clamp((HU - low) / (high - low) * 255, 0, 255)): 5 HU per grey level by default.
-/// Bone is well inside the range; air is clamped.
+/// The range of HU that the grey levels show. By default a grey level is 5 HU. Bone is well inside
+/// the range. Air is below the range and gets the lowest grey level.
+/// grey = round(clamp((HU - low_hu) / (high_hu - low_hu) * 255, 0, 255)).
 struct GreyWindow {
   double low_hu = -250;
   double high_hu = 1025;
@@ -22,8 +23,8 @@ struct GreyWindow {
 /// The file of slice k (counted from 0): "slice_001.png" for k = 0.
 std::string png_name(int k);
 
-/// Writes the slices, lowest first, into an existing folder. An error (unwritable)
-/// names the file; files written before it stay. The same scan gives the same bytes.
+/// Writes the slices, lowest first, into an existing folder. Errors: kUnwritable; the message names
+/// the file, and files that were written earlier stay. The same scan gives the same bytes.
 Result<void> write_png(const Scan& scan, const GreyWindow& window,
                        const std::filesystem::path& folder);
 

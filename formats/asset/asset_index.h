@@ -5,17 +5,17 @@
 // The index is at the start of the binary chunk. It consists of a header and one record of fixed
 // size for each entry (one material of one slice). A reader finds any slice with a few short reads.
 // The file's first 20 bytes give the start of the binary chunk, the index header gives the number
-// of records, and records are in ascending order. Records hold offsets only. Planes and names stay
-// in the JSON, and a record locates the text of its node there. Other glTF readers ignore bytes
-// that no buffer view covers. (glTF also allows a further chunk after the binary one, but
+// of records, and records are in ascending order. Records hold offsets only. The planes stay in the
+// JSON, where each record locates the text of its entry's glTF node. Other glTF readers ignore
+// bytes that no buffer view covers. (glTF also allows a further chunk after the binary one, but
 // validators warn of it, and tools that rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
-//  1. If the index has another version, or its header does not state the actual chunk sizes, it is
-//     treated as absent, because another tool has rewritten the file.
+//  1. If the version of the index is unknown, or if its header does not have the actual sizes of
+//     the chunks because another tool has rewritten the file, the index is treated as absent.
 //  2. If there is an index, decode_asset() refuses the file unless every record and every text that
-//     the record points to agrees with the JSON. So a slice that is read by the index is the one
-//     that was verified.
+//     the record points to agrees with the JSON. So a reader that uses the index gets the slices
+//     that were verified.
 //  3. Every offset and size of a record is compared with the chunks' sizes before it is used.
 //  4. A checksum (CRC-32) covers all bytes of an entry. A changed byte is therefore
 //     refused, even if the slice would still decode. The lines that an asset may hold for
@@ -37,44 +37,47 @@
 
 namespace trocar {
 
-/// Bytes before the JSON text.
+/// Number of bytes of a .glb before the JSON text.
 inline constexpr std::size_t kGlbHeader = 20;
-/// Bytes before a further chunk's data.
+/// Number of bytes of the header of each further chunk.
 inline constexpr std::size_t kGlbChunkHeader = 8;
-/// The size of a .glb's JSON chunk. Errors, without the file's name: (refused) the file is not
-/// binary glTF, or its size differs from the stated one.
+/// Returns the size of a .glb's JSON chunk. Errors: kRefused if the file is not binary glTF, or if
+/// its size differs from the one in its header. Messages do not contain the file's name.
 Result<std::uint32_t> json_bytes_of(ByteSource& source);
 
 inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', 'I', 'X'};
-/// Version of the index in assets of schema 2, and in those of schema 1.
+/// kIndexVersion: version of the index in assets of schema 2. kIndexVersion1: in those of schema 1.
 inline constexpr std::uint32_t kIndexVersion = 3, kIndexVersion1 = 2;
+/// Largest number of slices, and of entries, in an asset.
 inline constexpr std::size_t kMaxSlices = 100'000;
 
-// The next three structures are the bytes of the file, little-endian.
+// The next three structures have the same bytes in memory and in the file (little-endian).
 
 struct IndexHeader {
   std::array<char, 8> magic = kIndexMagic;
   std::uint32_t version = kIndexVersion;
-  std::uint32_t entries = 0;
-  std::uint32_t json_bytes = 0, binary_bytes = 0;     ///< the chunks' sizes
-  std::uint32_t extras_offset = 0, extras_bytes = 0;  ///< the extras in the JSON text
-  std::uint32_t checksum = 0;                         ///< CRC-32 of the extras and the frame
-  std::int32_t first_index = 0,
-               last_index = 0;  ///< index in the first and last record; 0 if there is none
-  std::uint32_t frame_offset = 0,
-                frame_bytes = 0;  ///< the frame's node in the JSON text; not in version 2
+  std::uint32_t entries = 0;                       ///< number of records
+  std::uint32_t json_bytes = 0, binary_bytes = 0;  ///< the chunks' sizes
+  std::uint32_t extras_offset = 0,
+                extras_bytes = 0;  ///< location of the document's extras in the JSON text
+  std::uint32_t checksum = 0;      ///< CRC-32 of the extras and the frame
+  /// Slice index in the first and in the last record; 0 if there are no records.
+  std::int32_t first_index = 0, last_index = 0;
+  /// Location in the JSON text of the frame, the node whose transform all slices share. Version 2
+  /// of the index does not have these two numbers.
+  std::uint32_t frame_offset = 0, frame_bytes = 0;
 };
 
-/// Locates an entry's bytes. The offset of the node is counted from the start of the JSON text, and
-/// that of the payload from the start of the binary chunk's data. If the slice is empty, both
-/// payload fields are 0.
+/// Locates an entry's bytes. The offset of the node is counted from the start of the JSON text. The
+/// offset of the Draco payload, which holds the triangles, is counted from the start of the binary
+/// chunk's data. If the slice is empty, both Draco numbers are 0.
 struct EntryRecord {
   std::int32_t index = 0;         ///< AssetSlice::index
-  std::uint32_t node_offset = 0;  ///< its node in the JSON text
+  std::uint32_t node_offset = 0;  ///< location of the entry's node
   std::uint16_t node_bytes = 0, material = 0;
   std::uint32_t draco_offset = 0, draco_bytes = 0;
-  std::uint32_t checksum =
-      0;  ///< CRC-32 of this record with checksum 0, the node's text and the payload
+  /// CRC-32 of this record (with checksum 0) followed by the node's text and the payload.
+  std::uint32_t checksum = 0;
 };
 
 /// The record of a slice in schema 1.
@@ -83,12 +86,13 @@ struct SliceRecord1 {
   std::uint32_t node_offset = 0, node_bytes = 0;
   std::uint32_t draco_offset = 0, draco_bytes = 0;
   std::uint32_t vertices = 0, triangles = 0;
-  LatticePoint low, high;                                      ///< box around the vertices
-  std::uint32_t outline_offset = 0, outline_vertices = 0;      ///< 12 bytes each
-  std::uint32_t segments_offset = 0, segment_index_bytes = 0;  ///< bytes of one index: 2 or 4
+  LatticePoint low, high;                                  ///< box around the vertices
+  std::uint32_t outline_offset = 0, outline_vertices = 0;  ///< 12 bytes for each vertex
+  std::uint32_t segments_offset = 0,
+                segment_index_bytes = 0;  ///< bytes of one vertex index: 2 or 4
   std::uint32_t checksum = 0;
 };
-inline constexpr std::size_t kIndexHeader1Bytes = 44;  ///< without the frame
+inline constexpr std::size_t kIndexHeader1Bytes = 44;  ///< size of the header in version 2
 static_assert(sizeof(IndexHeader) == 52 && std::is_trivially_copyable_v<IndexHeader>);
 static_assert(sizeof(EntryRecord) == 24 && std::is_trivially_copyable_v<EntryRecord>);
 static_assert(sizeof(SliceRecord1) == 64 && std::is_trivially_copyable_v<SliceRecord1>);
@@ -104,7 +108,7 @@ struct SliceRecord : SliceRecord1 {
   }
 };
 
-/// A file that has an index.
+/// The index header of a file, and the positions of the file's chunks.
 struct IndexedFile {
   IndexHeader header;
   std::uint64_t json_at = 0, binary_at = 0;  ///< offsets of the chunks' data in the file
@@ -118,15 +122,16 @@ struct IndexedFile {
   }
   std::uint64_t bytes() const { return header_bytes() + header.entries * record_bytes(); }
 };
-/// Nothing if the file has no index (contract 1). Errors: those of json_bytes_of().
+/// Reads the index header. Returns nothing if the file has no index (contract 1). Errors: those of
+/// json_bytes_of(); kRefused if the index does not fit in the file.
 Result<std::optional<IndexedFile>> find_index(ByteSource& source);
 
-/// Record number i, 0 <= i < header.entries. Errors: (refused) an offset or size is inconsistent
-/// (contract 3).
+/// Reads record number i, 0 <= i < header.entries. Errors: kRefused if an offset or a size points
+/// outside the file (contract 3).
 Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
 
-/// The records of the slice `index`; none if there is no such slice. Takes O(log slices) reads. If
-/// the scan has one material and no gap, it takes only one read more than there are records.
+/// Finds the records of the slice `index`; none if there is no such slice. Takes O(log slices)
+/// reads. If the scan has one material and no slice is missing, it takes at most three reads.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index);
 
@@ -134,17 +139,19 @@ Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedF
 struct SliceBytes {
   std::vector<std::uint8_t> node, draco, outline, segments;
 };
-/// Errors: (refused) the checksum differs from the record's (contract 4).
+/// Reads the bytes to which a record points. Errors: kRefused if their checksum differs from the
+/// record's (contract 4).
 Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
                                     const SliceRecord& record);
-/// The texts to which the header points. Errors: (refused) the checksum differs from the header's.
+/// The texts to which the header points.
 struct DocumentTexts {
   std::vector<std::uint8_t> extras, frame;
 };
+/// Reads these texts. Errors: kRefused if their checksum differs from the header's.
 Result<DocumentTexts> read_document_texts(ByteSource& source, const IndexedFile& file);
 
-/// Writes the checksums into the slice index of a .glb, if it has one. Inconsistent records
-/// are not changed.
+/// Computes the checksums of a .glb's slice index and writes them into the index. Does nothing if
+/// there is no index. Records that point outside the file are not changed.
 void write_index_checksums(std::span<std::uint8_t> glb);
 
 }  // namespace trocar

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A slice mesh, and the HU at its vertices, as a Draco (Edgebreaker) payload, lossless on the
-// lattice and on the HU step.
+// A slice mesh, and the HU at its vertices, as a Draco (Edgebreaker) payload. The payload is
+// lossless for coordinates on the lattice and for HU that are multiples of kHuStep.
 //
-// Positions are numbers of lattice steps. With a range of 2^bits - 1, Draco's float arithmetic is
-// exact as long as all numbers fit into a float's 24 bits: q = x - origin when encoding, and x = q
-// + origin when decoding. All vertices have the same z, that of the origin. HU are whole multiples
-// of kHuStep; integers need no quantisation.
+// Positions are stored in lattice steps. The quantisation range is 2^bits - 1, so one quantum is
+// one step: Draco computes q = x - origin when it encodes, and x = q + origin when it decodes.
+// This float arithmetic is exact as long as all numbers fit into a float's 24 bits. All vertices
+// have the same z, which is the z of the origin. HU are stored as integers in units of kHuStep, so
+// they need no quantisation.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -23,8 +24,8 @@ namespace trocar {
 struct DracoGrid {
   Lattice lattice;
   LatticePoint origin;        ///< lower bound of all coordinates of the scan
-  int quantization_bits = 1;  ///< 2^bits - 1 >= largest extent; at most 24
-  bool colours = false;       ///< also store the HU, where they are known, as colours
+  int quantization_bits = 1;  ///< at most 24; 2^quantization_bits - 1 is at least the scan's extent
+  bool colours = false;       ///< true: known HU are also stored as colours
 };
 
 inline constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
@@ -32,28 +33,30 @@ inline constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
 inline constexpr std::uint32_t kDracoPositionId = 0;
 /// Draco id of the HU, if they are known: a GENERIC int16 scalar in steps of kHuStep.
 inline constexpr std::uint32_t kDracoHuId = 1;
-inline constexpr const char* kHuAttribute = "_HU";  ///< its attribute name in glTF
-/// HU are stored as n * kHuStep, from kMinHu to kMaxHu. The range is wider than that of voxels
-/// because a least-squares fit may exceed it.
+inline constexpr const char* kHuAttribute = "_HU";  ///< name of the HU attribute in glTF
+/// HU are stored as n * kHuStep, from kMinHu to kMaxHu. The range is wider than that of voxels,
+/// because the values of a least-squares fit may lie outside the range of the voxels.
 inline constexpr int kMinHu = -8192, kMaxHu = 24568, kHuStep = 8;
-/// The nearest HU that is stored. `hu` is finite.
+/// The stored value that is nearest to `hu`, which must be finite.
 float stored_hu(float hu);
 
-/// Draco id of the vertex colours for viewers, on request: a COLOR of three normalised u8 in linear
-/// light.
+/// Draco id of the vertex colours, which are stored on request for viewers: a COLOR of three
+/// normalised u8 in linear light.
 inline constexpr std::uint32_t kDracoColourId = 2;
-inline constexpr const char* kColourAttribute = "COLOR_0";  ///< its name in glTF
+inline constexpr const char* kColourAttribute = "COLOR_0";  ///< its attribute name in glTF
 using HuColour = std::array<std::uint8_t, 3>;               ///< red, green, blue
-/// The colour of a stored HU: viridis from -200 to 1848 HU (table in asset.md), clamped outside.
+/// The colour of a stored HU: the colour map viridis from -200 to 1848 HU (table in asset.md). HU
+/// outside this range get the first or the last colour.
 HuColour hu_colour(float hu);
 
-/// Encodes a mesh at z = 0, with one HU for each vertex or with none. Errors: (bug) the mesh is
-/// empty or outside the grid, HU are not finite or their number is wrong.
+/// Encodes a mesh at z = 0, with one HU for each vertex or with none. Errors: kBug if the mesh is
+/// empty or outside the grid, if a HU is not finite, or if the number of HU is wrong.
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu = {});
 /// The offset, in a payload of encode_draco(), of the float that is the z of all vertices.
 Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const DracoGrid& grid);
 
+/// The contents of a payload.
 struct DracoSlice {
   SliceMesh mesh;
   std::vector<float> hu;  ///< empty if the payload has none
@@ -61,17 +64,19 @@ struct DracoSlice {
   bool has_colours = false;
 };
 /// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. The unit of
-/// the stored coordinates is 2^-`bits` lattice steps. `bits` is 0 in schema 2, which stores steps,
-/// and lattice.bits in schema 1, which stores mm. Counts are checked before Draco allocates for
-/// them. Errors, without a file's name: (refused) corrupted bytes; more than `max_vertices` or
-/// `max_triangles`; more than both 2^22 triangles and 64 for each byte; a coordinate off the
-/// lattice; an index out of range; HU that are not stored_hu(); colours that do not match the HU.
+/// the stored coordinates is 2^bits lattice steps. `bits` is 0 in schema 2, which stores steps, and
+/// lattice.bits in schema 1, which stores mm. Calls check_draco_counts() before Draco allocates
+/// memory. Errors: those of check_draco_counts(); kRefused if bytes are corrupted, a coordinate is
+/// off the lattice, vertices differ in z, an index or a HU is out of range, or colours do not match
+/// the HU. Messages do not contain the file's name.
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles, int bits = 0);
 
-/// Checks the counts for which Draco allocates memory before it reads further. Errors: (refused)
-/// the payload's header is not that of an Edgebreaker mesh, or states more than these numbers or
-/// more than its bytes can hold.
+/// Checks the numbers of vertices and triangles in a payload's header. (Draco allocates
+/// memory for these numbers before it reads further.) Errors: kRefused if the header is not that of
+/// an Edgebreaker mesh, or if it has more than `max_vertices` vertices, more than
+/// `max_triangles` triangles, or more triangles than the payload can hold. The limit is 64
+/// triangles for each byte, but at least 2^22.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of Draco's encoder. The only header here that includes Draco; internal to formats/.
+// The settings of Draco's encoder. This is the only header of the folder that includes Draco.
+// Internal to formats/.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -11,13 +12,14 @@
 
 namespace trocar {
 
-/// `mesh` is the encoder's input; its attribute 0 is the position.
+/// Sets the encoder's options. `mesh` is the encoder's input, whose attribute 0 must be
+/// the position.
 inline draco::Status configure(draco::ExpertEncoder& encoder, const draco::PointCloud& mesh,
                                const DracoGrid& grid) {
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
-  // In the plane, prediction by one parallelogram is better than Draco's slowest choice, which is a
-  // constrained average of several parallelograms. The flags of that choice cost more bits than
-  // they save. Prediction by one parallelogram also takes half the time.
+  // Prediction by one parallelogram compresses points in a plane better than Draco's slowest
+  // setting, which predicts by a constrained average of several parallelograms. The flags of the
+  // slowest setting cost more bits than they save. One parallelogram also takes half the time.
   encoder.SetSpeedOptions(2, 2);
   // HU and colours share the connectivity of the positions and have no seams of their own. With
   // this setting, decoding takes a quarter less time.

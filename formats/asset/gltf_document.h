@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // An asset's container as tinygltf reads it, and checked access to its accessors and buffer views.
-// Internal to formats/; includes tinygltf. Debian's libdraco exports a tinygltf built with other options; to keep the
-// two apart, every file that includes this one is compiled with hidden visibility.
+// Internal to formats/; includes tinygltf. Debian's libdraco exports a tinygltf that was built with
+// other options. To keep the two apart, every file that includes this header is compiled with
+// hidden visibility (formats/CMakeLists.txt).
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -27,36 +28,40 @@ struct GltfDocument {
   nlohmann::json extras, nodes;  ///< the document's extras and the array of nodes, as JSON
   tinygltf::Model model;
 };
-/// Parses the container. Errors: (refused, with `name`) a broken container, invalid glTF, or
-/// anything but one embedded buffer.
+/// Parses the container. Errors: kRefused if the container is broken, if it is not valid glTF, if
+/// it has more than one buffer, or if its buffer is not embedded. Messages begin with `name`.
 Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::string& name);
 
-/// The bytes of a buffer view; none if any number is out of range.
+/// The bytes of a buffer view. Nothing if the view does not exist, has a stride, or does not lie in
+/// the buffer.
 std::optional<std::span<const std::uint8_t>> view_bytes(const tinygltf::Model& model, int view);
 /// The accessor with this index, or null.
 const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index);
-/// The accessor of this attribute, or null.
+/// The accessor of the attribute `name` of a primitive, or null.
 const tinygltf::Accessor* attribute_of(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive, const char* name);
-/// The number of an accessor's view if the view holds exactly its elements, packed; otherwise none.
+/// The number of the buffer view of an accessor, if this view consists of exactly the accessor's
+/// elements without gaps. Otherwise nothing.
 std::optional<int> packed_view(const tinygltf::Model& model, const tinygltf::Accessor& accessor,
                                std::size_t element_bytes);
-/// Start of a valid view in the buffer.
+/// Offset of a view in the buffer. Precondition: the view exists.
 std::uint32_t offset_of(const tinygltf::Model& model, int view);
 
-/// Triangles in a Draco payload, as the JSON describes them.
+/// A primitive whose triangles are in a Draco payload, as the JSON describes the primitive.
 struct DracoPrimitive {
   const tinygltf::Accessor* position = nullptr;
   std::uint32_t vertices = 0, triangles = 0, offset = 0;
   std::span<const std::uint8_t> payload = {};
 };
-/// Errors: (refused) there is no payload, it is outside the buffer, or a count is impossible.
+/// Finds the payload of a primitive. Errors: kRefused if there is no payload, if it is outside the
+/// buffer, or if a count is impossible.
 Result<DracoPrimitive> draco_primitive(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive);
-/// The Draco id of an attribute; -1 if the primitive's extension does not name it.
+/// The Draco id of an attribute; -1 if the primitive's Draco extension does not name the attribute.
 int draco_id(const tinygltf::Primitive& primitive, const char* attribute);
 
-/// Numbers of the nodes outside the scan's node whose extras describe a surface for display.
+/// Numbers of the nodes whose extras describe a surface for display. These nodes are in the scene
+/// beside node 0, which is the scan's node.
 std::vector<std::size_t> surface_nodes(const GltfDocument& document);
 
 }  // namespace trocar

@@ -17,20 +17,25 @@ inline constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
 /// A number for the JSON text. A whole number is written without a fraction, which is shorter.
 nlohmann::json number(double value);
-/// Sets the node's `matrix` or `translation`, in lattice steps. For the identity it sets neither.
+/// Writes a transform with lengths in mm as the node's `matrix` or `translation`, with lengths in
+/// lattice steps. Writes neither for the identity.
 void put_transform(const Eigen::Affine3d& T_mm, const Lattice& lattice, nlohmann::json& node);
 
-/// The primitive of a slice's triangles at the height of z steps. Adds its payload and accessors to
-/// `gltf`, and notes them in `sizes` and `record`.
+/// Returns the primitive of a slice's triangles, at the height of z steps. Adds the Draco
+/// payload and the accessors to `gltf`, counts them in `sizes`, and stores the payload's
+/// location in `record`.
 nlohmann::json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32_t z,
                                    AssetSizes& sizes, EntryRecord& record);
-/// The primitive of an outline as lines, for viewers.
+/// Returns a primitive that shows an outline as lines, for viewers. Adds the lines to `gltf` and
+/// counts them in `sizes`. `material` is the number of the outlines' glTF material.
 nlohmann::json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t z,
                                std::size_t material, AssetSizes& sizes);
-/// The asset's materials, and the outline's if there are lines.
+/// Returns the glTF materials: one for each material of the asset and, if the file holds outlines
+/// as lines, one for the outlines.
 nlohmann::json gltf_materials(const Asset& head);
 /// Adds a surface and returns its node's number. The node is not below the scan's node, so that
-/// readers of slices ignore it. Errors: (bug) the payload, decoded again, is not a valid surface.
+/// readers of slices ignore it. Errors: those of encode_surface(); kBug if the payload does not
+/// decode to a valid surface.
 Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& sizes);
 
 }  // namespace trocar

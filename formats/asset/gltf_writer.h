@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a binary glTF 2.0 file element by element. Internal to formats/. Elements are kept as the
-// text and bytes of the file, because JSON values take many times the memory and a scan has
-// thousands of them.
+// Writes a binary glTF 2.0 file element by element. Internal to formats/. The writer keeps the
+// elements as text and bytes of the file. JSON values would take many times the memory, and a scan
+// has thousands of elements.
 // Tests: tests/formats/asset/asset_page_test.py
 #pragma once
 
@@ -28,7 +28,7 @@ class GltfWriter {
   struct Range {
     std::uint64_t offset = 0, size = 0;
   };
-  /// Appends bytes that no view covers.
+  /// Appends bytes that no buffer view covers.
   void add_bytes(const std::vector<std::uint8_t>& bytes) {
     buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
@@ -36,12 +36,12 @@ class GltfWriter {
     int number = 0;
     Range bytes;
   };
-  /// Appends a view. Views with a target are 4-byte aligned; the others need not be, because no GPU
-  /// reads their numbers.
+  /// Appends data and a buffer view that covers them. Data with a target are aligned to 4 bytes.
+  /// Data without a target need no alignment, because no GPU reads them.
   View add_view(const void* data, std::size_t size, int target);
 
-  // Each function returns the index of the new element. Equal accessors are merged, because those
-  // of Draco payloads state only counts and are often equal.
+  // Each function returns the index of the new element. Equal accessors are merged, because the
+  // accessors of Draco payloads have only counts and are often equal.
   int add_accessor(const nlohmann::json& accessor);
   int add_mesh(const nlohmann::json& mesh) { return meshes_.add(mesh); }
   int add_node(const nlohmann::json& node) { return nodes_.add(node); }
@@ -50,12 +50,12 @@ class GltfWriter {
     std::vector<std::uint8_t> bytes;
     std::size_t json_bytes = 0;     ///< size of the JSON text
     std::size_t binary_offset = 0;  ///< offset of the buffer in `bytes`
-    std::vector<Range> nodes;       ///< each node in the JSON text
-    Range extras;                   ///< the document's extras in the JSON text
+    std::vector<Range> nodes;       ///< location of each node in the JSON text
+    Range extras;                   ///< location of the document's extras in the JSON text
   };
-  /// The file, made of `top` (an object: asset, extensionsUsed, materials, scenes, ...), the
-  /// document's extras and the elements. Errors: (refused) the file is larger than the 4 GiB that
-  /// its header can state.
+  /// Returns the file. It consists of `top` (an object: asset, extensionsUsed, materials, scenes,
+  /// ...), the document's extras and the elements. Errors: kRefused if the file would exceed 4 GiB,
+  /// which is the largest size that a header can hold.
   Result<File> finish(const nlohmann::json& top, const nlohmann::json& extras) &&;
 
  private:

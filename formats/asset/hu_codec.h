@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compresses the HU of one slice. Which samples are stored follows from the slice's outlines, so
-// the set of samples is not stored itself. asset.md specifies the bytes. Internal to formats/,
-// except for encode_hu_plane().
+// Compresses the HU of one slice. The slice's outlines determine which samples are stored, so the
+// file need not list them. asset.md specifies the bytes. Internal to formats/, except for the
+// functions that encode.
 //
 // Contract (tests/formats/asset/hu_volume_test.cpp):
-//  1. A sample is stored if its distance from the material is at most the margin, decided in integers.
-//  2. decode_hu_plane() restores what encode_hu_plane() stored. It refuses bytes that hold fewer or more
-//     samples, or values out of range. Memory and time are bounded by the grid's box around the outlines,
-//     which holds at most kMaxHuSamples.
+//  1. A sample is stored if its distance from the material is at most the margin. This is decided
+//     exactly, in integers.
+//  2. decode_hu_plane() restores what encode_hu_plane() stored. It refuses bytes with fewer or more
+//     samples than the outlines require, and values out of range. Memory and time are bounded by
+//     the number of samples in the box around the outlines, which is at most kMaxHuSamples.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -23,35 +24,39 @@
 
 namespace trocar {
 
-inline constexpr std::int64_t kMaxHuSamples = std::int64_t{1} << 24;  ///< in the box of one plane
-inline constexpr int kMaxHuSide = 1 << 15;  ///< most columns or rows of a grid
-/// The largest |HU| / step that is stored; larger ones are clamped.
+/// Largest number of samples in the box of one plane.
+inline constexpr std::int64_t kMaxHuSamples = std::int64_t{1} << 24;
+inline constexpr int kMaxHuSide = 1 << 15;  ///< largest number of columns or rows of a grid
+/// The largest |HU| / step that is stored; larger values are clamped.
 inline constexpr std::int64_t kMaxHuSteps = std::int64_t{1} << 30;
 /// The largest margin, lattice steps.
 inline constexpr std::int32_t kMaxHuMargin = 1 << 20;
 
-/// Errors, without the file's name: (refused) the grid's numbers are out of range.
+/// Checks the numbers of a grid. Errors: kRefused if one is out of range; the message does not
+/// contain the file's name.
 Result<void> check_hu_grid(const HuGrid& grid, const Lattice& lattice);
 
 /// The outlines of a slice, one for each material. Materials may touch, but do not overlap.
 using Outlines = std::span<const Pslg* const>;
 
-/// The samples that are stored: a box of the grid, and for each sample in it whether it is stored.
+/// The set of samples that are stored: a box of the grid, and a flag for each sample in the box.
 struct HuMask {
   int first_column = 0, first_row = 0, columns = 0, rows = 0;
-  std::vector<char> is_stored;  ///< row by row
+  std::vector<char> is_stored;  ///< not 0: the sample is stored; row by row
 };
-/// Errors: (refused) the box exceeds kMaxHuSamples, or so many edges are so near to each other that they
-/// cannot be outlines.
+/// Determines the samples of a slice that are stored. Errors: kRefused if the box exceeds
+/// kMaxHuSamples, or if so many edges lie so close together that they cannot be outlines.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
-/// Encodes the HU `value(column, row)` of the samples of a mask. Rounding errors are carried over to
-/// samples that follow (Floyd and Steinberg), so the mean of neighbouring samples is more exact than each
-/// of them. HU that are multiples of the step are unchanged.
+/// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of a
+/// sample. Rounding errors are carried over to the samples that follow (Floyd and Steinberg), so
+/// the mean of neighbouring samples is more exact than a single sample. HU that are multiples of
+/// the step are unchanged.
 std::vector<std::uint8_t> encode_hu_plane(const HuGrid& grid, const HuMask& mask,
                                           const std::function<float(int column, int row)>& value);
 
-/// The plane without index and T_lps_plane. Errors, without the file's name: (refused).
+/// Decodes a plane, except its `index` and `T_lps_plane`. Errors: kRefused if the bytes are damaged
+/// or do not fit the outlines; the message does not contain the file's name.
 Result<HuPlane> decode_hu_plane(std::span<const std::uint8_t> bytes, const HuGrid& grid,
                                 const Lattice& lattice, Outlines outlines);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Volumes of HU in the file: a buffer view for each, which begins with a directory of its planes, and an element of
-// `hu_volumes` in the document's extras. Internal to formats/. asset.md has the layout.
+// Volumes of HU in the file. Each volume has an element of `hu_volumes` in the document's extras,
+// and a buffer view, which begins with a directory of the volume's planes. Internal to formats/.
+// asset.md has the layout.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -14,29 +15,34 @@
 
 namespace trocar {
 
-/// The location of a volume in the file, as the document's extras state it.
+/// The location of a volume in the file, according to the document's extras.
 struct HuSection {
   HuGrid grid;
-  std::uint32_t view = 0;               ///< number of its buffer view
-  std::uint64_t offset = 0, bytes = 0;  ///< in the binary chunk's data
-  std::uint32_t planes = 0;
+  std::uint32_t view = 0;               ///< number of the buffer view
+  std::uint64_t offset = 0, bytes = 0;  ///< location in the binary chunk's data
+  std::uint32_t planes = 0;             ///< number of planes
 };
 
-/// Appends a volume's buffer view. Returns its element of `hu_volumes`. Expects planes that ascend by index.
+/// Appends a volume's buffer view, and returns the volume's element of `hu_volumes`. Precondition:
+/// the planes ascend by index.
 nlohmann::json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume);
 
-/// The volumes in a document's `extras.trocar`: at most one around the material and one of everything. Errors:
-/// (refused) other versions, numbers out of range.
+/// Returns the volumes that a document's `extras.trocar` describes: at most one around the material
+/// and at most one of everything. Errors: kRefused if a volume has an unknown version or a number
+/// out of range, or if two volumes are of the same kind.
 Result<std::vector<HuSection>> hu_sections(const nlohmann::json& ours, const Lattice& lattice);
 
-/// Decodes the planes of asset.slices into asset.hu and, if `with_context`, asset.context. Slices without outlines
-/// have no plane in asset.hu. `source` has the binary chunk's data, `binary_bytes` long, from `binary_at` on. Only
-/// the planes' bytes and O(log planes) records of the directory are read for each slice. Errors: (refused).
+/// Decodes the planes of the slices in asset.slices into asset.hu and, if `with_context` is set,
+/// also into asset.context. A slice without outlines has no plane in asset.hu. The binary chunk's
+/// data begin at offset `binary_at` of `source` and have `binary_bytes` bytes. For each slice only
+/// the bytes of its planes and O(log planes) records of the directory are read. Errors: kRefused if
+/// bytes are damaged or lie outside the binary chunk.
 Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset);
 
-/// Checks a whole directory: its planes ascend, belong to slices of the asset and fill the view. Errors: (refused).
+/// Checks a whole directory: its planes must ascend, belong to slices of the asset and fill the
+/// buffer view. Errors: kRefused if they do not.
 Result<void> check_hu_directory(ByteSource& source, std::uint64_t binary_at,
                                 const HuSection& section, const Asset& asset);
 

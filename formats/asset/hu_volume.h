@@ -14,12 +14,12 @@ namespace trocar {
 
 /// The grid of samples, the same in all planes of a volume.
 struct HuGrid {
-  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< sample (0, 0), in the slice's plane
-  Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distance of columns, of rows
+  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< position of sample (0, 0)
+  Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distance between columns, between rows
   int columns = 0, rows = 0;
   int step_hu = 8;  ///< stored HU are multiples of this
-  /// Samples nearer to the material than this are stored. A negative value means all samples.
-  /// Lattice steps.
+  /// Samples are stored up to this distance from the material, in lattice steps. A negative value
+  /// means that all samples are stored.
   std::int32_t margin_steps = -1;
 
   bool covers_everything() const { return margin_steps < 0; }
@@ -29,18 +29,18 @@ struct HuGrid {
 class HuPlane {
  public:
   int index = 0;                                              ///< AssetSlice::index
-  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< that of the slice, mm
-  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();        ///< the first sample below
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< plane of the slice, mm
+  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< position of the first sample of `hu`
   Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();
-  int first_column = 0, first_row = 0;  ///< the first sample below, in the volume's grid
+  int first_column = 0, first_row = 0;  ///< first sample of `hu` in the volume's grid
   int columns = 0, rows = 0;
   std::vector<float> hu;  ///< HU row by row; NaN where no sample is stored
 
-  /// Bilinear interpolation of the four samples around (x, y), which is in mm. Samples that are not stored
-  /// have no weight. NaN if none of the four is stored. No allocation.
+  /// Bilinear interpolation of the four samples around a point of the slice's plane. Samples that
+  /// are not stored have no weight. NaN if none of the four is stored. Does not allocate.
   float at(double x_mm, double y_mm) const noexcept;
-  /// The mean of at() over a disc, taken at 19 points of equal weight. Points without a value are ignored.
-  /// NaN if no point has one. No allocation; less than a microsecond.
+  /// The mean of at() over a disc, taken at 19 points of equal weight. Points without a value are
+  /// ignored. NaN if no point has a value. Does not allocate; takes less than a microsecond.
   float mean(double x_mm, double y_mm, double radius_mm) const noexcept;
 };
 
@@ -50,14 +50,17 @@ struct HuVolume {
 
   /// The plane of a slice, or null. O(log planes).
   const HuPlane* find(int index) const noexcept;
-  /// HU at a position in the patient's frame (LPS, mm). The value is linear between the two planes around
-  /// the position, along the planes' normals, and bilinear in each plane. Beyond the outermost planes it
-  /// is the value of the nearest plane. NaN if neither plane has one. Expects planes whose order along the
-  /// normal is that of their indices. O(log planes).
+  /// HU at a position in the patient's frame (LPS, mm). The HU are interpolated bilinearly in each
+  /// of the two planes around the position, and linearly between these planes along their normals.
+  /// If only one of the two planes has a value there, the result is this value; if neither has one,
+  /// it is NaN. Beyond the outermost planes, the result is the value of the nearest plane.
+  /// Precondition: along their normal the planes are in the order of their indices, or in the
+  /// reverse order. O(log planes).
   float at(const Eigen::Vector3d& p_lps_mm) const noexcept;
 };
 
-/// 19 points of a disc of radius 1 that stand for equal areas: rings of 1, 6 and 12.
+/// 19 points of the disc of radius 1, in rings of 1, 6 and 12 points. Each point represents
+/// the same area.
 const std::array<Eigen::Vector2d, 19>& disc_points() noexcept;
 
 }  // namespace trocar

@@ -11,16 +11,19 @@
 namespace trocar {
 
 /// Joins the materials of each slice into one mesh with the outline of their union
-/// (weld_regions.h). The HU of merged vertices are averaged. If a material has no HU, the mesh has
-/// none. If `mean_hu` is known for every material, the result is the mean weighted by area. Slices
-/// of one material are unchanged. O(n log n). Errors: (refused) with the file and the slice: a mesh
-/// is not valid (check_mesh_against_pslg()), or materials overlap (check_shared_borders()) or lie
-/// in different planes.
+/// (weld_regions.h). The HU of merged vertices are averaged. If a material has no HU at vertices,
+/// the joined mesh has none. If the mean HU of every material is known, the mean HU of the joined
+/// mesh is their mean weighted by area. The meshes of slices with one material are unchanged. If
+/// any slice had several materials, the asset afterwards has only one material, to which all slices
+/// belong. O(n log n). Errors: kRefused if a mesh is not valid (check_mesh_against_pslg()), or if
+/// materials overlap (check_shared_borders()) or lie in different planes. The message has the file
+/// and the slice.
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
-/// Sets AssetSlice::hu, where it is empty, from Asset::hu, to colour the meshes. The value at a
-/// vertex is the mean over the triangles around it. (Most vertices lie on the outline, where the HU
-/// themselves are those of the border.) Call this before weld_materials().
+/// Computes AssetSlice::hu, where it is empty, from Asset::hu, so that viewers can colour the
+/// meshes. The value at a vertex is the mean HU of the triangles around the vertex, weighted by
+/// area. (The HU at the vertex itself would mix with those of the surroundings, because most
+/// vertices lie on the outline.) Call this function before weld_materials().
 void add_hu_at_vertices(Asset& asset);
 
 }  // namespace trocar

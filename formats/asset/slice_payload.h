@@ -16,72 +16,90 @@
 
 namespace trocar {
 
-// Schema 2 has three nodes above those of the entries. Node 0 maps LPS in lattice steps to glTF's
-// metres. Its only child is the frame, which all slices share. The frame's only child is the list,
-// whose children are the nodes of the entries. The frame is a separate node so that its text, which
-// every partial read needs, does not depend on the number of entries.
+// An entry is one material of one slice. Consecutive entries may share a glTF node. Schema 2 has
+// three nodes above the nodes of entries. Node 0 maps LPS in lattice steps to glTF's metres. Its
+// only child is the frame, whose transform all slices share. The frame's only child is the list,
+// whose children are the nodes of entries. The frame is separate from the list so that the frame's
+// text, which every partial read needs, does not depend on the number of entries.
 inline constexpr std::size_t kFrameNode = 1, kListNode = 2, kFirstEntryNode = 3;
-/// The largest number of entries of one node. It limits the length of the text that is read
-/// for one entry.
+/// The largest number of entries that may share a node. To read an entry, a reader reads the text
+/// of its node, so this number limits the length of that text.
 inline constexpr std::size_t kMaxNodeEntries = 32;
 
-/// Parses JSON text from a file. Errors: (refused) it does not parse or is nested too deeply.
+/// Parses JSON text from a file. Errors: kRefused if the text does not parse or is
+/// nested too deeply.
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text);
 
-/// The object `trocar` of an element's extras, or null.
+/// The member `trocar` of the extras of a glTF element, or null.
 nlohmann::json trocar_extras(const nlohmann::json& extras);
 
 /// Reads the document's extras, which describe the whole asset, into `asset`. Returns the number of
-/// slices that they state. Errors: (refused) with `name` if they are not an asset's.
+/// slices in the extras (0 in schema 1). Errors: kRefused if the extras are not those of an
+/// asset; the message begins with `name`.
 Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& asset,
                                          const std::string& name);
 
-/// The slice of a node of schema 1, without its geometry.
+/// Reads a slice, except its geometry, from its node of schema 1. Errors: kRefused if a value is
+/// missing or out of range.
 Result<AssetSlice> slice_of_node_1(const nlohmann::json& node);
 
 /// The transform in a node's `translation` or `matrix`, converted from lattice steps to mm; the
-/// identity if it has neither. Errors: (refused) it has both, or numbers are not finite.
+/// identity if it has neither. Errors: kRefused if the node has both or another kind of transform,
+/// or if a number is not finite.
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// The JSON of a node of entries in schema 2. Their indices ascend by 1.
+/// The contents of a node of schema 2, which holds one or more entries. From entry to entry the
+/// slice index increases by 1.
 struct EntryNode {
-  std::optional<int>
-      index;  ///< index of the first entry; absent: one more than the previous entry's
-  std::optional<double> z_mm;   ///< AssetSlice::z_mm; absent: z_of_plane()
-  std::vector<double> mean_hu;  ///< one for each entry, or empty
-  Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< mm
+  /// Slice index of the node's first entry. If absent, it is 0 for the first entry of the asset,
+  /// otherwise one more than the slice index of the entry before.
+  std::optional<int> index;
+  std::optional<double> z_mm;   ///< AssetSlice::z_mm; if absent, it is z_of_plane()
+  std::vector<double> mean_hu;  ///< one value for each entry, or empty
+  Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< the node's; lengths in mm
 };
+/// Reads a node of schema 2. Errors: kRefused if a value is wrong.
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// The plane of an entry whose vertices are at z_mm: frame * (its node's transform) * z.
+/// The plane of an entry whose vertices are at the height z_mm: the matrix product of `frame`, of
+/// the `transform` of the entry's node, and of a translation by z_mm along z.
 Eigen::Affine3d plane_of(const Eigen::Affine3d& frame, const Eigen::Affine3d& transform,
                          double z_mm);
-/// The position of a plane's origin along its own normal.
+/// The position of a plane's origin along the plane's own normal.
 double z_of_plane(const Eigen::Affine3d& T_lps_plane);
 
-/// The slice of an entry, without its geometry. Errors: (refused) its plane is not finite, or the
-/// node has no entry with this index.
+/// Makes the AssetSlice of an entry, except its geometry. `index` is the slice index, and z_mm
+/// the height of the vertices. Errors: kRefused if the plane is not finite, or if the node has no
+/// entry with this index.
 Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material,
                                   const Eigen::Affine3d& frame, double z_mm);
 
+/// The bytes of a slice's geometry. The outline's vertices and segments are in files of schema 1,
+/// and in files that hold outlines as lines.
 struct GeometryBytes {
   std::span<const std::uint8_t> draco, outline, segments;
 };
-/// Decodes mesh and outline of a record of schema 1 that has triangles. `bytes` have the sizes that
-/// the record states. Errors: (refused) counts or box differ from the record.
+/// Decodes the mesh and the outline of a slice of schema 1. Preconditions: the slice is not
+/// empty, and `bytes` have the sizes that `record` gives. Errors: kRefused if the bytes do not
+/// decode, or if the numbers of vertices or triangles, or the box around the vertices, differ
+/// from those in `record`.
 Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
                                      const Lattice& lattice, AssetSlice& slice);
 
-/// Facts about a payload that AssetSlice does not contain.
+/// Properties of a decoded payload for which AssetSlice has no member.
 struct PayloadFacts {
   std::int32_t z = 0;  ///< height of all vertices, steps
   bool has_colours = false;
 };
-/// Decodes mesh and HU of a payload of schema 2, and derives the outline from the mesh.
+/// Decodes a payload of schema 2 into the mesh and the HU of `slice`, and sets the outline of
+/// `slice` to the boundary of the mesh. Errors: kRefused if the payload does not decode or
+/// has no triangles.
 Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice);
-/// Errors: (refused) the payload's counts, box or HU differ from those that the JSON states.
+/// Compares a decoded slice with the JSON (`stated` and `has_hu`). Errors: kRefused if the numbers
+/// of vertices or triangles, the box or the presence of HU differ.
 Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice);
-/// Errors: (refused) the lines are not the slice's outline at a height of z steps.
+/// Checks the lines that a file may hold for viewers. Errors: kRefused if they are not the outline
+/// of `slice` at a height of z steps.
 Result<void> compare_lines(const SliceRecord& record, const GeometryBytes& bytes, std::int32_t z,
                            const AssetSlice& slice);
 

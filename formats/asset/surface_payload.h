@@ -17,19 +17,22 @@ namespace trocar {
 /// Ids in the Draco payload.
 inline constexpr std::uint32_t kDracoSurfacePositionId = 0, kDracoSurfaceNormalId = 1;
 
-/// Encodes a surface. Positions are in lattice steps. Normals are for shading only and have 8 bits.
-/// Errors: (bug) check_triangle_surface() refuses the surface.
+/// Encodes a surface. Positions are stored in lattice steps. Normals are for shading only and are
+/// quantised to 8 bits. Errors: kBug if check_triangle_surface() refuses the surface; kRefused if
+/// the surface extends over more than 2^24 - 1 lattice steps.
 Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface);
 
-/// Decodes a payload of encode_surface() except the normals. Vertices and triangles are in Draco's
-/// order. check_triangle_surface() proves what is not checked here. Errors, without a file's name:
-/// (refused) corrupted bytes, other numbers of vertices or triangles, a coordinate off the lattice
-/// or out of range, an index out of range.
+/// Decodes a payload of encode_surface(), but not its normals. Vertices and triangles are in
+/// Draco's order. `vertices` and `triangles` are the numbers in the file's JSON. The result need
+/// not be a valid surface: the caller must call check_triangle_surface() to prove that. Errors:
+/// kRefused if the bytes are corrupted, if the payload has other numbers of vertices or triangles
+/// than these, if a coordinate is off the lattice or out of range, or if an index is out of range.
+/// Messages do not contain the file's name.
 Result<TriangleSurface> decode_surface(std::span<const std::uint8_t> bytes, std::uint64_t vertices,
                                        std::uint64_t triangles, const Lattice& lattice);
 
-/// The node's matrix from lattice steps in the patient's frame (LPS) to glTF's metres, +Y up, by
-/// columns.
+/// The matrix of a surface's node, column by column. It maps lattice steps in the patient's frame
+/// (LPS) to glTF's frame (metres, +Y up).
 std::array<double, 16> surface_matrix(const Lattice& lattice);
 
 }  // namespace trocar

@@ -9,8 +9,8 @@
 
 namespace trocar {
 
-/// The text, in quotes if it has a comma, a quote or a line break. A text that a spreadsheet would take
-/// for a formula is written after an apostrophe.
+/// Returns `text` as one field. A text with a comma, a quote or a line break is put in quotes. A
+/// text that a spreadsheet would take for a formula gets an apostrophe in front.
 inline std::string csv_field(const std::string& text) {
   double number = 0;
   const char* const last = text.data() + text.size();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Disjoint sets of the numbers below a size (union-find with path halving; Tarjan and van Leeuwen
+// Disjoint sets of the numbers 0 to size - 1 (union-find with path halving; Tarjan and van Leeuwen
 // 1984).
 #pragma once
 
@@ -20,8 +20,8 @@ class DisjointSets {
 
   std::size_t size() const noexcept { return parent_.size(); }
 
-  /// The root of the set that contains i. It is the smallest number in the set unless put_under()
-  /// was used.
+  /// The root of the set that contains i, a number that stands for the set. The root is the
+  /// smallest number in the set, unless put_under() was used.
   std::uint32_t root(std::uint32_t i) noexcept {
     while (parent_[i] != i)
       i = parent_[i] = parent_[parent_[i]];
@@ -36,7 +36,7 @@ class DisjointSets {
     return a != b;
   }
 
-  /// Merges the sets of two roots. `root` becomes the root of the result.
+  /// Merges two sets, given their roots. `root` becomes the root of the merged set.
   void put_under(std::uint32_t root, std::uint32_t other) noexcept { parent_[other] = root; }
 
  private:

@@ -15,11 +15,12 @@
 
 namespace trocar {
 
-/// The file's bytes. Errors: (refused) it cannot be read or is larger than `max_bytes`.
+/// Returns the file's bytes. Errors: kRefused if the file cannot be read or is larger than
+/// `max_bytes`.
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
                                             std::uint64_t max_bytes = std::uint64_t{1} << 32);
 
-/// Bytes of known size that are read in sections.
+/// A source of bytes, such as a file, that is read in sections. The number of bytes is known.
 class ByteSource {
  public:
   ByteSource() = default;
@@ -28,10 +29,10 @@ class ByteSource {
   virtual ~ByteSource() = default;
 
   virtual std::uint64_t size() const = 0;
-  /// Reads `into.size()` bytes from `offset` on. Errors: (refused) fewer bytes are left; the file
-  /// cannot be read.
+  /// Reads `into.size()` bytes from `offset` on. Errors: kRefused if fewer bytes are left, or if
+  /// the file cannot be read.
   Result<void> read(std::uint64_t offset, std::span<std::uint8_t> into);
-  /// Number of bytes that all calls of read() have read.
+  /// Number of bytes that all calls of read() together have read.
   std::uint64_t bytes_read() const { return bytes_read_; }
 
  private:
@@ -39,7 +40,7 @@ class ByteSource {
   std::uint64_t bytes_read_ = 0;
 };
 
-/// Bytes in memory. They must outlive the source.
+/// A source of bytes in memory. The bytes must outlive the source.
 class MemorySource : public ByteSource {
  public:
   explicit MemorySource(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -50,11 +51,13 @@ class MemorySource : public ByteSource {
   std::span<const std::uint8_t> bytes_;
 };
 
-/// Opens a regular file for the lifetime of the result. Errors: (refused) it cannot be opened.
+/// Opens a file, which stays open for the lifetime of the result. Errors: kRefused if the file
+/// cannot be opened or is not a regular file.
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file);
 
-/// Checks before long work whether `file` can be written, as far as this is known without writing.
-/// An empty path means that no output is wanted. Errors: (unwritable).
+/// Checks, before long work begins, whether `file` can be written, as far as this can be determined
+/// without writing. An empty path means that no output is wanted. Errors: kUnwritable if `file`
+/// cannot be written.
 Result<void> check_writable(const std::filesystem::path& file);
 
 /// An output file and the command-line option that names it. An empty path means no output.
@@ -63,8 +66,8 @@ struct OutputFile {
   std::filesystem::path file;
 };
 
-/// Calls check_writable() for each output. Errors: those of check_writable(); (usage) an output is
-/// also an input, or two outputs are the same file.
+/// Calls check_writable() for each output. Errors: those of check_writable(); kUsage if an output
+/// is also an input, or if two outputs are the same file.
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs);
 
@@ -72,8 +75,8 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
 /// stays unchanged; an absolute path is reduced to its file name.
 std::string without_folder(const std::filesystem::path& file);
 
-/// Writes a temporary file in the target's folder, syncs it and renames it to the target. Errors:
-/// (unwritable); the target is unchanged and the temporary file is removed.
+/// Writes a temporary file in the folder of `file`, syncs it and renames it to `file`. Errors:
+/// kUnwritable if a step fails; `file` is then unchanged and the temporary file is removed.
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes);
 Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text);

@@ -9,12 +9,13 @@
 
 namespace trocar {
 
-/// The candidate with the smallest edit distance (Levenshtein) to `name`. Empty if all distances
-/// exceed a third of the name's length (or 1, if the name is shorter than three bytes), or if the
-/// name has more than 64 bytes.
+/// Returns the candidate with the smallest edit distance (Levenshtein) to `name`. Returns an empty
+/// text if this distance exceeds both 1 and a third of the length of `name`, or if `name` has more
+/// than 64 bytes.
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
 
-/// ", did you mean X?", or an empty text.
+/// Returns ", did you mean X?", where X is the result of nearest_name(). Returns an empty text if
+/// that result is empty.
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);
 
 }  // namespace trocar

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The range of the number that an option takes. CLI::Range is not used, because its messages, and
-// whether it accepts nan, differ between versions of CLI11.
+// Checks that the number given to an option is in a range. CLI::Range is not used, because its
+// messages, and whether it accepts nan, differ between versions of CLI11.
 // Tests: tests/formats/base/command_line_test.cpp
 #pragma once
 
@@ -13,8 +13,9 @@
 
 namespace trocar {
 
-/// A check for CLI::Option::check(). The help shows the type and the range, unless description("")
-/// hides them.
+/// Returns a check for CLI::Option::check() that accepts numbers from `low` to `high`. If Number is
+/// an integer type, only whole numbers pass. The program's help shows the type and the range; to
+/// hide them, call description("") on the result.
 template <typename Number>
 CLI::Validator option_range(Number low, Number high) {
   constexpr bool kIsWhole = std::is_integral_v<Number>;

@@ -17,20 +17,21 @@ enum class ExitCode : int {
   kUsage = 2,        ///< wrong options or arguments
   kRefused = 3,      ///< the input is not acceptable
   kUnwritable = 4,   ///< an output could not be written
-  kDeviceFault = 5,  ///< stopped by the device or the safety layer
+  kDeviceFault = 5,  ///< the device or the safety layer stopped the session
 };
 
 struct Error {
   ExitCode code = ExitCode::kBug;
   std::string message;  ///< one line: file, slice, position, reason
-  /// The cause lies outside the input, for example in a lack of memory. Another try with the same
-  /// input may succeed.
+  /// True if the cause lies outside the input, for example in a lack of memory. Another try with
+  /// the same input may succeed.
   bool is_temporary = false;
   /// The same error with `prefix` before its message.
   Error after(const std::string& prefix) const { return {code, prefix + message, is_temporary}; }
 };
 
-/// Holds a T or an Error. Accessing the one that is absent is a bug (assert).
+/// Holds a T or an Error. It is a bug (assert) to access the T if there is an Error, or the Error
+/// if there is a T.
 template <typename T>
 class [[nodiscard]] Result {
  public:
@@ -61,6 +62,8 @@ class [[nodiscard]] Result<void> {
  private:
   std::optional<Error> error_;
 };
+
+// One function for each kind of error. refused_for_now() also sets is_temporary.
 
 inline Error refused(std::string message) {
   return {ExitCode::kRefused, std::move(message)};

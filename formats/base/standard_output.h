@@ -5,9 +5,10 @@
 
 namespace trocar {
 
-/// Flushes standard output and returns the exit code; call it last in main(). The result is `code`.
-/// If `code` is 0 and not everything printed could be written, for example on a full disk, the
-/// result is 4 (unwritable), with a line on stderr. A closed pipe is not an error.
+/// Flushes standard output and returns the program's exit code; call this function last in main().
+/// If not everything that was printed could be written, for example because the disk is full,
+/// prints a line on stderr. If `code` is 0, the exit code is then 4 (kUnwritable). In all
+/// other cases the exit code is `code`. A closed pipe does not count as a failure.
 int finish_output(const char* program, int code);
 
 }  // namespace trocar

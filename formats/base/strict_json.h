@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Strict reading of JSON documents: each key is read with its type and range, unknown keys are
-// refused, and the first error is reported with file and JSON path. Include it in .cpp files only,
-// like json_text.h.
+// refused, and the first error is reported with file and JSON path. Include this header in .cpp
+// files only, like json_text.h.
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
@@ -19,8 +19,9 @@
 
 namespace trocar {
 
-/// Parses one JSON value. Refuses syntax errors (with line and column), bytes after the value, a
-/// key that occurs twice in an object, numbers beyond double's range and nesting deeper than 64.
+/// Parses one JSON value. `name` stands for the document in messages. Errors: kRefused for a syntax
+/// error (the message has line and column), bytes after the value, a key that occurs twice in an
+/// object, a number beyond double's range, or nesting deeper than 64.
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
 /// Keeps the first error found in a document. After an error, reading continues with default
@@ -31,15 +32,16 @@ struct JsonErrors {
   void add(const std::string& path, const std::string& why);
 };
 
-/// Reads one object. A getter returns the value. If the value is missing or wrong, the getter adds
-/// an error and returns `lowest` or an empty value. Call finish() after the last getter.
+/// Reads one JSON object. Each getter, such as number() or string(), returns the value under a key.
+/// If the value is missing or wrong, the getter adds an error and returns `lowest` or an empty
+/// value. Call finish() after the last getter.
 class StrictObject {
  public:
-  /// `value` and `errors` must outlive the reader.
+  /// `value` and `errors` must outlive this object.
   StrictObject(const nlohmann::json& value, std::string path, JsonErrors& errors);
 
   bool has(const char* key) const;
-  /// Adds an error of this object, or of the value under `key`.
+  /// Adds an error about this object, or about the value under `key`.
   void error(const std::string& why) { errors_.add(path_, why); }
   void error(const char* key, const std::string& why) { errors_.add(path(key), why); }
   /// Reads a finite number x, lowest <= x <= highest. If the key is missing, the result is
@@ -51,7 +53,8 @@ class StrictObject {
   /// Like number(), but a missing key leaves `value` unchanged.
   void read(const char* key, double& value, double lowest, double highest);
   void read(const char* key, std::optional<double>& value, double lowest, double highest);
-  /// The index of a string among `names`; 0 if the key is missing.
+  /// Reads a string that must be one of `names`, and returns its index in `names`. A missing key
+  /// means 0.
   std::size_t choice(const char* key, std::span<const char* const> names);
   /// Reads true or false. A missing key means false.
   bool boolean(const char* key);
@@ -61,13 +64,13 @@ class StrictObject {
   /// unchanged.
   void numbers(const char* key, std::span<double> result, double lowest, double highest,
                bool required);
-  /// The array under `key`. If it is missing, not an array, or its length is out of bounds, adds an
-  /// error and returns null.
+  /// The array under `key`. If the key is missing, the value is not an array, or its length is out
+  /// of bounds, adds an error and returns null.
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
-  /// The value under `key`, or null if it is missing. finish() then accepts the key.
+  /// The value under `key` as it is, or null if the key is missing. finish() will accept this key.
   const nlohmann::json* optional_value(const char* key);
-  /// Calls read(object) for the object under `key` and then finishes it. False if the key is
-  /// missing.
+  /// Calls read(object) for the object under `key`, and then object.finish(). Returns false if the
+  /// key is missing.
   template <typename Read>
   bool section(const char* key, const Read& read) {
     const nlohmann::json* value = find(key, false);
@@ -79,7 +82,7 @@ class StrictObject {
   void required_section(const char* key, const Read& read) {
     if (const nlohmann::json* value = find(key, true)) read_object(*value, path(key), read);
   }
-  /// Calls read(object) for each object in the array() under `key` and then finishes it.
+  /// Calls read(object) and then object.finish() for each object in the array() under `key`.
   template <typename Read>
   void elements(const char* key, std::size_t shortest, std::size_t longest, const Read& read) {
     const nlohmann::json* list = array(key, shortest, longest);

@@ -8,7 +8,7 @@
 
 namespace trocar {
 
-/// The message of errno's value `error`, for example "No such file or directory". Safe in any thread.
+/// The message for `error`, a value of errno, for example "No such file or directory". Thread-safe.
 inline std::string system_message(int error) {
   return std::generic_category().message(error);
 }

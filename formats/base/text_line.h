@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of text made from a printf format, and lines about a value that exceeds its limit.
+// Text made from a printf format, and text about a value that is beyond its limit (above an upper
+// or below a lower one).
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
@@ -9,6 +10,7 @@
 
 namespace trocar {
 
+/// The text that printf() would print.
 template <typename... Values>
 std::string text_line(const char* format, Values... values) {
   const int size = std::snprintf(nullptr, 0, format, values...);
@@ -18,8 +20,8 @@ std::string text_line(const char* format, Values... values) {
   return text;
 }
 
-/// Writes a value with `decimals` decimals, or with more (at most 9) if it would otherwise look
-/// equal to the limit.
+/// Returns `value` with `decimals` digits after the decimal point. If the text would then equal
+/// that of `limit`, it gets more digits, at most 9.
 inline std::string apart_from(double value, double limit, int decimals) {
   for (; decimals < 9; ++decimals) {
     if (text_line("%.*f", decimals, value) != text_line("%.*f", decimals, limit)) break;
@@ -27,7 +29,7 @@ inline std::string apart_from(double value, double limit, int decimals) {
   return text_line("%.*f", decimals, value);
 }
 
-/// A line such as "WHAT 2.31 m/s; the limit is 2 m/s", here with the unit " m/s".
+/// Returns, for example, "WHAT 2.31 m/s; the limit is 2 m/s", where `unit` is " m/s".
 inline std::string describe_beyond(const char* what, double value, double limit, const char* unit,
                                    int decimals) {
   return text_line("%s %s%s; the limit is %.4g%s", what, apart_from(value, limit, decimals).c_str(),

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rotation of the plane by right angles that brings a set of points into a canonical
-// orientation. Every decision that depends on the order of points, on ties or on rounding is made
-// in the rotated plane. So if the points are translated by whole lattice steps or rotated by right
-// angles, the result is translated and rotated with them, and is otherwise the same.
+// orientation. The mesh operations make every decision that depends on the order of points, on ties
+// or on rounding in the rotated plane. So if the points are translated by whole lattice steps or
+// rotated by right angles, the resulting mesh is translated and rotated with the points, and is
+// otherwise the same.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -18,7 +19,7 @@ namespace trocar {
 class CanonicalRotation {
  public:
   CanonicalRotation() = default;
-  /// The rotation that brings the vector (x, y) to x > 0, y >= 0; the identity for (0, 0).
+  /// The rotation after which the vector (x, y) has x > 0 and y >= 0; the identity for (0, 0).
   template <typename Number>
   static CanonicalRotation of(Number x, Number y) noexcept {
     CanonicalRotation out;
@@ -38,8 +39,8 @@ class CanonicalRotation {
       out = {-out.y(), out.x()};
     return out;
   }
-  /// The corner of a box that the rotation moves to the lower left. Corners are numbered 0..3
-  /// counter-clockwise from the lower left.
+  /// Number of the corner of a box that the rotation moves to the lower left. Corners are numbered
+  /// 0..3 counter-clockwise from the lower left.
   int lower_left() const noexcept { return (4 - quarters_) % 4; }
 
  private:
@@ -59,8 +60,9 @@ class CanonicalRotation {
   int quarters_ = 0;  // 0 .. 3
 };
 
-/// The vector 2 n (mean of the n points - centre of their box). It is exact, and independent of the
-/// order of the points and of a translation of all points.
+/// The vector 2 n (m - c), where n is the number of points, m their mean, and c the centre of the
+/// box around them. The vector is exact. It depends neither on the order of the points nor on a
+/// translation of all points.
 class CentroidOffset {
  public:
   void add(LatticePoint p) noexcept {
@@ -83,9 +85,9 @@ class CentroidOffset {
   std::int64_t sum_x_ = 0, sum_y_ = 0, count_ = 0;
 };
 
-/// Returns the rotation that brings the points' CentroidOffset to x > 0, y >= 0. If the offset is
-/// zero, the result is the identity. This includes all sets that a rotation by 90 or 180 degrees
-/// maps onto themselves.
+/// Returns the rotation after which the points' CentroidOffset has x > 0 and y >= 0. If the offset
+/// is zero, the result is the identity. The offset is zero, for example, if a rotation by 90 or 180
+/// degrees maps the set of points onto itself.
 inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> points) noexcept {
   CentroidOffset offset;
   for (const LatticePoint p : points)
@@ -101,10 +103,11 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
   return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
 }
 
-/// Like rotation_by_centroid(), but if the offset is zero, a third moment about the centre of the
-/// box decides: the sum of (x^3, y^3) or, if that is zero, the sum of (x y^2, y x^2). If both are
-/// zero, which is rare unless a rotation maps the points onto themselves, the result is the
-/// identity. Exact. `for_each(visit)` calls visit(point) for all points, in the same way each time.
+/// Like rotation_by_centroid(), but if the offset is zero, a third moment takes its place. This is
+/// the sum of (x^3, y^3) over all points or, if that is zero, the sum of (x y^2, y x^2), where x
+/// and y are relative to the centre of the box. If both sums are zero, the result is the identity.
+/// This is rare unless a rotation maps the points onto themselves. Exact. `for_each(visit)` must
+/// call visit(point) for all points. It is called twice and must visit the same points both times.
 template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   CentroidOffset offset;

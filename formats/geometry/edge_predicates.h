@@ -19,29 +19,30 @@ inline bool is_on_segment(LatticePoint a, LatticePoint b, LatticePoint p) noexce
 }
 
 /// Returns true if p encroaches upon the edge ab, which means that p lies strictly inside the
-/// circle on its diameter. For the apex of a triangle abp this means that the angle opposite ab is
+/// circle whose diameter is ab. In a triangle abp this means that the angle opposite ab is
 /// above 90 degrees.
 inline bool encroaches(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return diametral_dot(a, b, p) < 0;
 }
 
-/// Returns true if the boundary edge ab, with the material on its left, forbids a new vertex p. It
-/// does so if p encroaches upon it or does not lie strictly on its left.
+/// Returns true if the boundary edge ab, with the material on its left, forbids a new vertex p. The
+/// edge forbids p if p encroaches upon ab, or if p does not lie strictly on the left of ab.
 inline bool blocks(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
   return diametral_dot(a, b, p) < 0 || orient2d(a, b, p) <= 0;
 }
 
-/// Returns true if the edge ab of the counter-clockwise triangle abc may be split at m. It may if m
-/// lies on ab or on its inner side, and strictly on the inner side of the other two edges. Such a
-/// split never moves the boundary outwards, so the boundary cannot cross itself there.
+/// Returns true if the edge ab of the counter-clockwise triangle abc may be split at m. This is the
+/// case if m lies on ab or on the inner side of ab, and strictly on the inner side of the other two
+/// edges. Such a split never moves the boundary outwards, so the boundary cannot cross itself at m.
 inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint m) noexcept {
   return (orient2d(a, b, m) >= 0) & (orient2d(b, c, m) > 0) & (orient2d(c, a, m) > 0);
 }
 
-/// Returns true if the edge bc between the triangles abc and dcb is locally Delaunay. It is so if
-/// the sum of the two angles opposite bc is at most 180 degrees. The sine of this sum, times the
-/// lengths of the four other edges, equals the determinant of in_circle() and needs fewer products.
-/// There are no branches, because the result cannot be predicted.
+/// Returns true if the edge bc between the triangles abc and dcb is locally Delaunay. This is the
+/// case if the sum of the two angles opposite bc is at most 180 degrees. The function computes the
+/// sine of this sum, times the lengths of the four other edges. This product equals the determinant
+/// of in_circle(), but takes fewer multiplications. The code has no branches, because the result
+/// cannot be predicted.
 inline bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c,
                                 LatticePoint d) noexcept {
   return Int128{orient2d(a, b, c)} * diametral_dot(b, c, d) +

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The directed edges of a mesh, sorted so that the two directions of an edge are next to each
-// other. Every walk over neighbours starts from this table.
+// other. Mesh operations use this table to find the neighbours of triangles.
 // Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
@@ -16,16 +16,17 @@ namespace trocar {
 /// (triangle_edge.h).
 struct EdgeTable {
   struct Entry {
-    std::uint32_t high;  ///< the higher of its two vertices
-    std::uint32_t edge;
+    std::uint32_t high;  ///< the higher of the edge's two vertices
+    std::uint32_t edge;  ///< number of the edge
   };
-  std::vector<Entry> entries;        ///< sorted by the lower vertex, then `high`, then `edge`
-  std::vector<std::uint32_t> first;  ///< index of each vertex's first entry as lower vertex; then
-                                     ///< the end
+  std::vector<Entry> entries;  ///< sorted by the lower vertex, then `high`, then `edge`
+  /// first[v] is the index of the first entry whose lower vertex is v or higher. There is one more
+  /// element than there are vertices; the last one is the number of entries.
+  std::vector<std::uint32_t> first;
 
-  /// Calls visit(low, high, edges) for every pair of vertices with an edge, ascending by low and
-  /// high. `edges` has the entries of both directions: in a valid mesh two for an interior edge,
-  /// one for a boundary edge. Stops when visit() returns false.
+  /// Calls visit(low, high, edges) for every two vertices that an edge joins, ascending by low and
+  /// high. `edges` has the entries of both directions: in a valid mesh, two entries for an interior
+  /// edge and one for a boundary edge. Stops when visit() returns false.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
     for (std::uint32_t low = 0; low + 1 < first.size(); ++low) {
@@ -38,7 +39,7 @@ struct EdgeTable {
   }
 };
 
-/// Makes the table. Every index must be in range, and every triangle must have three different
+/// Makes the table. Precondition: every index is in range, and every triangle has three different
 /// vertices. O(n).
 EdgeTable edge_table(const SliceMesh& mesh);
 

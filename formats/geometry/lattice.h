@@ -2,12 +2,12 @@
 // The integer lattice in the slice plane and the exact predicates on it. Every coordinate that is
 // stored or enters a decision lies on the lattice.
 //
-// Laws (tests/formats/geometry/lattice_test.cpp compares with a wide-integer reference):
+// Laws (tests/formats/geometry/lattice_test.cpp compares the results with wide-integer arithmetic):
 //  1. orient2d(a,b,c) > 0 iff a,b,c turn counter-clockwise; 0 iff collinear;
 //     it changes sign when two arguments are swapped.
 //  2. in_circle(a,b,c,d) > 0 iff d lies strictly inside the circle through the
 //     counter-clockwise triangle a,b,c; 0 iff the four are cocircular.
-//  3. Both are exact for all coordinates with |x|,|y| <= kMaxCoordinate.
+//  3. Both functions are exact for all coordinates with |x|,|y| <= kMaxCoordinate.
 #pragma once
 
 #include <bit>
@@ -29,8 +29,8 @@ struct LatticePoint {
 /// "lattice point (x, y)", for messages.
 std::string to_text(LatticePoint p);
 
-/// Largest admissible |coordinate|: keeps orient2d within 64 and in_circle within 128 bits. Assets
-/// have a smaller limit: kMaxAssetExtent in asset.h.
+/// Largest admissible |coordinate|. It keeps orient2d within 64 bits and in_circle within 128 bits.
+/// Assets have a smaller limit: kMaxAssetExtent in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
 
 /// Returns true if the coordinates are admissible. Larger ones would overflow the predicates below.
@@ -39,7 +39,7 @@ inline bool is_on_lattice(LatticePoint p) {
          p.y <= kMaxCoordinate;
 }
 
-/// The step is 2^-bits mm.
+/// A lattice with a step of 2^-bits mm.
 struct Lattice {
   int bits = 8;
   double step_mm() const { return power_of_two(-bits); }
@@ -72,7 +72,7 @@ inline std::int64_t orient2d(LatticePoint a, LatticePoint b, LatticePoint c) {
          (std::int64_t{b.y} - a.y) * (std::int64_t{c.x} - a.x);
 }
 
-/// Sign of the in-circle determinant (law 2). Exact.
+/// Sign of the in-circle determinant: 1, 0 or -1 (law 2). Exact.
 inline int in_circle(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   const std::int64_t adx = std::int64_t{a.x} - d.x, ady = std::int64_t{a.y} - d.y;
   const std::int64_t bdx = std::int64_t{b.x} - d.x, bdy = std::int64_t{b.y} - d.y;
@@ -89,8 +89,8 @@ inline std::int64_t distance2(LatticePoint a, LatticePoint b) {
   return dx * dx + dy * dy;
 }
 
-/// Returns (a - p) . (b - p). It is negative iff p lies strictly inside the circle on the diameter
-/// ab, which means that p encroaches upon the segment. Exact.
+/// Returns the scalar product (a - p) . (b - p). It is negative iff p lies strictly inside the
+/// circle whose diameter is ab, which means that p encroaches upon the segment ab. Exact.
 inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p) {
   return (std::int64_t{a.x} - p.x) * (std::int64_t{b.x} - p.x) +
          (std::int64_t{a.y} - p.y) * (std::int64_t{b.y} - p.y);

@@ -24,7 +24,7 @@ inline void widen(LatticeBox& box, std::span<const LatticePoint> points) noexcep
     widen(box, p);
 }
 
-/// The smallest box around at least one point.
+/// The smallest box around the points, of which there must be at least one.
 inline LatticeBox box_around(std::span<const LatticePoint> points) noexcept {
   LatticeBox box{points[0], points[0]};
   widen(box, points);

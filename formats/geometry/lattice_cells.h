@@ -13,12 +13,12 @@
 namespace trocar {
 
 struct LatticeCells {
-  LatticePoint low{};
-  double size = 1;  ///< side length of a cell, lattice steps
+  LatticePoint low{};  ///< lower left corner of the grid
+  double size = 1;     ///< side length of a cell, lattice steps
   std::int32_t columns = 1, rows = 1;
 
   LatticeCells() = default;
-  /// Makes about `count` cells (at least 1), even if the box is flat.
+  /// Divides the box into about `count` cells, even if the box is flat. `count` must be at least 1.
   LatticeCells(const LatticeBox& box, double count) : low(box.low) {
     const double width = 1.0 + static_cast<double>(box.high.x) - box.low.x,
                  height = 1.0 + static_cast<double>(box.high.y) - box.low.y;

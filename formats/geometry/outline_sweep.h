@@ -20,6 +20,7 @@ struct EdgeLoops {
   std::vector<LatticePoint> points;
   std::vector<std::uint32_t> next, previous;
 
+  /// Adds a ring as one loop.
   void add(std::span<const LatticePoint> ring);
   void reserve(std::size_t size);
   LatticePoint to(std::uint32_t edge) const { return points[next[edge]]; }
@@ -31,30 +32,33 @@ std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points);
 struct SweepResult {
   bool crosses = false;  ///< two edges cross (segments_cross()), and the sweep stopped there
   std::uint32_t first = 0, second = 0;  ///< the two edges that cross
-  /// The loops wind 0 times around the points just right of every edge, and therefore once around
-  /// those just left of it. Then they wind 0 times or once around every point of the plane.
-  /// Meaningless if some edges were not swept.
+  /// True if the loops wind 0 times around the points just right of every edge, and therefore once
+  /// around the points just left of the edge. The loops then wind 0 times or once around every
+  /// point of the plane. This member has no meaning if some edges were not swept.
   bool winds_once = true;
-  std::uint64_t tests = 0;  ///< orientation tests: at most 10 n + 3 n log2(n)
+  std::uint64_t tests = 0;  ///< number of orientation tests, at most 10 n + 3 n log2(n)
 };
 
-/// Sweeps over all edges, or only over those for which `is_swept` is not 0. `order` comes from
-/// in_sweep_order(). If no edges cross and `right_of` is not null, sets it to the number of times
-/// that the loops wind around the points just right of each edge. O(n log n).
+/// Sweeps over all edges if `is_swept` is empty; otherwise `is_swept` has one element for each
+/// edge, and the edges whose element is not 0 are swept. `order` must be the result of
+/// in_sweep_order() for the points of `loops`. If no edges cross and `right_of` is not null, sets
+/// `*right_of` to the number of times that the loops wind around the points just right of each
+/// edge. O(n log n).
 SweepResult sweep(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                   std::span<const char> is_swept = {},
                   std::vector<std::int32_t>* right_of = nullptr);
 
 inline constexpr std::uint32_t kNoRing = 0xffffffff;
-/// The index of the smallest ring that encloses each ring, or kNoRing. Each ring must have at least
-/// 3 different points. The result is empty (std::nullopt) if edges cross, or if rings cross at a
-/// common vertex. O(n log n).
+/// Returns, for each ring, the index of the smallest ring that encloses it, or kNoRing.
+/// Precondition: each ring has at least 3 different points. Returns std::nullopt if edges cross, or
+/// if rings cross at a common vertex. O(n log n).
 std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings);
 
-/// Proves that no two edges cross (segments_cross()). O(n log n). Errors: (refused) "`what` cross
-/// near lattice point (x, y)". This point is chosen as follows: edges are sorted by their smallest
-/// x and then by their two ends, and the point is the start of the first edge that crosses an
-/// earlier one. Finding it takes O(n log^2 n).
+/// Turns `swept`, the result of a sweep over all edges, into an error if two edges cross. Errors:
+/// kRefused with the message "`what` cross near lattice point (x, y)". To find this point, the
+/// function sorts the edges by their smallest x and then by their two ends; the point is the start
+/// of the first edge that crosses an earlier edge. This takes O(n log^2 n). If no edges cross, the
+/// function takes O(1).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An outline that check_pslg() has accepted. The type shows that it need not be proved again.
+// An outline that check_pslg() has accepted. A function that takes an object of this type need not
+// prove the outline again.
 // Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
@@ -14,7 +15,8 @@ class ProvedOutline {
  public:
   /// The empty outline.
   ProvedOutline() = default;
-  /// Errors: those of check_pslg() (mesh_validity.h). O(n log n).
+  /// Calls check_pslg() (mesh_validity.h) and wraps the outline. Errors: those of check_pslg().
+  /// O(n log n).
   static Result<ProvedOutline> of(Pslg pslg);
 
   const Pslg& pslg() const { return pslg_; }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lattice points at which refinement may split a boundary edge. Near an acute corner of the outline
-// the splits lie on concentric shells around the corner. So the subsegments of the two edges that
-// meet there end at equal distances and do not encroach upon each other (Ruppert, 1995).
+// the split points lie on shells, which are concentric circles around the corner. So the
+// subsegments of the two edges that meet at the corner end at equal distances from it, and do not
+// encroach upon each other (Ruppert, 1995).
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -22,12 +23,13 @@ inline constexpr double kAcuteCorner_deg = 75, kAcuteCorner_cos = 0.258819045102
 /// steps.
 inline constexpr double kSameShell_steps = 2;
 
-/// The four lattice points around the point at a fraction of the way from a to b. For each it is
-/// known on which side of ab it lies, and how far it is from that point. Which of them lie on the
-/// inner side of ab cannot be predicted, so nothing here branches on this.
+/// The four lattice points around the wanted split point, which lies at a fraction of the way from
+/// a to b. The class stores, for each of the four points, on which side of ab the point lies and
+/// how far it is from the wanted point. The points are numbered 0 to 3. The code does not branch on
+/// the side, because the side cannot be predicted.
 class SplitCell {
  public:
-  /// The edge must be within the lattice, and the fraction within 0 and 1.
+  /// Precondition: a and b are on the lattice, and `fraction` is from 0 to 1.
   SplitCell(LatticePoint a, LatticePoint b, double fraction) noexcept {
     const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y;
     const double x = fraction * static_cast<double>(dx), y = fraction * static_cast<double>(dy);
@@ -41,17 +43,20 @@ class SplitCell {
                    right * right + below * below, right * right + above * above};
   }
 
-  /// Number of the nearest point among those on ab or on its left (nearest_inside), or strictly on its
-  /// right (nearest_outside). Points that were excluded come last.
+  /// nearest_inside() gives the number of the point nearest to the wanted one among the points on
+  /// ab or on the left of ab, and nearest_outside() among the points strictly on the right of ab.
+  /// If there is no such point, the result is the number of another point: check it with
+  /// is_inside() or is_outside().
   std::size_t nearest_inside() const noexcept { return nearest(0); }
   std::size_t nearest_outside() const noexcept { return nearest(-1); }
   bool is_inside(std::size_t k) const noexcept { return sides_[k] >= 0 && distances2_[k] < kFar; }
   bool is_outside(std::size_t k) const noexcept { return sides_[k] < 0 && distances2_[k] < kFar; }
+  /// Makes is_inside() and is_outside() false for point k.
   void exclude(std::size_t k) noexcept { distances2_[k] = 2 * kFar; }
   LatticePoint point(std::size_t k) const noexcept {
     return {low_.x + static_cast<std::int32_t>(k / 2), low_.y + static_cast<std::int32_t>(k % 2)};
   }
-  /// Twice the signed area of the triangle of a, b and the point.
+  /// Twice the signed area of the triangle of a, b and point k.
   std::int64_t side(std::size_t k) const noexcept { return sides_[k]; }
 
  private:
@@ -61,7 +66,7 @@ class SplitCell {
     const auto whole = static_cast<std::int64_t>(x);
     return whole - static_cast<std::int64_t>(static_cast<double>(whole) > x);
   }
-  // `sign` is 0 or -1: the sign of the sides that count.
+  // Considers the points whose side has the sign `sign`: 0 for a side >= 0, -1 for a side < 0.
   std::size_t nearest(std::int64_t sign) const noexcept {
     constexpr std::array kPenalty{0.0, kFar};
     std::array<double, 4> far{};
@@ -76,8 +81,9 @@ class SplitCell {
   std::array<double, 4> distances2_;
 };
 
-/// Among the four lattice points around the point at this fraction from a to b, the nearest one
-/// that may_split() the edge ab of the triangle abc; std::nullopt if none of the four may.
+/// Among the four lattice points around the point at `fraction` of the way from a to b, the nearest
+/// one at which the edge ab of the triangle abc may be split (may_split()). std::nullopt if there
+/// is none among the four.
 inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, LatticePoint c,
                                               double fraction) noexcept {
   SplitCell cell(a, b, fraction);
@@ -93,18 +99,19 @@ inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, La
 /// The wanted position of a split on an edge ab.
 struct SplitAim {
   double fraction;  ///< 0 at a, 1 at b
-  bool on_shell_of_a,
-      on_shell_of_b;  ///< the split shall lie on a shell around this end; at most one of the two
+  /// The split shall lie on a shell around a, or around b. At most one of the two is true.
+  bool on_shell_of_a, on_shell_of_b;
 };
 
-/// The lattice point exactly on ab, other than a and b, that is nearest to the aim; std::nullopt if
-/// there is no such point.
+/// Among the lattice points exactly on ab, other than a and b, the one nearest to the aim.
+/// std::nullopt if there are no such points.
 std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
 
-/// A lattice point near the aim that may_split() the edge ab of the triangle abc and lies less than
-/// a step from this edge. Among several, the result is the point nearest to the shell. If there is
-/// no shell, it is the point nearest to the edge (at most half a step from the edge if the aim is
-/// the midpoint). std::nullopt if there is no such point.
+/// A lattice point near the aim at which the edge ab of the triangle abc may be split
+/// (may_split()), less than a step from this edge. Among several such points, the result is the
+/// one nearest to the shell if the aim has a shell, otherwise the one nearest to the edge. (If the
+/// aim is the midpoint, that point is at most half a step from the edge.) std::nullopt if there is
+/// no such point.
 std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, LatticePoint c,
                                               SplitAim aim) noexcept;
 

@@ -30,12 +30,13 @@ struct SliceMesh {
 
 /// Twice the signed area of a ring in steps^2. Exact for a simple ring, otherwise modulo 2^64.
 std::int64_t doubled_area(const Ring& ring);
-/// Sum over the rings; holes subtract. Exact.
+/// Sum of the doubled areas of the rings, in which holes count negative. Exact.
 std::int64_t doubled_area(const Pslg& pslg);
-/// Sum over the triangles. Exact.
+/// Sum of the doubled areas of the triangles. Exact.
 std::int64_t doubled_area(const SliceMesh& mesh);
 
-/// Splits a closed path into simple rings at the points that it visits again, and appends them.
+/// Splits a closed path into simple rings at the points that the path visits more than once.
+/// Appends the rings to `out`.
 void split_at_pinches(const Ring& path, std::vector<Ring>& out);
 
 /// The boundary of a valid mesh as simple rings with the material on the left. A boundary that
@@ -44,7 +45,8 @@ void split_at_pinches(const Ring& path, std::vector<Ring>& out);
 Pslg boundary_rings(const SliceMesh& mesh);
 
 inline constexpr std::uint32_t kNotOnBoundary = 0xffffffff;
-/// The same rings, given the next vertex along the boundary for each vertex (or kNotOnBoundary).
+/// Returns the same rings as boundary_rings(). For each vertex, `next` must have the next vertex
+/// along the boundary, or kNotOnBoundary.
 Pslg rings_along(const SliceMesh& mesh, std::vector<std::uint32_t> next);
 
 }  // namespace trocar

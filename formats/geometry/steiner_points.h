@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Steiner points: lattice points inside the material at which refinement may insert a vertex. They
-// lie near the circumcentre of a bad triangle, or closer to its shortest edge, like the off-centres
-// of Uengoer (2004).
+// lie near the circumcentre of a triangle that is too sharp or too large, or closer to the
+// triangle's shortest edge, like the off-centres of Uengoer (2004).
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -13,8 +13,8 @@
 
 namespace trocar {
 
-/// A position relative to the midpoint of an edge, in units of its length: along the edge, and away
-/// from it to its left.
+/// A position relative to the midpoint of an edge, in units of the edge's length. `along` points
+/// along the edge, `away` to the left of the edge.
 struct EdgeOffset {
   double along, away;
 };
@@ -24,9 +24,9 @@ struct EdgeOffset {
 // Therefore round_half_up() is used in a plane in canonical orientation (canonical_rotation.h), and
 // round_half_away() in any orientation.
 
-/// The lattice point nearest to p + (x, y); if two coordinates are equally near, the upper one. The
-/// result is clamped to the lattice's bounds. (Both coordinates are computed at once, with GCC's and
-/// clang's vector types; std::floor would be a function call.)
+/// The lattice point nearest to p + (x, y). A coordinate that is half-way between two lattice
+/// coordinates is rounded up. The result is clamped to the lattice's bounds. (Both coordinates are
+/// computed together, with GCC's and clang's vector types; std::floor would be a function call.)
 inline LatticePoint round_half_up(LatticePoint p, double x, double y) noexcept {
   using Two = double __attribute__((vector_size(16)));
   using TwoWhole = std::int32_t __attribute__((vector_size(8)));
@@ -43,34 +43,38 @@ inline LatticePoint round_half_up(LatticePoint p, double x, double y) noexcept {
           p.y + whole[1] + static_cast<std::int32_t>(is_above[1])};
 }
 
-/// The lattice point nearest to p + (x, y); if two are equally near, the one farther from p. The
-/// result must be within the lattice's bounds.
+/// The lattice point nearest to p + (x, y). An x or y that is half-way between two whole numbers is
+/// rounded away from 0. Precondition: the result is within the lattice's bounds.
 inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept {
   return {p.x + static_cast<std::int32_t>(std::lround(x)),
           p.y + static_cast<std::int32_t>(std::lround(y))};
 }
 
-/// The lattice point nearest to an offset from the edge pq, rounded half up.
+/// The lattice point nearest to the position that `offset` describes for the edge pq, by
+/// round_half_up().
 inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset) noexcept {
   const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
   return round_half_up(p, 0.5 * dx + (offset.along * dx - offset.away * dy),
                        0.5 * dy + (offset.along * dy + offset.away * dx));
 }
 
-/// The circumcentre of the triangle pqr, but at most `max_away` (in units of the length of pq) from
-/// pq on the bisector of pq; rounded half up.
+/// The circumcentre of the triangle pqr, by round_half_up(). The circumcentre lies on the
+/// perpendicular bisector of pq. If its distance from pq exceeds `max_away` times the length of pq,
+/// the point of the bisector at that distance takes its place.
 inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
                                 double max_away) noexcept {
   const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
   const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
-  // The centre lies on the bisector, this far away: half the cotangent of the angle at r.
+  // The centre lies on the bisector. Its distance from pq, in units of the length of pq, is half
+  // the cotangent of the angle at r.
   const double cross = qx * ry - qy * rx, dot = rx * (rx - qx) + ry * (ry - qy);
   const double away = std::min(0.5 * dot / cross, max_away);
   return round_half_up(p, 0.5 * qx - away * qy, 0.5 * qy + away * qx);
 }
 
-/// The circle of an inscribed angle over an edge of length 1. It passes through the ends of the
-/// edge. From each of its points on the left of the edge, the edge subtends the given angle.
+/// The circle of an inscribed angle over an edge of length 1. It passes through the ends of
+/// the edge. Seen from any point of the circle on the left of the edge, the edge subtends
+/// the given angle.
 struct AngleCircle {
   double radius = 0;
   double centre = 0;  ///< distance of the circle's centre from the edge
@@ -79,17 +83,19 @@ struct AngleCircle {
   explicit AngleCircle(double angle_rad)
       : radius(0.5 / std::sin(angle_rad)), centre(radius * std::cos(angle_rad)) {}
 
-  /// The off-centre: the point of the circle that is farthest from the edge, on its bisector.
+  /// Distance of the off-centre from the edge. The off-centre is the point of the circle that is
+  /// farthest from the edge; it lies on the edge's bisector.
   double off_centre() const noexcept { return centre + radius; }
-  /// The point of the circle at this angle from the off-centre, measured at the circle's centre.
+  /// The point of the circle at an angle from the off-centre, measured at the circle's centre.
+  /// `sine` and `cosine` are those of the angle.
   EdgeOffset at(double sine, double cosine) const noexcept {
     return {radius * sine, centre + radius * cosine};
   }
 };
 
-/// Factor on the distance of a point from an edge of this length (in steps). It moves the point
-/// nearer to the edge, so that the edge subtends a large enough angle even after the point is
-/// rounded to the lattice.
+/// Factor below 1 for the distance of a point from an edge. With it, the edge subtends a
+/// large enough angle even after the point is rounded to the lattice. `length`: length of the
+/// edge in steps.
 inline double rounding_allowance(double length) noexcept {
   constexpr double kSteps = 1.5;
   return 1 - std::min(0.4, kSteps / length);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The numbering of a triangle's edges in every mesh of both programs:
 //
-//   Edge i of a triangle runs from corner i to corner i + 1 (mod 3). The triangle lies on its left,
-//   and corner i + 2 (mod 3), its apex, lies opposite it.
+//   Edge i of a triangle runs from corner i to corner i + 1 (mod 3). The triangle lies on the left
+//   of the edge. Corner i + 2 (mod 3), the apex, lies opposite the edge.
 //
 //            2
 //           / \                     Triangle corners are counter-clockwise, so a neighbour has the
@@ -19,8 +19,8 @@
 
 namespace trocar {
 
-/// The next and the previous of a triangle's three corners, or of its three edges. A table of
-/// two-bit digits avoids a branch that cannot be predicted.
+/// The number of the corner after corner i of a triangle, and of the corner before it. The same
+/// numbers hold for edges. A table of two-bit digits avoids a branch that cannot be predicted.
 constexpr std::uint32_t next_corner(std::uint32_t i) noexcept {
   return (0b00'10'01U >> (2 * i)) & 3;
 }
@@ -28,8 +28,8 @@ constexpr std::uint32_t previous_corner(std::uint32_t i) noexcept {
   return (0b01'00'10U >> (2 * i)) & 3;
 }
 
-/// The corner of the triangle at its vertex v, which is also the number of the edge that starts at
-/// v.
+/// The number of the triangle's corner at vertex v. It is also the number of the edge that starts
+/// at v.
 constexpr std::uint32_t corner_of(const Triangle& triangle, std::uint32_t v) noexcept {
   return triangle[0] == v ? 0 : triangle[1] == v ? 1 : 2;
 }
@@ -39,7 +39,7 @@ struct TriangleEdge {
   std::uint32_t triangle, edge;
 };
 
-/// A TriangleEdge as one number, for triangles below 2^29; kNoEdge is no edge.
+/// A TriangleEdge as one number. Triangle numbers must be below 2^29. kNoEdge stands for no edge.
 using EdgeId = std::uint32_t;
 inline constexpr EdgeId kNoEdge = 0xffffffff;
 constexpr EdgeId edge_id(std::uint32_t triangle, std::uint32_t edge) noexcept {

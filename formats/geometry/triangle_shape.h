@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures of a counter-clockwise triangle that refinement needs. Squared lengths and areas are exact
-// integers; values derived from them are rounded at most twice.
+// The measures by which refinement judges a counter-clockwise triangle. Squared lengths and areas
+// are exact integers. Values derived from them are rounded at most twice.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -19,8 +19,8 @@ inline double edge_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
-/// Number (triangle_edge.h) and squared length of the shortest edge. If several are equally short,
-/// it is the first one.
+/// Number (triangle_edge.h) and squared length of the shortest edge. Of several equally short
+/// edges, the first one counts.
 struct ShortestEdge {
   std::uint32_t edge;
   std::int64_t length2;
@@ -51,7 +51,7 @@ struct TriangleShape {
   double ca2;        ///< squared length of the edge from c to a
   double shortest2;  ///< squared length of the shortest edge
   bool is_sharp;     ///< the smallest angle is below the wanted one
-  bool is_large;
+  bool is_large;     ///< the area is above the largest area allowed
   bool is_bad() const noexcept { return is_sharp | is_large; }
 };
 
@@ -66,18 +66,20 @@ struct TriangleShape {
   const auto ab2 = static_cast<double>(ab_x * ab_x + ab_y * ab_y),
              ac2 = static_cast<double>(ac_x * ac_x + ac_y * ac_y),
              bc2 = static_cast<double>(bc_x * bc_x + bc_y * bc_y);
-  // The smallest angle lies between the two longer edges, l and m: its sine is doubled_area / l m.
+  // The smallest angle lies between the two longer edges, l and m: its sine is
+  // doubled_area / (l m).
   const double product = std::max(std::max(ab2 * ac2, ac2 * bc2), bc2 * ab2);
   const auto area = static_cast<double>(doubled_area);
   return {doubled_area, ac2, std::min(std::min(ab2, ac2), bc2),
           area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 
-/// Returns true if the smallest angle is below the one whose squared cosine is given (infinity:
-/// never). This may differ from TriangleShape::is_sharp if the two angles agree to the last
-/// digit of a double.
+/// Returns true if the smallest angle is below the angle whose squared cosine is `cos2`; never if
+/// `cos2` is infinite. The result may differ from TriangleShape::is_sharp if the two angles agree
+/// to the last digit of a double.
 inline bool is_angle_below_cosine(const TriangleCorners& v, double cos2) noexcept {
-  // It lies opposite the shortest edge s, between l and m: l.m = (l^2 + m^2 - s^2) / 2.
+  // The smallest angle lies opposite the shortest edge, between the two others. s, l and m are the
+  // squared lengths of these edges, so the scalar product of the two others is (l + m - s) / 2.
   const auto [edge, s] = shortest_edge(v);
   const std::int64_t l = distance2(v[(edge + 1) % 3], v[(edge + 2) % 3]),
                      m = distance2(v[(edge + 2) % 3], v[edge]);

@@ -17,12 +17,13 @@ struct WeldedRegions {
   std::vector<std::vector<std::uint32_t>> vertex;
 };
 
-/// Merges the boundaries of regions. If one region has a boundary edge from a to b and another one
-/// from b to a, the two edges are merged, and so are the vertices at their ends. Vertices that
-/// merely coincide stay separate. Triangles and vertices keep their order, region by region. If
-/// each region is valid by check_mesh() and all outlines are valid by check_shared_borders(), the
-/// result is valid by check_mesh(), and its boundary is the outline of the union. O(n log n).
-/// Errors: (refused) two boundary edges from a to b, or an edge whose vertex does not exist.
+/// Merges the boundaries of regions. If one region has a boundary edge from a to b and another
+/// one from b to a, the two edges are merged, and so are the vertices at their ends. Vertices
+/// that merely coincide stay separate. Triangles and vertices keep their order, region by region.
+/// If each region is valid by check_mesh() and all outlines are valid by check_shared_borders(),
+/// the result is valid by check_mesh(), and its boundary is the outline of the union. O(n log n).
+/// Errors: kRefused if two boundary edges run from a to b, or if a triangle has a vertex that
+/// does not exist.
 Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions);
 
 }  // namespace trocar

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The section "assumed" of a device description: it names values of the file that nobody has measured, each with a
-// reason. Include it in .cpp files only, like strict_json.h.
+// The section "assumed" of a device description. It names values of the file that nobody has
+// measured, each with a reason. Include this header in .cpp files only, like strict_json.h.
 // Tests: tests/formats/session/device_description_test.cpp
 #pragma once
 
@@ -10,7 +10,8 @@
 
 namespace trocar {
 
-/// Checks that `assumed` maps JSON pointers to values of `document` to texts; adds an error if not.
+/// Checks the section `assumed`. Each key must be a JSON pointer to a value of `document`, and each
+/// value must be a text, the reason. Adds an error to `errors` where this does not hold.
 void check_assumed(const nlohmann::json& assumed, const nlohmann::json& document,
                    JsonErrors& errors);
 

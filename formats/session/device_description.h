@@ -15,12 +15,12 @@
 
 namespace trocar {
 
-/// Lengths in m, angles in rad, frame {B}: origin at the base's centre, z up.
-/// Leg m is at azimuth (m-1) * 90 deg. Symbols are the paper's.
+/// Lengths are in m and angles in rad. The frame {B} has its origin at the centre of the base, and
+/// z points up. Leg m is at the azimuth (m - 1) * 90 deg. The symbols are those of the paper.
 struct DeviceGeometry {
   double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E
   double l2_m = 0;    ///< distance from the elbow E to the plate's ball joint C
-  double l3_m = 0;    ///< distance from the motor axis of theta4 to F
+  double l3_m = 0;    ///< distance from the motor axis of theta4 to F, the end of its link
   double l4_m = 0;    ///< distance from F to the upper link's ball joint D
   double l5_m = 0;    ///< distance from the elbow E to D, along EC; less than l2
   double R_T_m = 0;   ///< radius of the circle of the ball joints C on the plate
@@ -29,8 +29,8 @@ struct DeviceGeometry {
   double H_B_m = 0;   ///< depth of the lower motors' links below the axes of theta1
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
-  /// Sign of acos in theta1 = atan2(p_z, p_x) +- acos(.) and in theta4 = atan2(q_y, q_x) +-
-  /// acos(.).
+  /// Sign (1 or -1) of acos in theta1 = atan2(p_z, p_x) +- acos(.) and in theta4 = atan2(q_y, q_x)
+  /// +- acos(.). The sign selects one of the two possible positions of the leg.
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -49,40 +49,42 @@ struct DeviceDescription {
   double motor_peak_torque_Nm = 0;            ///< torque at the joint, the same for every motor
   double motor_continuous_torque_Nm = 0;      ///< torque at the joint; not above the peak
   double motor_torque_constant_Nm_per_A = 0;  ///< torque at the rotor per current
-  double motor_gear_ratio = 0;                ///< revolutions of the rotor for one of the joint
-  double upper_bevel_ratio = 0;               ///< ratio of theta1's bevel gears, in series with the
-                                              ///< motor gear
-  double motor_peak_current_A = 0;            ///< limit of the drive
-  double motor_continuous_current_A = 0;  ///< the lower of the limits of motor and drive; not above
-                                          ///< the peak
-  double motor_peak_time_s = 0;           ///< longest time at the peak current, from cold
-  double joint_coulomb_friction_Nm = 0;   ///< at each of the eight motor joints
+  double motor_gear_ratio = 0;      ///< revolutions of the rotor for one revolution of the joint
+  double upper_bevel_ratio = 0;     ///< ratio of theta1's bevel gears, in series with the
+                                    ///< motor gear
+  double motor_peak_current_A = 0;  ///< limit of the drive
+  /// The motor's limit or the drive's, whichever is lower; not above the peak current.
+  double motor_continuous_current_A = 0;
+  double motor_peak_time_s = 0;          ///< longest time at the peak current for a cold motor
+  double joint_coulomb_friction_Nm = 0;  ///< at each of the eight motor joints
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
-  double plate_mass_kg = 0;                           ///< plate, sensor and grip
-  std::array<double, 3> plate_inertia_kg_m2{};  ///< principal moments about {T}'s origin and axes
-  double plate_stiffness_max_N_per_m = 0;       ///< largest stiffness to render; 0: not stated
+  double plate_mass_kg = 0;                           ///< mass of plate, sensor and grip together
+  /// Principal moments of inertia about the origin and the axes of {T}, the plate's frame.
+  std::array<double, 3> plate_inertia_kg_m2{};
+  double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
 
-  // The rest concerns the simulated device only.
+  // The members below describe the simulated device.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
-  /// 0: exact encoders. The loop also derives the filter of its velocities from this resolution.
+  /// 0: exact encoders. The haptic loop also uses this value, to choose its velocity filter.
   int encoder_counts_per_revolution = 0;
-  double gravity_m_per_s2 = 0;  ///< gravity along -z; 0: the mechanism is balanced
-  int minimum_substeps = 0;     ///< smallest number of integration steps in each simulation step
-  double maximum_substep_s = 0;
+  double gravity_m_per_s2 = 0;   ///< gravity along -z; 0: the mechanism is balanced
+  int minimum_substeps = 0;      ///< smallest number of integration steps in one simulation step
+  double maximum_substep_s = 0;  ///< largest duration of an integration step
 
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
 };
 
-/// The device of the paper; equal to runtime/device/four_legs.json.
+/// The device of the paper. It is equal to runtime/device/four_legs.json.
 DeviceDescription default_device_description();
 
-/// Reads a description from JSON text; messages name it `source`. Errors: (refused) text that is
-/// not JSON; unknown, repeated or missing keys; wrong types; numbers outside the schema's range; an
-/// entry of "assumed" that does not name a value of the document.
+/// Reads a description from JSON text. `source` stands for the text in messages. Errors:
+/// kRefused if the text is not JSON, if a key is unknown, repeated or missing, if a type is
+/// wrong, if a number is outside the schema's range, or if an entry of "assumed" does not name a
+/// value of the document.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 
-/// The same from a file (at most 1 MiB).
+/// Like parse_device_description(), but from a file of at most 1 MiB.
 Result<DeviceDescription> read_device_description(const std::string& path);
 
 }  // namespace trocar

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // Packets of the device link, the UDP protocol between the haptic loop's host and a drive. Each
 // datagram is one packet of a fixed size. device_link.md specifies the layout to the byte and the
-// course of a session. A drive is of one of two kinds: it states the angles of the four-legged
-// device and takes torques (StatePacket, CommandPacket), or it states the pose of a handle and takes
-// a wrench (PoseStatePacket, WrenchCommandPacket).
+// course of a link session. A link session is one connection between a host and a drive: the host's
+// hello and the drive's welcome open it, and commands and states follow. A drive is of one of two
+// kinds. One kind sends the angles of the four-legged device and takes torques (StatePacket,
+// CommandPacket). The other kind sends the pose of a handle and takes a wrench (PoseStatePacket,
+// WrenchCommandPacket).
 //
 // Contract (tests/formats/session/device_protocol_test.cpp, pose_packets_test.cpp):
-//  1. A packet that decode accepts was made with the key (except a denial, which is not
-//     authenticated), and encode reproduces its bytes.
-//  2. A command or state is accepted only once, in its own session and direction, and never after a
-//     newer packet was accepted.
+//  1. A packet that decode() accepts was made with the key (except a denial, which is not
+//     authenticated), and encode() reproduces the packet's bytes.
+//  2. A command or state is accepted only once, in its own link session and direction, and never
+//     after a newer packet was accepted.
 //  3. A refused packet changes nothing.
-// No function except start_link allocates, locks, throws or reads a clock.
+// No function except start_link() allocates, locks, throws or reads a clock.
 #pragma once
 
 #include <array>
@@ -31,10 +33,11 @@ inline constexpr std::size_t kMaxPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
 inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
 inline constexpr std::uint8_t kLinkVersion = 1;
-/// Numbers of larger magnitude are refused; no device of these kinds needs them.
+/// Packets with numbers of larger magnitude are refused. No device of these kinds needs
+/// such numbers.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMaxForce_N = 1000, kLinkMaxMoment_Nm = 1000, kLinkMaxPosition_m = 10;
-/// The norm of a pose's quaternion may differ from 1 by this.
+/// The norm of a pose's quaternion may differ from 1 by at most this.
 inline constexpr double kLinkQuaternionTolerance = 1e-3;
 inline constexpr double kLinkMinPeriod_s = 1e-5, kLinkMaxPeriod_s = 0.1;
 
@@ -53,7 +56,7 @@ enum class PacketKind : std::uint8_t {
   kPoseState = 7
 };
 
-/// The contents of a drive's states, which decide the commands that it takes.
+/// The contents of the state packets of a drive. They also decide which commands the drive takes.
 enum class LinkContents : std::uint8_t {
   kAngles = 0,  ///< StatePacket and CommandPacket
   kPose = 1,    ///< PoseStatePacket and WrenchCommandPacket
@@ -64,17 +67,19 @@ enum class LinkClock : std::uint8_t {
   kLockStep = 2,  ///< each torque command advances the drive's time by one period of the host
 };
 enum class CommandMode : std::uint8_t {
-  kHold = 1,    ///< torques must be zero; lock-step: time does not advance, a state is sent
-  kTorque = 2,  ///< torques, or the wrench, to hold until the next command
-  kStop = 3,    ///< torques must be zero; ends the session
+  /// Torques must be zero. With the lock-step clock, the drive sends a state packet, but the
+  /// drive's time does not advance.
+  kHold = 1,
+  kTorque = 2,  ///< apply these torques, or this wrench, until the next command
+  kStop = 3,    ///< torques must be zero; the link session ends
 };
 enum class DriveMode : std::uint8_t {
   kReady = 1,          ///< torques are zero; a torque command is accepted
   kTorque = 2,         ///< the last command's torques are applied
   kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command with zero
                        ///< torques acknowledges this mode
-  kEmergencyStop = 4,  ///< the stop is pressed, or no command has acknowledged its release yet:
-                       ///< commands have no effect, torques are zero
+  kEmergencyStop = 4,  ///< the emergency stop is pressed, or no command has acknowledged its
+                       ///< release yet: commands have no effect, torques are zero
 };
 
 struct HelloPacket {
@@ -82,7 +87,7 @@ struct HelloPacket {
   LinkNonce host_nonce{};
   double period_s = 0;
   bool fresh = true;  ///< the host requests that a simulated world restart from its initial state
-  LinkContents contents = LinkContents::kAngles;  ///< the host serves drives of this kind
+  LinkContents contents = LinkContents::kAngles;  ///< the kind of drives that the host serves
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
 };
 struct WelcomePacket {
@@ -96,17 +101,17 @@ struct CommandPacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   CommandMode mode = CommandMode::kHold;
-  std::uint64_t state_seen = 0;
-  std::array<double, kLinkMotors> tau_motor_Nm{};  ///< leg-major: th1, th4 of leg 1, ...
+  std::uint64_t state_seen = 0;  ///< sequence number of the newest accepted state packet
+  std::array<double, kLinkMotors> tau_motor_Nm{};  ///< leg by leg: th1, th4 of leg 1, ...
   friend bool operator==(const CommandPacket&, const CommandPacket&) = default;
 };
 struct StatePacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   DriveMode mode = DriveMode::kReady;
-  std::uint8_t motor_faults = 0;  ///< bit i: motor i's current does not follow its command
-  std::uint64_t command_taken = 0;
-  std::array<double, kLinkEncoders> encoder_rad{};  ///< leg-major: th1..th4 of leg 1, ...
+  std::uint8_t motor_faults = 0;    ///< bit i: motor i's current does not follow its command
+  std::uint64_t command_taken = 0;  ///< sequence number of the newest accepted command
+  std::array<double, kLinkEncoders> encoder_rad{};  ///< leg by leg: th1..th4 of leg 1, ...
   friend bool operator==(const StatePacket&, const StatePacket&) = default;
 };
 
@@ -115,7 +120,8 @@ struct WrenchCommandPacket {
   std::int64_t time_ns = 0;
   CommandMode mode = CommandMode::kHold;
   std::uint64_t state_seen = 0;
-  /// On the handle about PoseStatePacket::p_m, in the device's frame.
+  /// Force that the device exerts on the hand at the point PoseStatePacket::p_m of the handle, and
+  /// moment about this point, in the device's frame.
   std::array<double, 3> force_N{}, moment_Nm{};
   friend bool operator==(const WrenchCommandPacket&, const WrenchCommandPacket&) = default;
 };
@@ -123,21 +129,23 @@ struct PoseStatePacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   DriveMode mode = DriveMode::kReady;
-  std::uint8_t faults = 0;    ///< not 0: the device reports a fault; its maker assigns the bits
+  std::uint8_t faults = 0;    ///< not 0: the device reports a fault; its maker defines the bits
   std::uint32_t buttons = 0;  ///< bit i: button i is pressed
   std::uint64_t command_taken = 0;
-  std::array<double, 3> p_m{};          ///< the handle's point, in the device's frame
-  std::array<double, 4> q{1, 0, 0, 0};  ///< w x y z: from the handle's to the device's frame
+  std::array<double, 3> p_m{};  ///< one point of the handle, in the device's frame
+  /// Quaternion w x y z that maps coordinates in the handle's frame to the device's frame.
+  std::array<double, 4> q{1, 0, 0, 0};
   friend bool operator==(const PoseStatePacket&, const PoseStatePacket&) = default;
 };
 
 enum class DenialReason : std::uint8_t {
   kKey = 1,   ///< the hello was not made with the drive's key
-  kBusy = 2,  ///< a session with another host is alive
+  kBusy = 2,  ///< a link session with another host is alive
   kKind = 3,  ///< the drive is of the other kind of LinkContents
 };
-/// The reason why a hello gets no welcome. It is not authenticated, since the host may lack the
-/// key. So it is a hint for the operator, and no decision may depend on it.
+/// The answer to a hello that gets no welcome, with the reason. A denial is not authenticated,
+/// because the host may lack the key. So a denial is a hint for the operator, and no decision
+/// may depend on it.
 struct DenialPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};  ///< the nonce in the hello
@@ -145,15 +153,16 @@ struct DenialPacket {
   friend bool operator==(const DenialPacket&, const DenialPacket&) = default;
 };
 
-/// The reason why a packet was refused. If several reasons apply, the first of this list counts.
+/// The reason why a packet was refused. The checks are made in this order, except that the size of
+/// the expected kind is checked after the kind. The first check that fails counts.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
-  kSize,      ///< its size is wrong for this kind of packet, or differs from the stated size
-  kMagic,     ///< another protocol or version
-  kKind,      ///< another kind, such as the receiver's own packet sent back
-  kSession,   ///< another session
+  kSize,      ///< not the size of the expected kind, or not the size in its own header
+  kMagic,     ///< a packet of another protocol or version
+  kKind,      ///< a packet of another kind, such as the receiver's own one sent back
+  kSession,   ///< a packet of another link session
   kMac,       ///< made without the key, or corrupted
-  kSequence,  ///< repeated, or overtaken by a newer one
+  kSequence,  ///< repeated, or overtaken by a newer packet
   kContents,  ///< authentic, but with an unknown mode, a non-zero byte where zero is required, a
               ///< number that is not finite or out of bounds, or a nonce of another hello
 };
@@ -161,7 +170,7 @@ inline constexpr std::size_t kLinkRefusals = 8;
 /// The reason's name in summaries, such as "sequence".
 const char* to_string(LinkRefusal refusal) noexcept;
 
-/// Call this before any other function of this header; repeated calls are harmless. Errors: (bug)
+/// Call this before any other function of this header; repeated calls are harmless. Errors: kBug if
 /// the system has no source of randomness.
 Result<void> start_link();
 
@@ -169,13 +178,14 @@ Result<void> start_link();
 LinkKey random_link_key() noexcept;
 LinkNonce random_nonce() noexcept;
 
-/// The key for a session's commands and states, and the session's number in their headers.
+/// session_key() is the key for the commands and states of a link session. session_number() is the
+/// number of the link session in the headers of these packets.
 LinkKey session_key(const LinkKey& shared, const LinkNonce& host, const LinkNonce& drive) noexcept;
 std::uint64_t session_number(const LinkNonce& drive) noexcept;
 
-/// Returns the number of bytes written, which is the size of this kind of packet; 0 if `out` is
-/// shorter or decode would refuse the contents. `key` is the shared key for hello and welcome, and
-/// the session's key for the others.
+/// Writes a packet to `out`. Returns the number of bytes written, which is the size of this kind of
+/// packet. Returns 0 if `out` is shorter, or if decode() would refuse the contents. `key` is the
+/// shared key for hello and welcome, and session_key() for the other packets.
 std::size_t encode(const HelloPacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
 std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
@@ -192,26 +202,28 @@ std::size_t encode(const PoseStatePacket& packet, const LinkKey& key,
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
 
 /// If a datagram has the size, magic, version and kind of a hello, authentic or not, reads the
-/// host's nonce from it and returns true.
+/// host's nonce from the datagram and returns true.
 bool hello_nonce(std::span<const std::uint8_t> bytes, LinkNonce& nonce) noexcept;
 
-/// The kind of a datagram according to its header and size, without authentication. If it is not a
-/// packet, the result is kHello, and decode then refuses it.
+/// The kind of a datagram according to its header and size, without authentication. If the
+/// datagram is not a packet, the result is kHello, and decode() then refuses the datagram.
 PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
 
-/// `packet` and `last_sequence` change only if the packet is accepted. A repeated hello is
-/// accepted. An attacker who repeats an old hello gets a welcome, but lacks the key to use its
-/// session.
+// Each decode() reads one kind of packet, and returns kNone if it accepts the packet. `packet` and
+// `last_sequence` change only in this case.
+
+/// A repeated hello is accepted. An attacker who repeats an old hello gets a welcome, but lacks the
+/// key that a link session requires.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
                    HelloPacket& packet) noexcept;
-/// `asked` is the host's nonce in its hello.
+/// `asked` is the nonce that the host sent in its hello.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, const LinkNonce& asked,
                    WelcomePacket& packet) noexcept;
-/// `asked` is the host's nonce in its hello. The packet is not authenticated.
+/// `asked` is the nonce that the host sent in its hello. A denial is not authenticated.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkNonce& asked,
                    DenialPacket& packet) noexcept;
-/// `last_sequence` is the sequence number of the last accepted packet of this kind in the session;
-/// 0 at the start of the session.
+/// `last_sequence` is the sequence number of the last accepted packet of this kind in the link
+/// session; 0 at the start of the link session.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept;
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
@@ -221,7 +233,7 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std:
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, PoseStatePacket& packet) noexcept;
 
-/// Counts accepted packets, and refused packets by reason.
+/// The number of accepted packets, and the number of refused packets for each reason.
 struct LinkCounts {
   std::array<std::uint64_t, kLinkRefusals> by_refusal{};  ///< [kNone]: accepted
   void add(LinkRefusal refusal) noexcept { ++by_refusal[static_cast<std::size_t>(refusal)]; }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The status that a haptic device returns for a read or a write; recorded in each tick.
+// The status that a haptic device returns for a read or a write. It is recorded in each tick.
 // Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
@@ -7,15 +7,15 @@
 
 namespace trocar {
 
-/// The name in a recording is in quotes.
+/// The comments give each status's name in recordings, in quotes.
 enum class DeviceStatus : std::uint8_t {
   kOk,             ///< "ok"
-  kNoData,         ///< "no_data": read: no new state; write: the torques were not taken
+  kNoData,         ///< "no_data": a read gave no new state, or a write was not accepted
   kLinkLost,       ///< "link_lost"
-  kEmergencyStop,  ///< "emergency_stop": pressed; the drives hold the torques at zero
+  kEmergencyStop,  ///< "emergency_stop": the stop is pressed; the drives hold the torques at zero
   kMotorFault,     ///< "motor_fault": the drives report a motor that does not give its torque
   kEndOfData,      ///< the end of a replayed recording; never recorded
 };
-inline constexpr int kRecordedDeviceStatuses = 5;
+inline constexpr int kRecordedDeviceStatuses = 5;  ///< all except kEndOfData
 
 }  // namespace trocar

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The result of a safety check and the words for it. One table has the name, meaning and advice of
-// every fault, another one has every quantity that a check can measure. A fault or quantity that is
-// missing in its table is a compile error.
+// The result of a safety check, and words that describe it. One table has the name, meaning and
+// advice of every fault. Another table has every quantity that a check can measure. A fault or
+// quantity that is missing in its table is a compile error.
 #pragma once
 
 #include <cstdint>
@@ -12,29 +12,29 @@
 namespace trocar {
 
 /// The quantity that a check measured; make_quantity() in fault_words.cpp has its words and unit.
-/// The comments give the unit and the meaning of FaultDetail::index, if it has one.
+/// The comments give the unit and, if FaultDetail::index is used, the thing that it numbers.
 enum class FaultQuantity : std::uint8_t {
-  kNone,                 ///< nothing was measured: the device reported it, or a solver gave up
+  kNone,                 ///< nothing was measured: a device reported the fault, or a solver failed
   kTimeWithoutData,      ///< time without data from the device, s
-  kEncoderAngle,         ///< angle, rad; index: encoder
+  kEncoderAngle,         ///< angle of an encoder, rad; index: encoder
   kEncoderStep,          ///< change of angle since the last data, rad; index: encoder
-  kEncoderResidual,      ///< deviation from the fitted pose, rad; index: encoder
+  kEncoderResidual,      ///< difference between an angle and the fitted pose, rad; index: encoder
   kPoseResidual,         ///< residual of the fitted pose, m
   kInverseCondition,     ///< inverse condition number of the Jacobian
   kBranchDistance,       ///< distance of a leg from the edge of its workspace, m; index: leg
   kTickGap,              ///< time between the starts of two ticks, s
   kMissedDeadlines,      ///< consecutive missed deadlines
   kWaitingHoles,         ///< holes that were requested and have no mesh yet
-  kToolTilt,             ///< angle, rad
-  kPlatePosition,        ///< position, m; index: axis
-  kPlateTilt,            ///< angle, rad
-  kPlateSpeed,           ///< speed, m/s
-  kPlateRotation,        ///< rotation rate, rad/s
+  kToolTilt,             ///< angle between the tool's axis and upright, rad
+  kPlatePosition,        ///< coordinate of the plate's origin, m; index: axis
+  kPlateTilt,            ///< angle between the plate's axis and upright, rad
+  kPlateSpeed,           ///< speed of the plate, m/s
+  kPlateRotation,        ///< rotation rate of the plate, rad/s
   kPrefetchedStiffness,  ///< prefetched stiffness of the spring network, N/m
-  kWantedWrench,         ///< component of the wrench, N or N m; index: 0..5
-  kMotorTorque,          ///< torque, N m; index: motor
-  kCompensationTorque,   ///< torque, N m; index: motor
-  kTorqueRiseTime,       ///< time for which torques rose at their limit, s
+  kWantedWrench,         ///< component of the wanted wrench, N or N m; index: 0..5
+  kMotorTorque,          ///< wanted torque of a motor, N m; index: motor
+  kCompensationTorque,   ///< torque against friction and weight, N m; index: motor
+  kTorqueRiseTime,       ///< time for which torques rose at the largest allowed rate, s
   kMotorHeat,            ///< i2t state as a fraction of its limit; index: motor
   kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
   kMotor,                ///< no value; index: motor
@@ -46,8 +46,9 @@ enum class FaultQuantity : std::uint8_t {
 };
 inline constexpr int kFaultQuantities = 29;
 
-/// The result of a check: a fault or none, and the value that exceeded its limit. It has a fixed
-/// size because the haptic thread fills it; another thread composes the words.
+/// The result of a check: a fault or none, and the value that was above or below its limit.
+/// The structure has a fixed size because the haptic thread fills it. Another thread
+/// composes the words.
 struct FaultDetail {
   FaultDetail() = default;
   FaultDetail(Fault what) : fault(what) {}  // NOLINT(google-explicit-constructor): nothing measured
@@ -57,34 +58,36 @@ struct FaultDetail {
         index(static_cast<std::int8_t>(at)),
         value(found),
         limit(allowed) {}
-  // A result can be compared with a fault.
+  // This conversion allows the comparison of a result with a fault.
   operator Fault() const { return fault; }  // NOLINT(google-explicit-constructor)
 
   Fault fault = Fault::kNone;
   FaultQuantity quantity = FaultQuantity::kNone;
-  std::int8_t index =
-      -1;            ///< number of the encoder (0..15), motor (0..7), leg (0..3) or axis; -1: none
+  /// Number of the encoder (0..15), motor (0..7), leg (0..3), axis (0..2) or component
+  /// (0..5); -1: none.
+  std::int8_t index = -1;
   double value = 0;  ///< in the quantity's unit
   double limit = 0;  ///< largest or smallest value allowed; nan: any finite value
 };
 
 struct FaultWords {
-  const char* name = nullptr;     ///< in recordings and summaries
+  const char* name = nullptr;     ///< name in recordings and summaries
   const char* meaning = nullptr;  ///< such as "the plate is outside its box, or tilted too far"
-  const char* meaning_in_recovery =
-      nullptr;                   ///< the meaning while the fault still prevents recovery
+  /// The meaning while the fault still prevents recovery.
+  const char* meaning_in_recovery = nullptr;
   const char* advice = nullptr;  ///< instruction for the operator
-  const char* cause = nullptr;   ///< usual causes; docs/operating.md has them
+  const char* cause = nullptr;   ///< usual causes, which docs/operating.md lists
 };
 /// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);
 
-/// Do fault and quantity exist, and is the index valid for the quantity? The functions below
-/// require this. Call it for details that come from outside the program.
+/// Returns true if the fault and the quantity exist and the index is valid for the quantity.
+/// This is a precondition of the functions below. Check it for details that come from
+/// outside the program.
 bool is_known(const FaultDetail& detail);
 
-/// Name of the quantity with its index, ending with its unit, such as "th_2_3_step_rad"; empty for
-/// kNone.
+/// Name of the quantity with its index and, at the end, its unit, such as "th_2_3_step_rad";
+/// empty for kNone.
 std::string quantity_name(const FaultDetail& detail);
 
 /// Quantity, value and limit in one phrase, such as "plate z 241.3 mm, limit 240 mm"; empty for

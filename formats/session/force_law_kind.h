@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The names of the force laws that scenes and the command line know, and what a scene's reader must know
-// about each. The laws themselves are in runtime/force_law.
+// The names of the force laws in scenes and on the command line, and what the reader of a scene
+// must know about each law. The laws themselves are in runtime/force_law.
 // Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 
@@ -15,14 +15,14 @@ namespace trocar {
 /// Index of a law's row in the table of laws. Values beyond the last enumerator belong to laws that
 /// add_force_law() added.
 enum class ForceLawKind : std::uint8_t {
-  kHooke,    ///< each sheet is a spring, F = K dx
-  kNetwork,  ///< each sheet is a spring network (runtime/deformation)
-  kCutting,  ///< one bone volume that the tool cuts through (runtime/bone_cutting)
+  kHooke,    ///< each slice is an elastic sheet: a spring, F = K dx
+  kNetwork,  ///< each slice is an elastic sheet: a spring network (runtime/deformation)
+  kCutting,  ///< the slices are one bone volume, which the tool cuts (runtime/bone_cutting)
 };
 
 struct ForceLawTraits {
   const char* name;  ///< name in scenes and on the command line
-  /// The law accepts a scene's `body` and reads HU under the tool (Sheet::field).
+  /// True if the law accepts a scene's `body` and reads HU under the tool (Sheet::field).
   bool uses_bone_volume = false;
 };
 
@@ -32,17 +32,19 @@ inline constexpr std::array kForceLaws{ForceLawTraits{"hooke"}, ForceLawTraits{"
 static_assert(kForceLaws.size() == static_cast<std::size_t>(ForceLawKind::kCutting) + 1,
               "a row for each ForceLawKind");
 
+/// The row of a law.
 const ForceLawTraits& traits_of(ForceLawKind law) noexcept;
 inline const char* to_string(ForceLawKind law) noexcept {
   return traits_of(law).name;
 }
 /// The law of that name, or std::nullopt.
 std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcept;
-/// All names as a list with "or", each between two `quote`s; for messages.
+/// All names for a message, such as "hooke, network or cutting". `quote` is written before and
+/// after each name.
 std::string force_law_names(const std::string& quote = "");
 
-/// Adds a row. Only runtime::add_force_law() calls it. Not safe while another thread reads the
-/// rows.
+/// Adds a row to the table. Only runtime::add_force_law() may call this function, and only while no
+/// other thread reads the table.
 ForceLawKind add_force_law(const ForceLawTraits& traits);
 
 }  // namespace trocar

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Procedures: the tool, the soft layers and the resistance of bone for interventions that trainers know, with the
-// published range of each value and where it comes from.
+// Procedures. A procedure describes an intervention that trainers know: the tool, the soft layers
+// and the resistance of the bone. Each value has its published range and its source.
 // Tests: tests/formats/session/procedures_test.cpp, tests/runtime/bone_cutting/material/procedure_forces_test.cpp
 #pragma once
 
@@ -15,13 +15,15 @@
 
 namespace trocar {
 
-/// The part of each range that a scene uses: its 5th percentile, its median, or its 95th percentile.
+/// The value of each range that a scene uses: the 5th percentile, the median, or the
+/// 95th percentile.
 enum class Strength : std::uint8_t { kLow, kMedian, kHigh };
 
-/// "low", "median" or "high".
+/// Reads "low", "median" or "high". Returns std::nullopt for any other text.
 std::optional<Strength> strength_from_string(std::string_view text) noexcept;
 
-/// A value with its range. Larger values give larger forces.
+/// A value with its range: 5th percentile, median and 95th percentile. Larger values give larger
+/// forces.
 struct Range {
   double low, median, high;
   std::string_view source;  ///< begins with "assumed" if no source was found
@@ -35,7 +37,7 @@ struct Range {
 struct ProcedureLayer {
   std::string_view name;
   Range thickness_mm, toughness_J_per_m2, stiffness_N_per_m, stiffening_N_per_m2, friction_N_per_m;
-  double gap_mm = 0;  ///< distance to the layer below
+  double gap_mm = 0;  ///< distance from the bottom of this layer to the layer below
 };
 
 struct Procedure {
@@ -51,17 +53,19 @@ struct Procedure {
 };
 
 std::span<const Procedure> procedures() noexcept;
-/// Null: there is none of this name.
+/// The procedure of this name, or null.
 const Procedure* find_procedure(std::string_view name) noexcept;
 /// All names, separated by commas.
 std::string procedure_names();
 
-/// Replaces the shape of the scene's tool, its tissue and its layers, and sets the force law `cutting`. The lowest
-/// layer ends at the highest slice. Errors: (refused, without the scene's name) the hand begins within the layers; the
-/// scene has `tissues`, which would have their own resistance.
+/// Replaces the shape of the scene's tool, the scene's tissue and the scene's layers by those of
+/// the procedure, and sets the force law `cutting`. The lowest layer, or the gap below it, ends at
+/// the highest slice. Errors: kRefused if the scene's hand begins below the top of the layers, or
+/// if the scene has `tissues`, which would have their own resistance. The message does not contain
+/// the scene's name.
 Result<void> apply_procedure(const Procedure& procedure, Strength strength, Scene& scene);
 
-/// A table of all values with their ranges and sources, as lines of text.
+/// Returns a table of all values with their ranges and sources, as lines of text.
 std::string explain(const Procedure& procedure);
 
 }  // namespace trocar

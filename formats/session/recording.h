@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The recording of a session: a CSV file with one row for each tick and a header with every
 // column's name and unit. Numbers are written in shortest round-trip form, so that reading gives
-// the written values bit for bit. Reading is strict: exactly these columns, every field complete.
+// the written values bit for bit. Reading is strict: a file must have exactly these columns, and
+// every field must be complete.
 #pragma once
 
 #include <array>
@@ -18,17 +19,18 @@
 
 namespace trocar {
 
-/// The tool's contact state at the active slice.
+/// The tool's contact state at the active slice (RecordingRow::active_slice). The name in a
+/// recording is in quotes.
 enum class ContactPhase : std::uint8_t {
   kFree,       ///< "free": above every slice
   kContact,    ///< "contact": a slice bears the force
   kPunctured,  ///< "punctured": the tip is below the slice that was punctured last
-  kMissed,     ///< "beside": the tip passed a slice outside its material, or through an older hole
-  kFault,      ///< "fault": latched; torques ramp to zero
+  kMissed,     ///< "beside": the tip passed a slice beside its material or through an old hole
+  kFault,      ///< "fault": a fault is latched; torques ramp to zero
 };
 
-/// The reason why the loop entered its safe state. to_string() gives the name in recording and
-/// summary; fault_words.h has the meaning and the advice.
+/// The reason why the loop entered its safe state. to_string() gives the name in recordings and
+/// summaries; fault_words.h has the meaning and the advice.
 enum class Fault : std::uint8_t {
   kNone,
   kNoData,            ///< no data from the device for too long
@@ -42,7 +44,7 @@ enum class Fault : std::uint8_t {
                       ///< edge of its workspace, is too small
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
   kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
-  kRemeshBacklog,     ///< more cuts wait for their mesh than the queue holds
+  kRemeshBacklog,     ///< more holes wait for their new mesh than the queue holds
   kToolTilt,          ///< the tool's axis is too far from upright
   kEmergencyStop,     ///< the device's emergency stop is pressed, or the operator's
   kMotorFault,        ///< the device reports a motor that does not produce its torque
@@ -52,7 +54,7 @@ enum class Fault : std::uint8_t {
   kTorqueRate,        ///< the wanted torques rise faster than they may, for too long
   kMotorOverload,     ///< a motor exceeded its i2t limit, or too little of the wanted wrench
                       ///< was rendered for too long
-  kEnergyLimit,       ///< the environment released more energy to the hand than its limit allows
+  kEnergyLimit,       ///< the hand received more energy than the energy limit allows
   kPaused,            ///< the operator pauses the session
   kForcesOff,         ///< the operator has turned the forces off
 };
@@ -63,7 +65,7 @@ enum class SafetyState : std::uint8_t {
   kIdle,        ///< "idle": nothing read from the device yet
   kReady,       ///< "ready": no fault, torques are zero
   kRunning,     ///< "running": forces are rendered
-  kFault,       ///< "fault": latched; torques ramp to zero and stay there
+  kFault,       ///< "fault": a fault is latched; torques ramp to zero and stay zero
   kRecovering,  ///< "recovering": recovery was requested; torques are zero until the cause is gone
 };
 inline constexpr int kSafetyStates = 5;
@@ -71,43 +73,48 @@ inline constexpr int kSafetyStates = 5;
 const char* to_string(ContactPhase phase);
 const char* to_string(Fault fault);
 const char* to_string(SafetyState state);
-/// Not for kEndOfData, which is never recorded.
+/// Precondition: `status` is not kEndOfData, which is never recorded.
 const char* to_string(DeviceStatus status);
 
-/// Bits of RecordingRow::xray: a single picture was taken, X-ray was on.
+/// Bits of RecordingRow::xray. kXrayPicture: a single picture was taken. kXrayBeam: X-ray
+/// screening was on.
 inline constexpr std::uint8_t kXrayPicture = 1, kXrayBeam = 2;
 
-/// One tick. Everything is in frame {B}. A wrench acts at the plate's origin: force, then torque.
+/// One tick. Positions and vectors are in the frame {B}. A wrench acts at the plate's origin; its
+/// components are those of the force, then those of the torque.
 struct RecordingRow {
   double t_s = 0;                       ///< number of the tick, divided by the loop rate
-  std::array<double, 3> p_m{};          ///< plate's origin
-  std::array<double, 4> q{1, 0, 0, 0};  ///< plate's orientation, w x y z
-  /// Tip of the tool. With the force law `cutting` the coupling holds it away from the plate, so it is where the
-  /// tool is in the tissue.
+  std::array<double, 3> p_m{};          ///< position of the plate's origin
+  std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
+  /// Tip of the tool. With the force law `cutting`, a spring (the coupling) connects the tool to
+  /// the plate. The tip is then that of the tool in the tissue, at some distance from where the
+  /// plate alone would hold it.
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
-  std::array<double, 8> tau_Nm{};            ///< leg-major: th1, th4 of leg 1, ...
-  std::array<double, 16> encoder_rad{};      ///< leg-major: th1, th2, th3, th4 of leg 1, ...
+  std::array<double, 8> tau_Nm{};            ///< leg by leg: th1, th4 of leg 1, ...
+  std::array<double, 16> encoder_rad{};      ///< leg by leg: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
   std::int32_t active_slice = -1;  ///< index of the slice in the asset; -1: none
-  /// Penetration of the active slice. In the tick of a puncture: the penetration at the puncture.
+  /// Depth of the tip below the active slice. In the tick of a puncture: the depth at the puncture.
   double penetration_m = 0;
-  double wrench_scale = 1;          ///< delivered over wanted wrench; < 1 if a motor saturates
+  double wrench_scale = 1;          ///< delivered wrench / wanted wrench; < 1 if a motor saturates
   double pose_residual_m = 0;       ///< residual of the pose fitted to the encoders
   std::int64_t cuts_published = 0;  ///< number of holes whose new mesh is in use, over all slices
-  /// The latest prefetched stiffness (force law `network`). The prefetch worker computes it outside
-  /// the haptic thread, so it is an input of this tick, like the encoders.
+  /// The latest prefetched stiffness (force law `network`): the stiffness of a sheet at one
+  /// position of the tool. The prefetch worker computes it outside the haptic thread, so it is an
+  /// input of this tick, like the encoder angles.
   std::int32_t response_sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   double response_stiffness_N_per_m = 0;
-  std::array<double, 2> response_offset_m{};  ///< point of the force relative to the tool's centre
+  /// Point of the sheet where its force acts, relative to the tool's axis.
+  std::array<double, 2> response_offset_m{};
   Fault fault = Fault::kNone;
-  // The other inputs of the tick from which torques are computed, so that a replay reproduces the
-  // torques to the last bit.
+  // The members up to `xray` are the other inputs of the tick. From the recorded inputs, a replay
+  // reproduces the torques to the last bit.
   DeviceStatus device_read = DeviceStatus::kOk, device_write = DeviceStatus::kOk;
   double state_t_s = 0;  ///< time at which these encoders were read, on the device's clock
-  Fault outside_fault =
-      Fault::kNone;                 ///< fault detected outside the tick: late ticks, a full queue
+  /// Fault that was detected outside the tick, such as late ticks or a full queue.
+  Fault outside_fault = Fault::kNone;
   std::uint8_t recovery_asked = 0;  ///< 1: the operator requested recovery at this tick
   /// The operator's X-ray in this tick: kXrayPicture, kXrayBeam, both or 0.
   std::uint8_t xray = 0;
@@ -118,22 +125,25 @@ struct RecordingRow {
                            ///< than it gave
   double passivity_N_s_per_m = 0;  ///< damping added by the passivity controller
   double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1 is its limit
-  /// Values of the tissue before the scene's force scale (force law `cutting` only).
+  /// Values of the tissue before they are multiplied by the scene's force scale (force
+  /// law `cutting`).
   struct Cutting {
     std::array<double, 6> wrench_tissue{};  ///< wrench on the plate, N, N*m
-    double front_z_m = 0;  ///< height of the cutting front, or of the next bone below the tip
-    /// Mean HU under the tool in the slice of the cutting front, in the uncut bone. -1000 if there
+    /// Height of the cutting front, which is the depth down to which bone has been cut. If the tip
+    /// is above the bone, height of the next bone below the tip.
+    double front_z_m = 0;
+    /// Mean HU of the uncut bone under the tool, in the slice of the cutting front. -1000 if there
     /// is nothing under the tool, 0 if the asset has no HU.
     double front_HU = 0;
     double tip_N = 0;        ///< force on the tip along the shaft
     double embedded_m = 0;   ///< length of the shaft inside the bone volume
-    double cut_J = 0;        ///< work of the cutting front since the session began
+    double cut_J = 0;        ///< work of cutting since the session began
     double absorbed_J = 0;   ///< work of the hand on the tissue since the session began
-    double stored_J = 0;     ///< elastic energy stored now
-    std::int32_t steps = 0;  ///< number of Newton steps
+    double stored_J = 0;     ///< elastic energy stored in this tick
+    std::int32_t steps = 0;  ///< number of Newton steps in this tick
   } cutting;
-  /// Reading and command of a device that measures its own pose, in its own frame. They take the place of
-  /// torques and encoder angles.
+  /// Reading and command of a device that measures its own pose, in the device's frame. In
+  /// recordings they take the place of torques and encoder angles.
   struct PoseDevice {
     std::array<double, 3> p_m{};          ///< the point of the handle on which the wrench acts
     std::array<double, 4> q{1, 0, 0, 0};  ///< orientation, w x y z
@@ -142,13 +152,14 @@ struct RecordingRow {
   } pose_device;
 };
 
-/// The columns that a recording has besides those that all recordings have.
+/// The columns that a recording has in addition to those of all recordings.
 struct RecordingKind {
   bool has_cutting = false;      ///< columns of the force law `cutting`
   bool has_pose_device = false;  ///< columns of a pose device instead of torques and encoder angles
   bool has_xray = false;         ///< the column of the operator's X-ray
 };
-/// The kind that these entries of the origin state: `force-law=cutting`, `device-kind=pose`, `xray=counted`.
+/// Derives the kind from the origin: has_cutting from `force-law=cutting`, has_pose_device from
+/// `device-kind=pose`, and has_xray from any entry `xray`.
 RecordingKind recording_kind(const RecordingOrigin& origin);
 
 /// The header line without its line feed: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
@@ -158,36 +169,37 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
 /// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The column origin holds
 /// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin
-/// contains `force-law=cutting`, further columns precede it:
+/// contains `force-law=cutting`, further columns precede `origin`:
 /// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
-/// tissue_stored_J,steps. If it contains `xray=counted`, the column xray precedes all of these, after
-/// motor_heat_max. If it contains `device-kind=pose`, device_x_m,device_y_m,device_z_m,
+/// tissue_stored_J,steps. If the origin contains `xray`, the column xray follows motor_heat_max. If
+/// the origin contains `device-kind=pose`, the columns device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
 /// Suffix of a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
 
-/// Writes a CSV file under the target's name with kPartialSuffix; commit() renames it to the
-/// target. Without commit(), or after a failure such as a full disk, the partial file stays with
-/// all rows that were written completely; a file without rows is removed. If the program is killed,
-/// rows of the last 1 MiB may be missing and the last line may be incomplete.
+/// Writes a recording. The file has the target's name with kPartialSuffix until commit() renames it
+/// to the target. Without commit(), or after a failure such as a full disk, the partial file stays,
+/// with all rows that were written completely. A partial file without rows is removed. If the
+/// program is killed, rows of the last 1 MiB may be missing, and the last line may be incomplete.
 class RecordingWriter {
  public:
-  /// Errors: (unwritable) the target cannot be created, is not a regular file, or is being written
-  /// by another program. A partial file that an interrupted recording left is renamed to
-  /// NAME.partial.1, .2 and so on.
+  /// Creates the partial file. A partial file that an interrupted recording left is first renamed
+  /// to NAME.partial.1, .2 and so on. Errors: kUnwritable if the target cannot be created, is not a
+  /// regular file, or is being written by another program.
   static Result<RecordingWriter> open(const std::filesystem::path& file,
                                       const RecordingOrigin& origin = {});
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;
   ~RecordingWriter();
 
-  /// Errors: (unwritable); the message has the number of rows kept and their file. After an error
-  /// of append() or commit(), only the destructor may be called.
+  /// append() writes rows, and commit() ends the recording. Errors: kUnwritable; the message has
+  /// the number of rows that were kept, and their file. After an error of append() or commit(),
+  /// only the destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
-  /// The file while it is being written.
+  /// Path of the partial file; empty after commit().
   std::filesystem::path partial_file() const { return partial_; }
 
  private:
@@ -206,11 +218,12 @@ class RecordingWriter {
   std::uint64_t lines_ = 0;  ///< number of complete lines written, including the header
 };
 
-/// Reads a whole recording. Columns that older versions did not write may be absent. Sets `origin`,
-/// if not null, to the recording's origin (no entries if it has none). Errors: (refused), with line
-/// and column: another header, a missing or surplus field, text that is not a number, a number that
-/// is not finite (allowed in encoders and prefetched stiffness, whose faults are recorded), t_s not
-/// ascending, an unknown name, no row.
+/// Reads a whole recording. Columns that older versions did not write may be absent. If `origin` is
+/// not null, sets `*origin` to the recording's origin, which has no entries if the recording has
+/// none. Errors: kRefused for another header, a missing or surplus field, text that is not a
+/// number, t_s that does not ascend, an unknown name, or no rows. Also kRefused for a number that
+/// is not finite, except in encoder angles, measured poses and prefetched stiffness, because their
+/// faults are recorded. Messages have the line and, where it applies, the column.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,

@@ -20,19 +20,20 @@ inline constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusN
     "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
 const std::array<const char*, kFaults>& fault_names();
 
-/// The columns of one file. Files written by older versions lack some.
+/// The columns of one file. Files that older versions wrote lack some columns.
 struct RecordingColumns {
   std::vector<std::string> names = {};
   RecordingKind kind = {};
   bool has_state_time = true, has_origin = true;
 };
 RecordingColumns recording_columns(const RecordingKind& kind);
-/// The columns that this header line names; no names if it is not a recording's header.
+/// The columns that a header line names. `names` is empty if the line is not a recording's header.
 RecordingColumns columns_in_header(std::string_view header);
 
-/// Calls the visitor for each field of a row except the origin, in the order of the columns.
-/// number() takes any number; finite() takes a number that must not be infinite or nan; flag()
-/// takes 0 or 1; bits() takes an integer of these bits; name() takes an enumerator and the list of names.
+/// Calls a member of the visitor for each field of a row except the origin, in the order of the
+/// columns. number() takes any number; finite() takes a number that must not be infinite or nan;
+/// flag() takes 0 or 1; bits() takes an integer and the bits that it may have; name() takes an
+/// enumerator and the list of names.
 template <typename Row, typename Visitor>
 void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
   visitor.finite(row.t_s);

@@ -20,11 +20,11 @@ inline constexpr const char* kOriginProgram = "program";
 /// Keys whose value is a digest: BLAKE2b-256, hexadecimal, as `b2sum -l 256` gives it.
 inline constexpr const char* kOriginScene = "scene";
 inline constexpr const char* kOriginAsset = "asset";
-inline constexpr const char* kOriginDevice = "device";  ///< or "built-in"
-/// Key of the kind of device, which only recordings of a pose device have; its value.
+inline constexpr const char* kOriginDevice = "device";  ///< its value is a digest or "built-in"
+/// Key and value of the entry for the kind of device, which only recordings of a pose device have.
 inline constexpr const char* kOriginDeviceKind = "device-kind";
 inline constexpr const char* kPoseDeviceKind = "pose";
-/// Key of recordings that have the operator's X-ray; its value is "counted".
+/// Key of an entry that only recordings with the operator's X-ray have; its value is "counted".
 inline constexpr const char* kOriginXray = "xray";
 
 struct RecordingOrigin {
@@ -32,24 +32,26 @@ struct RecordingOrigin {
 
   /// The value of a key, or null.
   const std::string* find(std::string_view key) const;
-  /// The value of a key as a number; none if it is missing or no number.
+  /// The value of a key as a number; nothing if the key is missing or its value is not a number.
   std::optional<double> number(std::string_view key) const;
   friend bool operator==(const RecordingOrigin&, const RecordingOrigin&) = default;
 };
 
-/// The text of a number in an entry: the shortest that reads back as the same number.
+/// The text of a number in an entry: the shortest text that reads back as the same number.
 std::string origin_number(double x);
 
-/// The text for the CSV. Keys and values consist of letters, digits, '.', '_', '+', '-' and '/'.
+/// The text for the CSV. Precondition: keys and values consist of letters, digits, '.', '_',
+/// '+', '-' and '/'.
 std::string to_text(const RecordingOrigin& origin);
 
-/// Reads what to_text() wrote; empty text gives no entries. Errors: (refused) other text, an empty
-/// or repeated key, more than 4096 characters.
+/// Reads what to_text() wrote; an empty text gives no entries. Errors: kRefused if the text has
+/// another form or more than 4096 characters, or if a key is empty or repeated.
 Result<RecordingOrigin> parse_origin(std::string_view text);
 
-/// The differences between the origins of a recording and of a run, apart from the program: "the
-/// scene (12345678..., here 9abcdef0...), passivity (on, here off)"; empty if there are none. Keys
-/// that the recording lacks are ignored, because an older version may have written it.
+/// The differences between the origin of a recording and that of a run, in words, such as "the
+/// scene (12345678..., here 9abcdef0...), passivity (on, here off)". Empty if there are none. The
+/// program's version is not compared. Keys that the recording lacks are ignored, because an older
+/// version may have written the recording.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
 
 }  // namespace trocar

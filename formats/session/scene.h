@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scene: slices of an asset and their positions in the device's frame {B} (origin in the base,
-// z up, metres), their tissues, the tool, and the simulated hand's trajectory. The file is JSON
-// with the schema formats/session/scene.schema.json.
+// z up, metres), their tissues, the tool, and the simulated hand's trajectory. With the force laws
+// `hooke` and `network`, each slice is an elastic sheet. With the law `cutting`, all slices
+// together are one bone volume. The file is JSON with the schema formats/session/scene.schema.json.
 #pragma once
 
 #include <array>
@@ -24,68 +25,78 @@ inline constexpr std::size_t kMaxKeyframes = 4096;
 inline constexpr std::size_t kMaxTissues = 64;
 inline constexpr std::size_t kMaxZones = 32;
 inline constexpr std::size_t kMaxZoneCorners = 256;
-/// Smallest difference in height between two slices, so that their order is defined. A tolerance of
-/// 1 pm for the rounding of numbers admits slices whose written heights differ by exactly this.
+/// Smallest difference in height between two slices, so that their order is defined. The reader of
+/// a scene allows 1 pm less, so that rounding does not refuse slices whose written heights differ
+/// by exactly 0.1 mm.
 inline constexpr double kMinSliceGap_m = 1e-4;
 
-/// Forces of a punctured sheet on the shaft in its hole: dry and viscous friction along the shaft
-/// (A. Okamura, C. Simone, M. O'Leary, Force modeling for needle insertion into soft tissue, 2004),
-/// and a spring from the hole's rim against lateral displacement. By default there is no force.
+/// Forces of a punctured sheet on the tool's shaft in the hole: dry and viscous friction along
+/// the shaft (A. Okamura, C. Simone, M. O'Leary, Force modeling for needle insertion into soft
+/// tissue, 2004), and a spring from the hole's rim against lateral displacement. By default
+/// there is no force.
 struct ShaftTissue {
   double dry_friction_N = 0;
   double viscous_friction_N_s_per_m = 0;
-  /// Displacement over which dry friction builds up like the force of a spring. This makes it
-  /// defined at rest.
+  /// Displacement over which dry friction builds up like the force of a spring. So the friction has
+  /// a defined value even while the shaft does not move.
   double presliding_m = 2e-4;
-  double rim_stiffness_N_per_m = 0;  ///< spring towards the point where the shaft entered the hole
+  /// Stiffness of the spring that pulls the shaft to the point at which it entered the hole.
+  double rim_stiffness_N_per_m = 0;
   friend bool operator==(const ShaftTissue&, const ShaftTissue&) = default;
 };
 
-/// The strength of bone from its HU: density = at_0_HU + per_HU * HU, and a published law gives the
-/// strength (runtime/bone_cutting/material/bone_strength.h).
+/// The strength of bone from its HU. The density is at_0_HU + per_HU * HU, and a published law
+/// gives the strength for this density (runtime/bone_cutting/material/bone_strength.h).
 struct BoneByHu {
   std::string law;                    ///< name of the law
   std::string density = "qct";        ///< kind of the resulting density: "qct", "ash" or "apparent"
-  double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
+  double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3 per HU, and g/cm^3 at 0 HU
   bool calibration_is_given = false;  ///< false: the default calibration is assumed
   friend bool operator==(const BoneByHu&, const BoneByHu&) = default;
 };
 
 /// Resistance of a tissue to a tool that cuts through it (force law `cutting`).
 struct CutTissue {
-  std::optional<double> strength_MPa;  ///< cutting force per area of the tool's outline
-  std::optional<BoneByHu> bone;        ///< strength from HU, if strength_MPa is absent
-  double tearing_N_per_m = 0;          ///< additional force per length of the outline
-  /// Ratio of the pressure under a flat tip to the bone's strength.
+  /// Cutting force per area of the tool's outline, before multiplication by pressure_over_yield.
+  std::optional<double> strength_MPa;
+  std::optional<BoneByHu> bone;  ///< strength from HU, if strength_MPa is absent
+  double tearing_N_per_m = 0;    ///< additional force per length of the outline
+  /// Factor on the strength: ratio of the pressure under a flat tip to the strength of the bone.
   double pressure_over_yield = 1;
-  double modulus_MPa = 0;  ///< 0: the tip is as stiff as Tissue::stiffness_N_per_m
-  /// Coulomb friction coefficient of the tip's faces, and of the shaft on the wall of its hole,
-  /// which presses on it with the tissue's strength.
+  /// Elastic modulus, from which the stiffness under the tip follows. 0: see
+  /// Tissue::stiffness_is_given.
+  double modulus_MPa = 0;
+  /// Coulomb friction coefficient of the tip's faces, and of the shaft on the wall of its hole. The
+  /// wall presses on the shaft with the tissue's strength.
   double friction_coefficient = 0;
-  double friction_kPa = 0;          ///< additional friction along the shaft, per area of its side
+  double friction_kPa = 0;  ///< additional friction along the shaft, per area of the shaft's side
   double foundation_N_per_mm3 = 0;  ///< Winkler foundation: lateral pressure per displacement
-  double lateral_strength_MPa = 0;  ///< pressure at which a wall yields
+  double lateral_strength_MPa = 0;  ///< pressure at which the wall of a hole yields
   friend bool operator==(const CutTissue&, const CutTissue&) = default;
 };
 
-/// One elastic sheet; the defaults are the paper's.
+/// The tissue of a slice. The default values are those of the paper.
 struct Tissue {
   double stiffness_N_per_m = 5000;
   /// The sheet is punctured in the tick in which the force would exceed threshold_N times the
-  /// tool's coverage.
+  /// tool's coverage, which is the fraction of the tool's outline that lies over material.
   double threshold_N = 35;
-  double damping_N_s_per_m = 0;  ///< adds this times dx' to the force K dx; the sum is at least 0
+  /// The damping b in the force K dx + b dx', which is never below 0. K is the stiffness, dx the
+  /// penetration and dx' the rate of the penetration.
+  double damping_N_s_per_m = 0;
   ShaftTissue shaft;
-  /// If absent, stiffness and threshold apply to the scene's tool, even with the law `cutting`.
+  /// Resistance to cutting. If it is absent, the law `cutting` takes stiffness and threshold as
+  /// those of the scene's tool in this tissue.
   std::optional<CutTissue> cut;
-  /// The scene states stiffness_N_per_m. If it does not, the law `cutting` computes the stiffness of the tip in
-  /// bone from the bone's modulus.
+  /// True if the scene gives stiffness_N_per_m. If false, and if CutTissue::bone is given, the law
+  /// `cutting` computes the stiffness under the tip from the bone's elastic modulus.
   bool stiffness_is_given = false;
   friend bool operator==(const Tissue&, const Tissue&) = default;
 };
 
 /// A named tissue. It applies to slices that were made from one of `labels`, or to slices whose
-/// mean HU is in the range `hu`. If both are missing, it applies only to slices that name it.
+/// mean HU is in the range `hu`. If `labels` and `hu` are both missing, the tissue applies only to
+/// slices that name it.
 struct NamedTissue {
   std::string name;
   std::vector<int> labels;
@@ -93,32 +104,36 @@ struct NamedTissue {
   Tissue tissue;
 };
 
+/// How the force law `network` computes the displacement of a sheet (runtime/deformation).
 enum class NetworkSolver : std::uint8_t { kAuto, kLocal, kGlobal, kPropagation };
 
-/// Soft tissue over the bone (force law `cutting`). Until it is punctured, it is a stiffening
-/// spring, F = a1 z + a2 z^2. Afterwards it is cut at a constant force.
+/// A layer of soft tissue over the bone (force law `cutting`). Until it is punctured, the layer is
+/// a stiffening spring: at the indentation z its force is F = a1 z + a2 z^2. After the puncture it
+/// is cut at a constant force.
 struct SceneLayer {
   std::string name;
   double top_z_m = 0, thickness_m = 0;
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
-  double puncture_N = 0, cutting_N = 0;
-  /// Fracture toughness, from which the force of puncture follows for the scene's tool; 0: puncture_N is given.
-  /// Unless cutting_N is given, the force after the puncture then is the part of it that tears the tissue.
+  double puncture_N = 0, cutting_N = 0;                   ///< force at the puncture, and after it
+  /// Fracture toughness; 0: the scene gives puncture_N. If it is above 0, puncture_N is computed
+  /// from it for the scene's tool. In this case, cutting_N is the part of puncture_N that tears the
+  /// tissue, unless the scene gives cutting_N.
   double toughness_J_per_m2 = 0;
-  bool cutting_is_given = false;
-  double friction_N_per_m = 0;  ///< friction on the shaft per length of cut depth
+  bool cutting_is_given = false;  ///< the scene gives cutting_N
+  double friction_N_per_m = 0;    ///< friction on the shaft per length of cut depth
 };
 inline constexpr std::size_t kMaxLayers = 8;
 
-/// How the cutting tool is attached to the plate.
+/// How the tool is attached to the plate (force law `cutting`).
 enum class ToolAxis : std::uint8_t {
   kAuto,     ///< rigid if the tissue is softer than the coupling, otherwise coupled
   kRigid,    ///< the tool is fixed to the plate
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
-/// The choice whether the law `cutting` is evaluated at a predicted pose.
+/// Whether the law `cutting` is evaluated at the pose that is predicted for the next tick, instead
+/// of the measured pose.
 enum class PosePrediction : std::uint8_t {
-  kAuto,  ///< evaluated one tick ahead if the device's damping is too small for the coupling
+  kAuto,  ///< predicted pose if the device's damping is too small for the coupling
   kOn,
   kOff,
 };
@@ -129,25 +144,29 @@ struct SceneForceLaw {
   // kNetwork:
   NetworkSolver solver = NetworkSolver::kAuto;
   double decay_length_m = 0.01;  ///< decay length lambda of the sheet's displacement field
-  double error_bound = 0.01;     ///< kAuto: relative error of force and displacement
+  double error_bound = 0.01;     ///< kAuto: largest relative error of force and displacement
   double radius_m = 0.04;        ///< kLocal: radius of the region around the tool
-  int depth = 6;                 ///< kPropagation: number of vertex rings
+  int depth = 6;                 ///< kPropagation: number of rings of vertices around the tool
   // kCutting:
   ToolAxis axis = ToolAxis::kAuto;
-  /// 0: as stiff as the device holds (runtime/bone_cutting/contact/device_coupling.h).
+  /// Stiffness of the coupling, the springs between tool and plate. 0: the largest stiffness that
+  /// the device can render stably (runtime/bone_cutting/contact/device_coupling.h).
   double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
   PosePrediction prediction = PosePrediction::kAuto;
   double tip_friction = 0.3;  ///< coefficient of the tip's friction on the bone that it presses on
-  /// Crushed bone holds the tip against withdrawal with this fraction of the force that crushed it.
+  /// Crushed bone holds the tip against withdrawal with this fraction of the force that
+  /// crushed the bone.
   double tip_hold = 0.25;
   bool twist = false;  ///< true: turning the tool while pushing it makes it cut more easily
 };
 
-/// The position of the slice plane (u, v in mm; asset.md, Frames) in {B}:
-/// p = at + R_z(rotation) (uv - anchor). u -> x, v -> y, slice normal -> z: never mirrored.
+/// The position of the slice plane (coordinates u and v in mm; asset.md, Frames) in {B}. The
+/// point (u, v) lies at p = at_m + R_z(rotation_deg) * ((u, v) - anchor_mm), in equal units.
+/// Without rotation, u points along x, v along y and the slice normal along z, so slices are
+/// never mirrored.
 struct Placement {
   /// The point of the slice plane that lies at `at_m`; if absent, the centroid of the material in
-  /// the scene's first slice. It is the same for all slices, so that they stay aligned.
+  /// the scene's first slice. All slices have the same anchor, so that they stay aligned.
   std::optional<std::array<double, 2>> anchor_mm;
   std::array<double, 2> at_m{0, 0};
   double rotation_deg = 0;
@@ -157,24 +176,25 @@ struct Placement {
 /// asset from one index to another, at their true spacing.
 struct SceneBody {
   int from = 0, to = 0;     ///< AssetSlice::index, from <= to
-  double top_z_m = 0;       ///< height in {B} of the highest of them
+  double top_z_m = 0;       ///< height in {B} of the highest slice
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
-  double shell_factor = 1;  ///< shell's strength over that of the bone under the tool
-  /// Radius within which nothing supports the shell, so that it breaks as a thin wall
-  /// (runtime/bone_cutting/material/thin_wall.h) where that needs less force; 0: bone supports it everywhere.
+  double shell_factor = 1;  ///< ratio of the shell's strength to that of the bone under the tool
+  /// Radius of the area in which nothing supports the shell. There the shell breaks as a thin wall
+  /// (runtime/bone_cutting/material/thin_wall.h) if that needs less force than cutting it. 0: bone
+  /// supports the shell everywhere.
   double shell_free_radius_m = 0;
 };
 
 struct SceneSlice {
   int index = 0;   ///< AssetSlice::index
   double z_m = 0;  ///< height in {B}
-  /// NamedTissue::name. If absent, the tissue is chosen by label or HU; if none applies, it is
-  /// Scene::tissue.
+  /// NamedTissue::name. If absent, the tissue is chosen by label or HU. If no named tissue applies,
+  /// the slice gets Scene::tissue.
   std::optional<std::string> tissue;
 };
 
-/// A prism along the tool's axis. Its cross-section is a regular polygon, or the polygon
-/// `outline_m`, around the axis.
+/// The tool: a prism along the tool's axis. The cross-section is a regular polygon around the axis,
+/// or the polygon `outline_m`.
 struct SceneTool {
   /// Kind of tip (force law `cutting`), one of the names in
   /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
@@ -188,7 +208,8 @@ struct SceneTool {
   std::vector<std::array<double, 2>> outline_m;
   double rotation_deg = 0;                        ///< rotation of the cross-section about the axis
   std::array<double, 3> tip_in_plate_m{0, 0, 0};  ///< lower end of the axis in the plate's frame
-  /// The axis is the plate's z axis tilted by tilt_deg towards tilt_azimuth_deg from its x axis.
+  /// The tool's axis is the plate's z axis, tilted by tilt_deg. The direction of the tilt has the
+  /// angle tilt_azimuth_deg from the plate's x axis.
   double tilt_deg = 0, tilt_azimuth_deg = 0;
 };
 /// Largest angle between the tool's axis and {B}'s z. At larger angles a tool would slide instead
@@ -203,11 +224,11 @@ struct TipKeyframe {
 
 enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
 
-/// The simulated hand: an impedance that pulls the tool tip along a trajectory. Values that are
-/// absent are those of the grip (runtime/simulation/hand.h).
+/// The simulated hand: an impedance that pulls the tool tip along a trajectory. Absent values are
+/// taken from `grip` (runtime/simulation/hand.h).
 struct SceneHand {
-  /// A person moves the hand while the session runs (trocar-run --live). The trajectory then has one
-  /// keyframe, the start, and let_go_t_s is absent.
+  /// True if a person moves the hand while the session runs (trocar-run --live). The trajectory
+  /// then has one keyframe, the start, and let_go_t_s is absent.
   bool live = false;
   HandGrip grip = HandGrip::kFirm;
   std::optional<double> stiffness_N_per_m;
@@ -219,12 +240,12 @@ struct SceneHand {
   std::vector<TipKeyframe> trajectory;  ///< at least one; times ascend, the first is 0
 };
 
-/// The line that the tool's tip is to follow, from the entry point on.
+/// The line that the tool's tip is to follow, from the entry point onwards.
 struct PlannedLine {
   std::array<double, 3> entry_m{};
   std::array<double, 3> direction{};     ///< unit vector, into the tissue
-  std::optional<double> entry_radius_m;  ///< allowed distance from the line at the entry point
-  std::optional<double> corridor_m;      ///< allowed distance from the line below the entry point
+  std::optional<double> entry_radius_m;  ///< largest distance from the line at the entry point
+  std::optional<double> corridor_m;      ///< largest distance from the line below the entry point
 };
 
 /// A volume in which the tip must not be, such as the spinal canal.
@@ -232,12 +253,13 @@ struct ForbiddenZone {
   enum class Shape : std::uint8_t { kCapsule, kBox, kPrism };
   std::string name;
   Shape shape = Shape::kCapsule;
-  std::array<double, 3> low_m{}, high_m{};  ///< the capsule's ends; the box's corners
-  double radius_m = 0;                      ///< the capsule's radius
-  /// The prism's cross-section, a simple polygon in x and y, which is extruded over z_m.
+  /// Ends of a capsule's axis, or opposite corners of a box.
+  std::array<double, 3> low_m{}, high_m{};
+  double radius_m = 0;  ///< radius of a capsule
+  /// Cross-section of a prism: a simple polygon in x and y, which is extruded over z_m.
   std::vector<std::array<double, 2>> outline_m;
-  std::array<double, 2> z_m{};
-  double margin_m = 0;  ///< required distance between the tip and the volume
+  std::array<double, 2> z_m{};  ///< lowest and highest z of a prism
+  double margin_m = 0;          ///< required distance between the tip and the volume
 };
 
 struct GoalTarget {
@@ -245,28 +267,29 @@ struct GoalTarget {
   double radius_m = 0;
 };
 
-/// The goals against which a session is scored (runtime/reporting/session_report.h). They do not
-/// affect the simulation. Positions are those of the tool's tip in {B}.
+/// The goals against which a session is scored (runtime/reporting/session_report.h). The goals do
+/// not affect the simulation. Positions are those of the tool's tip in {B}.
 struct SceneGoals {
   std::optional<GoalTarget> target;
   std::optional<PlannedLine> line;
-  std::optional<double> force_max_N;   ///< largest allowed force on the hand
-  std::optional<double> time_max_s;    ///< allowed time from first contact to target or last
-                                       ///< puncture
-  std::optional<double> plunge_max_m;  ///< allowed plunge after a break-through
+  std::optional<double> force_max_N;  ///< largest allowed force on the hand
+  /// Longest allowed time from the first contact until the tip reaches the target or, if the goals
+  /// have no target, until the last puncture.
+  std::optional<double> time_max_s;
+  std::optional<double> plunge_max_m;  ///< largest allowed motion of the tip after a break-through
   std::vector<ForbiddenZone> zones;
 };
 
 struct Scene {
   std::string name;
   std::filesystem::path asset;  ///< resolved against the scene file's folder
-  std::optional<std::filesystem::path>
-      device;  ///< resolved in the same way; absent: the built-in one
+  /// Device description, resolved like `asset`. Absent: the built-in device.
+  std::optional<std::filesystem::path> device;
   double duration_s = 0;
   std::optional<double> rate_Hz;
   Placement placement;
-  std::vector<SceneSlice>
-      slices;  ///< in the file's order; for a bone volume, place_body() fills this list
+  /// In the file's order. For a bone volume, place_body() fills this list.
+  std::vector<SceneSlice> slices;
   std::optional<SceneBody> body;
   std::vector<SceneLayer> layers;    ///< ordered from the topmost downwards
   Tissue tissue;                     ///< tissue of slices to which none of `tissues` applies
@@ -281,9 +304,9 @@ struct Scene {
 inline constexpr double kMinRate_Hz = 100, kMaxRate_Hz = 8000;
 inline constexpr double kMaxDuration_s = 86400;
 
-/// Reads a scene from JSON text, and resolves its paths against `folder`. Errors: (refused) unknown
-/// or repeated keys, wrong types, values that are not finite or out of range. The message is one
-/// line with `name` and the JSON path.
+/// Reads a scene from JSON text, and resolves its paths against `folder`. Errors: kRefused if a key
+/// is unknown, repeated or missing, if a type is wrong, or if a value is not finite or out of
+/// range. The message is one line with `name` and the JSON path.
 Result<Scene> parse_scene(std::string_view text, const std::string& name,
                           const std::filesystem::path& folder);
 Result<Scene> read_scene(const std::filesystem::path& file);

@@ -3,18 +3,22 @@
 // session (trocar-run --live FILE). telemetry.md specifies its layout to the byte.
 //
 // Contract (tests/formats/session/telemetry_test.cpp):
-//  1. The writer never waits for a reader. It reads nothing back from the memory except the command
-//     counters, of which it uses only whether they changed, and the live hand (item 5). So no reader can
-//     stop it, or mislead it by more than the hand's limits allow.
-//  2. A reader gets complete values only, and never an older value after a newer one. It gives up
-//     after a bounded number of attempts, even if the writer was killed in the middle of a write.
+//  1. The writer never waits for a reader. It reads back only two things from the memory: the
+//     command words and the live hand (item 5). Of a command word it uses only whether the word has
+//     changed and, for X-ray screening, whether it is odd. So no reader can stop the writer, or
+//     mislead it by more than the hand's limits allow.
+//  2. A reader gets complete values only, and never an older value after a newer one. A reader
+//     gives up after a bounded number of attempts. So it does not wait forever if the writer was
+//     killed in the middle of a write.
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
 //  4. A reader validates everything that it uses, and maps only the commands for writing. The
-//     memory is sealed: neither side can shrink it, which would kill the other one (SIGBUS).
-//  5. The live hand is the one value that a reader writes and the session reads. The session tries once
-//     to read it, and gets a complete value or none, provided that one process writes. If several
-//     processes write, or a hostile one, any numbers may come: the session checks each one, and does
-//     not rely on the order of the counts.
+//     memory is sealed, so neither side can shrink it. (Shrinking it would kill the other
+//     side by SIGBUS.)
+//  5. The live hand is the pose that another process wants for a simulated hand, which a person
+//     moves. It is the only pose that a reader writes and the session reads. The session makes one
+//     attempt to read it, and gets a complete value or none, provided that only one process writes.
+//     If several processes write, or a hostile one does, the session may get any numbers. Therefore
+//     it checks each number, and does not rely on the order of the counts.
 #pragma once
 
 #include <array>
@@ -35,8 +39,8 @@ namespace trocar {
 
 inline constexpr const char* kTelemetrySchema = "trocar.live/1";
 inline constexpr std::uint64_t kTelemetryVersion = 1;
-inline constexpr std::size_t kTelemetryEvents =
-    4096;  ///< capacity; newer events replace the oldest
+/// Largest number of events that are kept; newer events replace the oldest.
+inline constexpr std::size_t kTelemetryEvents = 4096;
 inline constexpr std::size_t kMaxTelemetryColumns = 4096, kMaxTelemetrySheets = 64;
 
 enum class TelemetryCommand : std::uint8_t {
@@ -59,7 +63,7 @@ enum class TelemetryEventKind : std::uint8_t {
   kNotRecovered,  ///< recovery failed (found; if its fault is kNone, the tool is still in material,
                   ///< and retract_distance_m is the distance to retract it)
   kRecovered,     ///< the session recovered (found: the fault that it recovered from)
-  kCutShown,      ///< the published mesh of `sheet` (of `slice`) has `cut` holes
+  kCutShown,      ///< a new mesh of `sheet` (of `slice`) was published; it has `cut` holes
   kPaused,        ///< time stopped
   kResumed,       ///< time runs again
   kEnded,         ///< the session ended (end; found: the fault latched at the end, if any)
@@ -88,24 +92,25 @@ struct TelemetryEvent {
   std::int32_t slice = -1;  ///< AssetSlice::index
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
-  double hand_N = 0;  ///< kPuncture: force on the hand in the tick before
-  FaultDetail found;
-  double retract_distance_m = 0;  ///< kNotRecovered
+  double hand_N = 0;              ///< kPuncture: force on the hand in the tick before
+  FaultDetail found;              ///< fault of the kinds that name it above
+  double retract_distance_m = 0;  ///< kNotRecovered: distance to retract the tool
 };
 
 /// The mesh of one sheet in {B}.
 struct TelemetrySheet {
-  std::uint32_t cuts = 0;   ///< number of holes cut during the session
-  bool is_shown = false;    ///< false: the mesh exceeds the sheet's region, and no mesh is stored
+  std::uint32_t cuts = 0;  ///< number of holes cut during the session
+  /// False if the mesh exceeds the sheet's region of the memory. No mesh is stored then.
+  bool is_shown = false;
   std::vector<float> xy_m;  ///< x and y for each vertex
   std::vector<float> hu;    ///< one value for each vertex; empty if the asset has no HU
   std::vector<std::uint32_t> triangles;  ///< three vertex indices for each triangle
 };
 
-/// The deformed sheet around the tool (force law `network`). If the tool has penetrated by d, a
-/// vertex has the height z_m - d w.
+/// The deformed sheet around the tool (force law `network`). If the tool has penetrated by the
+/// depth d, the height of a vertex is z_m - d * w. Each vertex has its own w.
 struct TelemetryShape {
-  std::uint64_t version = 0;  ///< number of this shape
+  std::uint64_t version = 0;  ///< number of this write of the shape, counted from 1
   std::int32_t sheet = -1;
   std::uint32_t cuts = 0;
   double z_m = 0;
@@ -114,7 +119,8 @@ struct TelemetryShape {
   std::vector<std::uint32_t> triangles;
 };
 
-/// The target of a live hand, as another process states it: any numbers, not validated here.
+/// The target of a live hand, as another process has written it. It is not validated here and may
+/// have any numbers.
 struct TelemetryHand {
   std::uint64_t count = 0;  ///< changes with each message
   bool is_held = false;     ///< false: the hand has let go, and the numbers have no meaning
@@ -130,7 +136,8 @@ struct TelemetrySizes {
   };
   std::string about;        ///< description of the session, JSON
   std::size_t columns = 0;  ///< count of numbers in a snapshot
-  /// The sheets' initial meshes. Each region has space for twice as much plus 64 KiB.
+  /// Sizes of the sheets' initial meshes. The region of a sheet has space for twice its initial
+  /// mesh plus 64 KiB.
   std::vector<Mesh> sheets;
   bool has_shape = false;
   bool has_hand = false;  ///< the session has a live hand
@@ -140,8 +147,8 @@ struct TelemetrySizes {
 /// snapshots and events, one the sheets, one the shape.
 class TelemetryWriter {
  public:
-  /// Allocates all pages, and locks them in memory if the system allows it. Errors: (unwritable)
-  /// the memory cannot be allocated.
+  /// Allocates all pages, and locks them in memory if the system allows it. Errors: kUnwritable if
+  /// the memory cannot be allocated; kBug if a size is above its largest value.
   static Result<std::unique_ptr<TelemetryWriter>> make(const TelemetrySizes& sizes);
   /// Also removes the link.
   ~TelemetryWriter();
@@ -149,29 +156,31 @@ class TelemetryWriter {
   TelemetryWriter& operator=(const TelemetryWriter&) = delete;
 
   /// Atomically makes `file` a symbolic link to the memory. A link left by a process that has ended
-  /// is replaced. Errors: (unwritable) `file` exists and is something else, or belongs to a running
-  /// session.
+  /// is replaced. Errors: kUnwritable if `file` exists and is not such a link, or if it belongs to
+  /// a running session.
   Result<void> link(const std::filesystem::path& file);
 
-  /// `values` has one number for each column.
+  /// Publishes a snapshot. `values` must have one number for each column.
   void snapshot(std::span<const double> values) noexcept;
   /// Publishes the event and sets its number.
   void event(TelemetryEvent& event) noexcept;
   std::uint64_t last_event() const noexcept { return events_; }
-  /// Skips numbers, so that readers count these events as lost.
+  /// Skips `count` event numbers, so that readers count as many events as lost.
   void lose_events(std::uint64_t count) noexcept;
-  /// Stores no mesh (is_shown false) if it does not fit.
+  /// Both functions publish a mesh. If it does not fit in its region, no mesh is stored, and
+  /// readers get is_shown = false.
   void sheet(std::size_t index, const TelemetrySheet& sheet) noexcept;
   void shape(const TelemetryShape& shape) noexcept;
 
-  /// Counter of a command, modulo 2^64. A change means that the command was given; the value itself
+  /// The counter of a command, modulo 2^64. If it changes, the command was given; the value itself
   /// has no meaning. Wait-free, for the haptic thread.
   std::uint64_t commands(TelemetryCommand command) const noexcept {
     return commands_[static_cast<std::size_t>(command)].load(std::memory_order_acquire);
   }
 
-  /// The state of X-ray screening: odd while it is held. A holder changes it again and again (telemetry.md).
-  /// Wait-free, for the haptic thread.
+  /// The word of X-ray screening. It is odd while a process requests screening. This process must
+  /// change the word at least once a second, otherwise screening ends (telemetry.md). Wait-free,
+  /// for the haptic thread.
   std::uint64_t screening() const noexcept {
     return commands_[kTelemetryCommands].load(std::memory_order_acquire);
   }
@@ -214,11 +223,12 @@ class TelemetryWriter {
   std::uint64_t events_ = 0;
 };
 
-/// The side of another process. Only one thread may use it.
+/// The side of another process. Only one thread may use a reader.
 class TelemetryReader {
  public:
-  /// `file` is the link. Errors: (refused) there is no link, its process has ended, the memory is
-  /// not a session's or has another version, or a size or offset in it is impossible.
+  /// Opens the memory to which the link `file` leads. Errors: kRefused if there is no link, if its
+  /// process has ended, if the memory is not that of a session or has an unknown version, or if a
+  /// size or offset in the memory is impossible.
   static Result<std::unique_ptr<TelemetryReader>> open(const std::filesystem::path& file);
   ~TelemetryReader();
   TelemetryReader(const TelemetryReader&) = delete;
@@ -229,8 +239,8 @@ class TelemetryReader {
   std::size_t columns() const noexcept { return columns_; }
   std::size_t sheets() const noexcept { return sheets_.size(); }
 
-  /// Returns false and leaves `values` unchanged if there is no snapshot since the last call, or it
-  /// was being written during every attempt.
+  /// Reads the latest snapshot. Returns false and leaves `values` unchanged if there is no new
+  /// snapshot since the last call, or if the snapshot was being written during every attempt.
   bool snapshot(std::vector<double>& values);
 
   enum class Next : std::uint8_t {
@@ -238,31 +248,33 @@ class TelemetryReader {
     kEvent,
     kLost,  ///< events before event.number were lost; next_event() continues with event.number
   };
-  /// The first call begins with the oldest event that is kept. If the result is kLost, sets `lost`
-  /// to the number of lost events.
+  /// Reads the next event. The first call begins with the oldest event that is kept. If the result
+  /// is kLost, sets `lost` to the number of lost events.
   Next next_event(TelemetryEvent& event, std::uint64_t& lost);
-  /// Makes next_event() continue after this event.
+  /// Makes next_event() continue after the event with the number `last`.
   void go_to_event(std::uint64_t last) noexcept { next_event_ = last + 1; }
   std::uint64_t last_event() const noexcept;
 
-  /// Changes whenever the sheet is written; 0: not yet written.
+  /// A number that changes whenever the sheet is written; 0: not yet written.
   std::uint64_t sheet_version(std::size_t index) const noexcept;
-  /// Returns false, with unspecified contents of `sheet`, if there is no such sheet or it was being
-  /// written during every attempt.
+  /// Reads a sheet. Returns false, and leaves `sheet` in an unspecified state, if there is no such
+  /// sheet, if it was not yet written, if it was being written during every attempt, or if its
+  /// numbers are impossible.
   bool sheet(std::size_t index, TelemetrySheet& sheet);
-  /// Changes whenever the shape is written; 0: not yet written.
+  /// A number that changes whenever the shape is written; 0: not yet written.
   std::uint64_t shape_version() const noexcept;
-  /// Returns false if there is no shape yet, or for the reasons of sheet().
+  /// Reads the shape. Returns false for the same reasons as sheet().
   bool shape(TelemetryShape& shape);
 
-  /// False if the process has ended, normally or not.
+  /// False if the session's process has ended, normally or not.
   bool writer_is_alive() const noexcept;
   void command(TelemetryCommand command) noexcept;
-  /// Holds X-ray screening or lets it go. Holding it lasts 1 s; call this again before. No other process may
-  /// call it.
+  /// Switches X-ray screening on or off. Screening stays on for 1 s. To keep it on, call this
+  /// function again within that time. Only one process may call it during a session.
   void screen(bool is_held) noexcept;
   bool has_hand() const noexcept { return hand_ != nullptr; }
-  /// Writes the live hand. The session must have one, and no other process may write it.
+  /// Writes the live hand. Preconditions: has_hand() is true, and no other process writes
+  /// the live hand.
   void hand(const TelemetryHand& hand) noexcept;
 
  private:

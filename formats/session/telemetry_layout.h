@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layout of shared-memory telemetry (telemetry.md), shared by writer and reader. Internal to
-// formats/session.
+// The layout of shared-memory telemetry (telemetry.md), used by writer and reader. The memory
+// consists of 64-bit words. Internal to formats/session.
 // Tests: tests/formats/session/telemetry_test.cpp
 #pragma once
 #include <fcntl.h>
@@ -42,7 +42,7 @@ enum Header : std::size_t {
 inline constexpr std::uint64_t kMagicWord =
     std::bit_cast<std::uint64_t>(std::array<char, 8>{'T', 'R', 'C', 'R', 'L', 'I', 'V', 'E'});
 
-/// Word numbers in the head of a mesh, whose vertices and triangles follow it.
+/// Word numbers in the head of a mesh. The vertices and triangles of the mesh follow the head.
 enum Mesh : std::size_t {
   kSequence,
   kMeshVersion,
@@ -55,7 +55,7 @@ enum Mesh : std::size_t {
   kMeshHead
 };
 inline constexpr std::uint64_t kIsShown = 1, kHasHu = 2;  ///< bits of kFlags
-/// Word numbers of the hand, which lies in the page of the commands.
+/// Word numbers in the region of the live hand, which lies in the page of the commands.
 enum Hand : std::size_t {
   kHandSequence,
   kHandCount,
@@ -63,9 +63,9 @@ enum Hand : std::size_t {
   kHandPose,
   kHandWords = kHandPose + 6
 };
-inline constexpr std::size_t kHandInPage = 64;  ///< its offset in the page, in bytes
+inline constexpr std::size_t kHandInPage = 64;  ///< offset of this region in the page, in bytes
 
-/// Words of an event, and of the head of all events.
+/// Number of words of an event, and of the head that precedes the first event.
 inline constexpr std::size_t kEventWords = 16, kEventsHead = 8;
 
 inline constexpr std::size_t kPage = 4096;
@@ -97,7 +97,8 @@ inline struct flock whole_file() {
 
 /// The text of a symbolic link; empty if `file` is not a symbolic link.
 std::string read_link(const std::filesystem::path& file);
-/// Has the link's text the form that TelemetryWriter::link() writes, "/proc/PID/fd/N"?
+/// Returns true if the text of a link has the form that TelemetryWriter::link() writes,
+/// "/proc/PID/fd/N".
 bool is_session_link(const std::string& target);
 
 }  // namespace trocar::telemetry_layout

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who did a session, in which course, and which attempt it was: what a record of learning needs. A
-// code stands for the trainee, so no name has to be stored. The origin of a recording states it in the
-// entries `trainee`, `course` and `attempt`.
+// What a record of learning needs: who did a session, in which course, and which attempt it was. A
+// code stands for the trainee, so no name has to be stored. The origin of a recording has these
+// values in its entries `trainee`, `course` and `attempt`.
 // Tests: tests/formats/session/trainee_test.cpp
 #pragma once
 
@@ -19,28 +19,29 @@ inline constexpr std::size_t kMaxTraineeCode = 32;
 inline constexpr std::int64_t kMaxAttempt = 9999;
 
 struct Trainee {
-  std::string code, course;             ///< empty: not stated
+  std::string code, course;             ///< empty: not given
   std::optional<std::int64_t> attempt;  ///< counted from 1
 
   bool is_stated() const { return !code.empty() || !course.empty() || attempt.has_value(); }
 };
 
-/// True for 1 to 32 characters, each a letter of ASCII, a digit, '-' or '_'.
+/// Returns true if the text has 1 to 32 characters, each an ASCII letter, a digit, '-' or '_'.
 bool is_trainee_code(std::string_view text);
 
-/// The rule that a value breaks, for a message: "must be 1 to 32 letters, digits, - or _"; empty if
-/// it breaks none. An empty code or course is valid, because it is not stated.
+/// The rule that a value breaks, for a message: "must be 1 to 32 letters, digits, - or _", for
+/// example. Empty if the value breaks no rule. An empty code or course is valid, because it means
+/// that none is given.
 std::string trainee_code_error(std::string_view code);
 std::string attempt_error(std::int64_t attempt);
 
-/// {"code": TEXT or null, "course": TEXT or null, "attempt": NUMBER or null}; null if nothing is stated.
-/// The codes must be valid.
+/// {"code": TEXT or null, "course": TEXT or null, "attempt": NUMBER or null}; null if nothing is
+/// given. Precondition: code and course are valid.
 std::string to_json(const Trainee& trainee);
 
-/// Adds the entries of what is stated.
+/// Adds an entry to `origin` for each value that is given.
 void state_trainee(const Trainee& trainee, RecordingOrigin& origin);
 
-/// Reads the entries that state_trainee() wrote. Errors: (refused) a value breaks its rule.
+/// Reads the entries that state_trainee() wrote. Errors: kRefused if a value breaks its rule.
 Result<Trainee> stated_trainee(const RecordingOrigin& origin);
 
 }  // namespace trocar

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much X-ray a session used, counted from the rows of its ticks, so that the live page, the recording, the report
-// and a replay agree.
+// How much X-ray a session used. It is counted from the rows of the ticks, so that the live page,
+// the recording, the report and a replay agree.
 // Tests: tests/formats/session/xray_use_test.cpp
 #pragma once
 
@@ -12,7 +12,7 @@ namespace trocar {
 
 struct XrayUse {
   std::uint64_t shots = 0;            ///< single pictures
-  std::uint64_t screening_ticks = 0;  ///< ticks with continuous X-ray
+  std::uint64_t screening_ticks = 0;  ///< ticks with continuous X-ray (screening)
   bool is_screening = false;          ///< continuous X-ray was on in the last tick
 
   void add(const RecordingRow& row) noexcept {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Readers of the scene's sections. Each reads from the object or array of its section, and reports
-// errors there. Internal to formats/session.
+// Readers of the scene's sections. Each function reads the object or array of one section, and adds
+// errors to it. Internal to formats/session.
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 #include <span>
@@ -13,20 +13,21 @@ namespace trocar {
 
 inline constexpr double kMaxPosition_m = 1.0;  ///< largest |coordinate| in the device's frame
 
-/// Reads the fields of a tissue that a scene's `tissue` and each of its `tissues` have.
+/// Reads the fields that the scene's `tissue` and each element of its `tissues` have in common.
 void read_tissue(StrictObject& object, Tissue& tissue);
 void read_tissues(StrictObject& scene, std::vector<NamedTissue>& tissues);
 void read_layers(StrictObject& scene, std::vector<SceneLayer>& layers);
 void read_force_law(StrictObject& object, SceneForceLaw& law);
 void read_goals(StrictObject& object, SceneGoals& goals);
 
-/// Reads the corners of a simple polygon, whose |coordinates| are at most `max_m`.
+/// Reads the corners of a polygon. Adds an error if the polygon is not simple, has too many
+/// corners, or has a |coordinate| above `max_m`.
 std::vector<std::array<double, 2>> read_polygon(StrictObject& object, const char* key,
                                                 std::size_t max_corners, double max_m);
-/// Is the polygon clockwise?
+/// Returns true if the polygon is clockwise.
 bool is_clockwise(std::span<const std::array<double, 2>> polygon_m);
 
-/// Adds an error if an element before the last one has the last one's name.
+/// Adds an error if the last element has the same name as an earlier one.
 template <typename Named>
 void check_last_name(const std::vector<Named>& list, StrictObject& object) {
   for (std::size_t i = 0; i + 1 < list.size(); ++i) {
