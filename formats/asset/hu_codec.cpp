@@ -373,9 +373,9 @@ std::vector<std::uint8_t> deflated(const std::vector<std::uint8_t>& bytes) {
 
 Result<void> check_hu_grid(const HuGrid& grid, const Lattice& lattice) {
   const auto is_axis = [&](double origin_mm, double pitch_mm, int count) {
-    const double most_mm = lattice.to_mm(kMaxCoordinate / 2);
+    const double max_mm = lattice.to_mm(kMaxCoordinate / 2);
     return count > 0 && count <= kMaxHuSide && pitch_mm >= lattice.step_mm() &&
-           std::abs(origin_mm) <= most_mm && pitch_mm * count <= most_mm;
+           std::abs(origin_mm) <= max_mm && pitch_mm * count <= max_mm;
   };
   if (!is_axis(grid.origin_mm.x(), grid.pitch_mm.x(), grid.columns) ||
       !is_axis(grid.origin_mm.y(), grid.pitch_mm.y(), grid.rows) || grid.step_hu < 1 ||

@@ -263,8 +263,8 @@ std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) 
         std::uint64_t{above(points[i].x, box.low.x)} << y_bits | above(points[i].y, box.low.y), i};
   // Counting takes time for each value of a digit, so digits are chosen such that they have about
   // as many values as there are points.
-  const int most_bits = std::clamp(width(points.size()), 6, kMaxDigitBits),
-            passes = std::max(1, (bits + most_bits - 1) / most_bits),
+  const int max_bits = std::clamp(width(points.size()), 6, kMaxDigitBits),
+            passes = std::max(1, (bits + max_bits - 1) / max_bits),
             digit_bits = (bits + passes - 1) / passes;
   const std::uint64_t digits = (std::uint64_t{1} << digit_bits) - 1;
   std::vector<std::uint32_t> next;

@@ -20,10 +20,10 @@ struct Plot {
   int x = 0, y = 0, width = 0, height = 0;  // x and y of the upper left corner
 };
 
-void draw_grid_lines(cv::Mat& sheet, const Plot& plot, double most_log) {
-  for (int power = 0; power <= static_cast<int>(most_log); ++power) {
+void draw_grid_lines(cv::Mat& sheet, const Plot& plot, double max_log) {
+  for (int power = 0; power <= static_cast<int>(max_log); ++power) {
     const int y = plot.y + plot.height -
-                  static_cast<int>(std::lround(plot.height * (power + 0.3) / (most_log + 0.3)));
+                  static_cast<int>(std::lround(plot.height * (power + 0.3) / (max_log + 0.3)));
     cv::line(sheet, {plot.x, y}, {plot.x + plot.width, y}, kLine, 1);
     static constexpr const char* kNames[] = {"1",     "10",  "100",  "1 k",   "10 k",
                                              "100 k", "1 M", "10 M", "100 M", "1 G"};
@@ -79,8 +79,8 @@ void draw_histogram(cv::Mat& sheet, const Preview& preview, int x, int y) {
   const Plot plot{x + 56, y + 56, 820, kPanel - 96};
   const double low = h.low, high = h.low + h.width * static_cast<double>(h.counts.size());
   const std::int64_t most = *std::max_element(h.counts.begin(), h.counts.end());
-  const double most_log = std::max(1.0, std::log10(static_cast<double>(most)));
-  draw_grid_lines(sheet, plot, most_log);
+  const double max_log = std::max(1.0, std::log10(static_cast<double>(most)));
+  draw_grid_lines(sheet, plot, max_log);
   const auto* threshold = std::get_if<Threshold>(&preview.segmentation);
   const double cut = threshold != nullptr ? threshold->value : preview.highest_cut;
   for (std::size_t k = 0; k < h.counts.size(); ++k) {
@@ -92,7 +92,7 @@ void draw_histogram(cv::Mat& sheet, const Preview& preview, int x, int y) {
         plot.x + static_cast<int>(std::lround(static_cast<double>(k + 1) / bins * plot.width));
     const double log = std::log10(static_cast<double>(h.counts[k])) + 0.3;
     const int top =
-        plot.y + plot.height - static_cast<int>(std::lround(plot.height * log / (most_log + 0.3)));
+        plot.y + plot.height - static_cast<int>(std::lround(plot.height * log / (max_log + 0.3)));
     const bool is_material = h.low + h.width * static_cast<double>(k) >= cut - h.width / 2;
     cv::rectangle(sheet, {left, top}, {std::max(left, right - 1), plot.y + plot.height - 1},
                   is_material ? kMaterialBars : kBars, cv::FILLED);
@@ -180,9 +180,9 @@ void draw_labels(cv::Mat& sheet, const Preview& preview, int x, int y) {
     const int left = x + static_cast<int>(r / kLabelRows) * column,
               line = y + 50 + static_cast<int>(r % kLabelRows) * 24;
     const auto c = label_colour(preview, rows[r].first);
-    const int most_width = column - 230;
+    const int max_width = column - 230;
     const int width = static_cast<int>(
-        std::lround(static_cast<double>(rows[r].second) / static_cast<double>(most) * most_width));
+        std::lround(static_cast<double>(rows[r].second) / static_cast<double>(most) * max_width));
     draw_text(sheet, std::to_string(rows[r].first), left + 40, line, kSmall, kText, Align::kRight);
     if (rows[r].second > 0)
       cv::rectangle(sheet, {left + 52, line - 13}, {left + 52 + width, line + 2},

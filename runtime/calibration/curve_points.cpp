@@ -131,10 +131,10 @@ std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size
       const Stretch& each = stretches[i];
       const CurveMean &before = stretches[i > 0 ? i - 1 : 0].mean,
                       &after = stretches[std::min(i + 1, n - 1)].mean;
-      const double most_N =
+      const double max_N =
           std::max(kMostChange * (high_N - low_N),
                    4 * noise_N * std::sqrt(1 / before.samples + 1 / after.samples));
-      const bool splits = std::abs(after.force_N - before.force_N) > 2 * most_N &&
+      const bool splits = std::abs(after.force_N - before.force_N) > 2 * max_N &&
                           each.end - each.begin > 1 && next.size() + n - i < most;
       const std::size_t middle = splits ? (each.begin + each.end) / 2 : each.end;
       next.push_back(stretch_of(sorted, each.begin, middle));

@@ -119,15 +119,15 @@ const char* kind_of(const FittedPoint& point) {
 }
 
 std::string plots(const CurveFit& fit) {
-  double low_x = HUGE_VAL, high_x = -HUGE_VAL, low_N = 0, high_N = 0, most_N = 1e-9;
+  double low_x = HUGE_VAL, high_x = -HUGE_VAL, low_N = 0, high_N = 0, max_N = 1e-9;
   for (const FittedPoint& point : fit.points) {
     low_x = std::min(low_x, point.depth_mm);
     high_x = std::max(high_x, point.depth_mm);
     low_N = std::min(low_N, point.force_N);
     high_N = std::max(high_N, point.force_N);
-    if (point.is_used) most_N = std::max(most_N, std::abs(point.force_N - point.fitted_N));
+    if (point.is_used) max_N = std::max(max_N, std::abs(point.force_N - point.fitted_N));
   }
-  Plot forces(low_x, high_x, low_N, high_N, 380), residuals(low_x, high_x, -most_N, most_N, 200);
+  Plot forces(low_x, high_x, low_N, high_N, 380), residuals(low_x, high_x, -max_N, max_N, 200);
   for (const FittedPoint& point : fit.points) {
     forces.dot(point.depth_mm, point.force_N, kind_of(point));
     if (point.is_used)

@@ -116,10 +116,10 @@ Result<std::vector<Row>> parse_rows(std::string_view csv, std::optional<Header>&
 }
 
 /// Checks that the depth moves one way; `sign` is 1 for an insertion and -1 for a withdrawal.
-bool is_one_way(const std::vector<CurvePoint>& points, double sign, double most_back_mm) {
+bool is_one_way(const std::vector<CurvePoint>& points, double sign, double max_back_mm) {
   double farthest = -HUGE_VAL;
   for (const CurvePoint& point : points) {
-    if (sign * point.depth_mm < farthest - most_back_mm) return false;
+    if (sign * point.depth_mm < farthest - max_back_mm) return false;
     farthest = std::max(farthest, sign * point.depth_mm);
   }
   return true;

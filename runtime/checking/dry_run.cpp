@@ -101,7 +101,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
   silent.observers = {&observer};
   Remesher remesher(sheets);
   HandDevice& hand_device = **simulated;
-  const Result<SessionReport> report = run_session(
+  const Result<SessionResult> report = run_session(
       scene, remesher, hand_device, [&](double dt_s) { hand_device.advance(dt_s); }, silent);
   if (!report) return report.error();
 

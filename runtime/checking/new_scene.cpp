@@ -120,7 +120,7 @@ class Proposal {
     if (!device_.specification.workspace()) return 1;
     Wrench up = Wrench::Zero();
     up[2] = force_N;
-    return device_.specification.renderable_share(
+    return device_.specification.renderable_fraction(
         Pose{{0, 0, (heights_.min_m + heights_.max_m) / 2}, {1, 0, 0, 0}}, up);
   }
   /// Factor on the force scales that are tried; 1 for a device that renders half of what bone bears.
@@ -158,13 +158,13 @@ class Proposal {
     if (is_chosen()) {
       const auto path = plan_needle_path(asset_, levels_, *choices_.points, kAny, kAny);
       if (!path) return about_asset(path.error());
-      const double most_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
-      if (tilt_deg(*path) > most_deg)
+      const double max_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
+      if (tilt_deg(*path) > max_deg)
         return refused(asset_file_.string() +
                        text_line(": the path from the entry to the target is tilted by %.1f deg, "
                                  "and the device turns by at most %.1f deg: choose points more "
                                  "nearly above each other",
-                                 tilt_deg(*path), most_deg));
+                                 tilt_deg(*path), max_deg));
       q = Eigen::Quaterniond::FromTwoVectors(-Eigen::Vector3d::UnitZ(), path->direction);
     }
     const auto heights =
@@ -187,12 +187,12 @@ class Proposal {
     auto path = plan_needle_path(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
     if (!path || !path->has_target) return path;
     const double depth_mm = path->entry_mm.z() - path->end_mm.z();
-    const double most_mm = 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(*path));
-    if (depth_mm > most_mm)
+    const double max_mm = 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(*path));
+    if (depth_mm > max_mm)
       return refused(
           text_line("the target lies %.1f mm below the entry, and the device has room "
                     "for %.1f mm: choose nearer points",
-                    depth_mm, most_mm));
+                    depth_mm, max_mm));
     return path;
   }
 

@@ -94,7 +94,7 @@ Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_ro
   has_active_wrist = sdk->has_active_wrist(*id);
   senses_rotation = wants_rotation && sdk->has_wrist(*id);
   renders_moment = wants_moment && has_active_wrist;
-  std::array<int, kStatusRoom> status{};
+  std::array<int, kStatusLength> status{};
   if (const int code = sdk->get_status(status.data(), *id); code < 0) {
     return failed_call(*sdk, "dhdGetStatus", code);
   }

@@ -40,7 +40,7 @@ struct ForceDimensionLibrary {
 /// An index into the array that get_status() fills, and a length for this array. How many entries
 /// get_status() fills depends on the release of the SDK.
 inline constexpr int kStatusReset = 3;  ///< this entry is 1 if the device waits for its calibration
-inline constexpr int kStatusRoom = 64;  ///< length of the array: more than any release fills
+inline constexpr int kStatusLength = 64;  ///< length of the array: more than any release fills
 
 /// The environment variable that names the library's file. If it is not set, the system's search path is used.
 inline constexpr const char* kForceDimensionVariable = "TROCAR_FORCEDIMENSION_LIBRARY";

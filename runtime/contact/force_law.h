@@ -40,7 +40,7 @@ struct StiffnessLimits {
   /// simulated device, whose mass is known exactly, and kHardwareMargin for a device whose mass was measured.
   double margin = 1;
   /// Largest stiffness at the tip that the operator or the device's description allows.
-  double most_N_per_m = std::numeric_limits<double>::infinity();
+  double max_N_per_m = std::numeric_limits<double>::infinity();
 };
 inline constexpr double kHardwareMargin = 2;
 

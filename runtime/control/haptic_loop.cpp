@@ -263,7 +263,7 @@ void advance_safety(const LoopModel& model, const TickInputs& inputs, const Forc
   const double dt_s = 1 / model.rate_Hz;
   // The device held its command for the time on the device's clock, and at least for a tick.
   const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
-  const FaultDetail heat = device.age(dt_s + late_s);
+  const FaultDetail heat = device.account_held_time(dt_s + late_s);
   if (fault == Fault::kNone) fault = heat;
   if (fault == Fault::kNone && safety.state == SafetyState::kRecovering &&
       safety.fault == Fault::kMotorOverload) {
@@ -341,7 +341,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   result.device_ns = read_ns - begin_ns + (monotonic_ns() - prepared_ns);
   if (safety.faults != faults_before) result.new_fault = safety.fault;
   result.found = reading.fault;
-  result.at_rest = at_rest(safety, timing, model.rate_Hz);
+  result.torques_are_zero = torques_are_zero(safety, timing, model.rate_Hz);
   describe(model, device, state, result);
   law.finish_tick(row);
   ++state.tick;

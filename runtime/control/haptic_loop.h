@@ -62,7 +62,7 @@ struct LoopState {
   /// new, or is the first one. While no pose is new, the last velocity is kept, so that the next new pose causes no force spike.
   double pose_interval_s = 0;
   /// Time by which the device's clock is ahead of the ticks counted so far, as far as it has not
-  /// yet been passed to HandDevice::age().
+  /// yet been passed to HandDevice::account_held_time().
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;  ///< time of the last reading that was kept
@@ -85,7 +85,7 @@ struct TickResult {
   /// `device_ns`: time that this tick took to read, check and write the device. `law_ns`: time that
   /// this tick took to compute the force.
   std::int64_t device_ns = 0, law_ns = 0;
-  bool at_rest = false;  ///< the ramp after a fault has ended, so the force is zero
+  bool torques_are_zero = false;  ///< the ramp after a fault has ended, so the force is zero
 };
 
 /// Inputs of a tick from other threads, the clock and the operator.

@@ -63,7 +63,8 @@ void press_stop(Safety& safety, double t_s) noexcept {
 }
 
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
-  if (safety.state != SafetyState::kFault || !at_rest(safety, timing, rate_Hz)) return false;
+  if (safety.state != SafetyState::kFault || !torques_are_zero(safety, timing, rate_Hz))
+    return false;
   safety.state = next_state(safety.state, SafetyEvent::kRecover);
   safety.quiet_ticks = 0;
   return true;
@@ -105,7 +106,7 @@ double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) n
   return std::max(0.0, 1 - static_cast<double>(safety.ramp_ticks_done) / ticks);
 }
 
-bool at_rest(const Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
+bool torques_are_zero(const Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
   return safety.state == SafetyState::kFault &&
          safety.ramp_ticks_done >= static_cast<std::uint64_t>(ramp_ticks(timing, rate_Hz));
 }

@@ -94,6 +94,6 @@ void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault f
 double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Returns true in the state `fault` once the ramp has ended, so that torques are zero.
-bool at_rest(const Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
+bool torques_are_zero(const Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 }  // namespace trocar::runtime

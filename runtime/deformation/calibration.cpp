@@ -96,7 +96,7 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, c
       const std::vector<double>& w = region.solution.w;
       double beds = 0;
       for (std::size_t i = 0; i < w.size(); ++i)
-        beds += region.network.bed_N_per_m[i] * w[i] * w[i];
+        beds += region.network.foundation_N_per_m[i] * w[i] * w[i];
       stiffness[k] = region.solution.stiffness_N_per_m + out.membrane.foundation_N_per_m3 *
                                                              region.mesh.under_tool.area_steps2 *
                                                              lattice.step_m() * lattice.step_m();

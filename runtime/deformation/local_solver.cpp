@@ -44,13 +44,13 @@ double tool_force(const Network& network, std::span<const NodeKind> kind,
 /// Computes the bounds of laws 2 and 3.
 RingBounds bounds_by_maximum_principle(const Network& network, std::span<const NodeKind> kind,
                                        const LocalSolution& solution) {
-  const std::vector<double> p = unit_shape(network, kind, solution.factor, NodeKind::kRing);
+  const std::vector<double> p = unit_shape(network, kind, solution.factor, NodeKind::kBorder);
   double highest = 0, sum = 0;
   for (std::size_t m = 0; m < network.size(); ++m) {
-    if (kind[m] != NodeKind::kRing) continue;
-    double g = 0, against = network.bed_N_per_m[m];
+    if (kind[m] != NodeKind::kBorder) continue;
+    double g = 0, against = network.foundation_N_per_m[m];
     for_each_spring(network, m, [&](std::uint32_t j, double stiffness) {
-      if (kind[j] == NodeKind::kRing) return;
+      if (kind[j] == NodeKind::kBorder) return;
       g += stiffness * solution.w[j];
       against += stiffness * (1 - p[j]);
     });
@@ -64,7 +64,7 @@ RingBounds bounds_by_maximum_principle(const Network& network, std::span<const N
 /// is no solution.
 double force_without_ring(const Network& network, std::span<const NodeKind> kind) {
   std::vector<NodeKind> released(kind.begin(), kind.end());
-  std::replace(released.begin(), released.end(), NodeKind::kRing, NodeKind::kFree);
+  std::replace(released.begin(), released.end(), NodeKind::kBorder, NodeKind::kFree);
   SparseFactor factor;
   if (!factor.make(network, released)) return -1;
   return tool_force(network, released, unit_shape(network, released, factor, NodeKind::kTool));
@@ -78,7 +78,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
   solution.w = unit_shape(network, kind, solution.factor, NodeKind::kTool);
   solution.stiffness_N_per_m = tool_force(network, kind, solution.w);
   solution.bounds = {};
-  const bool has_ring = std::find(kind.begin(), kind.end(), NodeKind::kRing) != kind.end();
+  const bool has_ring = std::find(kind.begin(), kind.end(), NodeKind::kBorder) != kind.end();
   if (!options.bounds || !has_ring || !(solution.stiffness_N_per_m > 0)) return true;
   solution.bounds = bounds_by_maximum_principle(network, kind, solution);
   if (negative_at_free_nodes(network, kind) != 0) {

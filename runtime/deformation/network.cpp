@@ -112,13 +112,13 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
 
   const double step_m = lattice.step_m();
   const double bed_per_doubled_area = membrane.foundation_N_per_m3 * step_m * step_m / 6;
-  out.bed_N_per_m.assign(n, 0);
+  out.foundation_N_per_m.assign(n, 0);
   for (const Triangle& t : mesh.triangles) {
     const double share =
         bed_per_doubled_area * static_cast<double>(orient2d(
                                    mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
     for (std::uint32_t v : t)
-      out.bed_N_per_m[v] += share;
+      out.foundation_N_per_m[v] += share;
   }
   return out;
 }
@@ -139,7 +139,7 @@ std::uint32_t negative_at_free_nodes(const Network& network,
 }
 
 double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept {
-  double force_N = network.bed_N_per_m[i] * w_m[i];
+  double force_N = network.foundation_N_per_m[i] * w_m[i];
   for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
     force_N += network.stiffness_N_per_m[k] * (w_m[i] - w_m[network.neighbour[k]]);
   return force_N;

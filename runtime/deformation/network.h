@@ -41,9 +41,9 @@ double decay_length_m(const Membrane& membrane) noexcept;
 
 /// Says how a node is held.
 enum class NodeKind : std::uint8_t {
-  kFree,  ///< not held: in equilibrium
-  kTool,  ///< held by the tool, at the tool's depth
-  kRing,  ///< held at 0, on the region's border to the rest of the sheet (the ring)
+  kFree,    ///< not held: in equilibrium
+  kTool,    ///< held by the tool, at the tool's depth
+  kBorder,  ///< held at 0, on the region's border to the rest of the sheet (the ring)
 };
 
 /// Numbers of springs, and of springs with negative stiffness: at inner edges, and at boundary
@@ -56,15 +56,15 @@ struct SpringSigns {
 
 /// A spring network. Node i is vertex i of the mesh. The springs of node i have the indices from
 /// first[i] to first[i + 1] - 1, in ascending order of the neighbours. Each spring is listed at
-/// both of its nodes. bed_N_per_m[i] is the stiffness f_i of the Winkler foundation.
+/// both of its nodes. foundation_N_per_m[i] is the stiffness f_i of the Winkler foundation.
 struct Network {
   std::vector<std::uint32_t> first;  ///< size() + 1 elements
   std::vector<std::uint32_t> neighbour;
   std::vector<double> stiffness_N_per_m;
-  std::vector<double> bed_N_per_m;
+  std::vector<double> foundation_N_per_m;
   SpringSigns signs;
 
-  std::size_t size() const noexcept { return bed_N_per_m.size(); }
+  std::size_t size() const noexcept { return foundation_N_per_m.size(); }
 };
 
 /// Makes the network of a mesh, which must be valid (formats/geometry/mesh_validity.h). O(n).

@@ -31,7 +31,7 @@ PropagationPlan plan_propagation(const Network& network, std::span<const NodeKin
     ring.swap(next);
   }
   for (std::uint32_t i : plan.active) {
-    double stiffness = network.bed_N_per_m[i];
+    double stiffness = network.foundation_N_per_m[i];
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
       stiffness += network.stiffness_N_per_m[k];
     plan.inverse_stiffness_m_per_N.push_back(1 / stiffness);

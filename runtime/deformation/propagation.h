@@ -57,7 +57,7 @@ struct PropagationState {
   std::vector<double> velocity_m_per_sweep;  ///< one value per active node
 };
 
-/// Makes the plan. `kind` has network.size() elements. Nodes of the kind kRing never move.
+/// Makes the plan. `kind` has network.size() elements. Nodes of the kind kBorder never move.
 /// Allocates.
 PropagationPlan plan_propagation(const Network& network, std::span<const NodeKind> kind,
                                  const PropagationOptions& options);

@@ -92,7 +92,7 @@ void refine(SheetMesh& mesh, const BoundaryEdges& edges, const Ring& tool, doubl
     return at_tool + grading.grade * distance_to_outline(tool, x, y);
   };
   const auto is_ring = [&](std::uint32_t from, std::uint32_t to) {
-    return from < edges.next.size() && edges.kind[from] == NodeKind::kRing &&
+    return from < edges.next.size() && edges.kind[from] == NodeKind::kBorder &&
            edges.next[from] == to;
   };
   LocalRefinementOptions options;

@@ -11,7 +11,7 @@
 //     points, and it is not under the tool.
 //  2. Each boundary edge lies on the tool, on the sheet's outline, or on the ring, which separates
 //     the region from the rest of the sheet. Nodes on the tool are kTool, nodes on the ring are
-//     kRing, and all other nodes are kFree. Nodes of the sheet's outline whose distance from the
+//     kBorder, and all other nodes are kFree. Nodes of the sheet's outline whose distance from the
 //     tool is less than 2 % of the tool's circumradius are kTool as well, because the gap between
 //     outline and tool is a thin wedge there. No ring node is nearer to the circle than R. With
 //     infinite R there is no ring. Edges on the ring are edges of the sheet, so that the mesh

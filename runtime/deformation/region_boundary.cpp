@@ -61,7 +61,7 @@ BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<Outer
     if (edges.next[v] == kNone) continue;
     const LatticePoint from = mesh.vertices[v], to = mesh.vertices[edges.next[v]];
     if (std::binary_search(outer.begin(), outer.end(), OuterEdge{from, to})) {
-      edges.kind[v] = NodeKind::kRing;
+      edges.kind[v] = NodeKind::kBorder;
     } else if (is_near(from, kOnTool, tool, circle) && is_near(to, kOnTool, tool, circle)) {
       // The middle must be on the tool, too, to exclude an edge across one of the tool's corners.
       const double x = (static_cast<double>(from.x) + to.x) / 2;

@@ -24,14 +24,14 @@ struct BoundaryEdges {
 };
 
 /// Returns the boundary edges of a mesh out of which the tool was cut. Edges that `outer` lists (in
-/// ascending order) are kRing, edges along the tool are kTool, and all other edges are kFree.
+/// ascending order) are kBorder, edges along the tool are kTool, and all other edges are kFree.
 /// `circle`: circle_around(tool). O(slots).
 BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<OuterEdge>& outer,
                                   const Ring& tool, const Circle& circle);
 
 /// Returns the kinds of the nodes, by slot, after refinement. `before`: the boundary edges before
 /// refinement. The parts of a split edge have the kind of that edge. A node between edges of two
-/// kinds gets one of these kinds: kTool if there is one, otherwise kRing. Nodes of the sheet's
+/// kinds gets one of these kinds: kTool if there is one, otherwise kBorder. Nodes of the sheet's
 /// outline very close to the tool are kTool as well (region.h, contract 2). O(slots).
 std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
                                  const Ring& tool, const Circle& circle);

@@ -46,7 +46,7 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
 }
 
 bool has_ring(const RegionMesh& mesh) {
-  return std::find(mesh.kind.begin(), mesh.kind.end(), NodeKind::kRing) != mesh.kind.end();
+  return std::find(mesh.kind.begin(), mesh.kind.end(), NodeKind::kBorder) != mesh.kind.end();
 }
 
 }  // namespace

@@ -83,7 +83,7 @@ bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) 
   std::vector<double> value(first[n]), inverse_pivot(n), y(n, 0);
   for (std::uint32_t u = 0; u < n; ++u) {
     const std::uint32_t i = nodes[u];
-    double diagonal = network.bed_N_per_m[i];
+    double diagonal = network.foundation_N_per_m[i];
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
       diagonal += network.stiffness_N_per_m[k];
     // Find the row's pattern in topological order: each entry precedes those that it changes.

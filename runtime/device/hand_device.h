@@ -5,7 +5,7 @@
 //
 // A session calls start() once, and close() at its end. In every tick the loop calls the functions
 // that the tick needs, in this order. It reads the device and finds the pose, passes on for how
-// long the last command was held (age()), renders a wrench or fades the last command, writes the
+// long the last command was held (account_held_time()), renders a wrench or fades the last command, writes the
 // command, describes the tick and advances the device. Functions of the haptic thread do not
 // allocate, lock, throw or block.
 //
@@ -101,8 +101,8 @@ class DeviceSpecification {
   virtual std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const = 0;
   /// The largest factor, at most 1, such that the device can render the factor times this wrench at
   /// this pose; 0: the device cannot be at this pose.
-  virtual double renderable_share(const Pose& T_device_plate,
-                                  const Wrench& wrench_device) const = 0;
+  virtual double renderable_fraction(const Pose& T_device_plate,
+                                     const Wrench& wrench_device) const = 0;
   /// Text for `--check`: what rendering a wrench at a pose demands of the device. `what` names the wrench.
   virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                                       const Wrench& wrench_device) const = 0;
@@ -186,8 +186,8 @@ class HandDevice {
   virtual bool keep_reading() noexcept = 0;
   /// Tells the device for how long the last command was held. The device can compute from this, for example, the temperature of its
   /// motors, and returns a fault if they are too hot.
-  virtual FaultDetail age(double /*held_s*/) noexcept { return {}; }
-  /// After age() has returned a fault, returns this fault until the device has recovered
+  virtual FaultDetail account_held_time(double /*held_s*/) noexcept { return {}; }
+  /// After account_held_time() has returned a fault, returns this fault until the device has recovered
   /// enough to continue.
   virtual FaultDetail check_rested() const noexcept { return {}; }
   /// Prepares the command that renders the wanted wrench. Sets `scale` to the fraction of the

@@ -38,15 +38,15 @@ Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& o
 }
 
 /// Returns the options of the link to a device process.
-Result<UdpDeviceOptions> link_options(const char* scheme, std::string_view address,
-                                      const OpenDeviceOptions& options) {
+Result<UdpLinkOptions> link_options(const char* scheme, std::string_view address,
+                                    const OpenDeviceOptions& options) {
   const Result<Endpoint> peer = parse_endpoint(address, 1);
   if (!peer)
     return Error{peer.error().code,
                  std::string("--device ") + scheme + ": " + peer.error().message};
   const Result<LinkKey> key = read_link_key(options.key_file);
   if (!key) return key.error();
-  UdpDeviceOptions link;
+  UdpLinkOptions link;
   link.peer = *peer;
   link.key = *key;
   link.period_s = 1 / options.rate_Hz;
@@ -56,7 +56,7 @@ Result<UdpDeviceOptions> link_options(const char* scheme, std::string_view addre
 }
 
 Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions& options) {
-  const Result<UdpDeviceOptions> link = link_options("udp", address, options);
+  const Result<UdpLinkOptions> link = link_options("udp", address, options);
   if (!link) return link.error();
   Result<std::unique_ptr<UdpDevice>> made = UdpDevice::make(*link);
   if (!made) return made.error();
@@ -64,7 +64,7 @@ Result<OpenedDevice> open_udp(std::string_view address, const OpenDeviceOptions&
 }
 
 Result<OpenedDevice> open_pose_drive(std::string_view address, const OpenDeviceOptions& options) {
-  const Result<UdpDeviceOptions> link = link_options("pose", address, options);
+  const Result<UdpLinkOptions> link = link_options("pose", address, options);
   if (!link) return link.error();
   Result<std::unique_ptr<UdpPoseDevice>> made = UdpPoseDevice::make(*link);
   if (!made) return made.error();

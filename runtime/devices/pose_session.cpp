@@ -56,13 +56,13 @@ void set_pose_device_options(const PoseDeviceDescription& description, const Sce
   limits.timing.ramps_at_start = true;
   StiffnessLimits& stiffness = options.stiffness;
   if (description.stiffness_max_N_per_m > 0)
-    stiffness.most_N_per_m =
-        std::min(stiffness.most_N_per_m, description.stiffness_max_N_per_m / stiffness.margin);
+    stiffness.max_N_per_m =
+        std::min(stiffness.max_N_per_m, description.stiffness_max_N_per_m / stiffness.margin);
   if (options.coupling.on || traits_of(scene.force_law.kind).uses_bone_volume) return;
   const double rendered_N_per_m =
       description.stiffness_max_N_per_m > 0
-          ? stiffness.most_N_per_m
-          : std::min(stiffness.most_N_per_m, options.coupling.stiffness_N_per_m / stiffness.margin);
+          ? stiffness.max_N_per_m
+          : std::min(stiffness.max_N_per_m, options.coupling.stiffness_N_per_m / stiffness.margin);
   options.coupling.on = true;
   options.coupling.stiffness_N_per_m =
       std::clamp(rendered_N_per_m / scene.force_law.force_scale, 100.0, 1e6);
@@ -78,19 +78,20 @@ Result<double> fitting_force_scale(const PoseDeviceDescription& description, con
   const PoseSpecification specification(description, pose_frame(description, scene));
   const auto law = make_force_law({scene, specification, all, rate_Hz, {}, {}});
   if (!law) return law.error();
-  double most_N = 0;
+  double max_N = 0;
   for (std::size_t i = 0; i < all.size(); ++i)
-    most_N = std::max(most_N, (*law)->tip_force(i, *all[i]).threshold_N);
-  if (traits_of(scene.force_law.kind).uses_bone_volume) most_N *= kShaftHeadroom;
+    max_N = std::max(max_N, (*law)->tip_force(i, *all[i]).threshold_N);
+  if (traits_of(scene.force_law.kind).uses_bone_volume) max_N *= kShaftHeadroom;
   for (const SceneLayer& layer : scene.layers)
-    most_N = std::max(most_N, layer.puncture_N);
-  if (!(most_N * scene.force_law.force_scale > description.force_max_N))
+    max_N = std::max(max_N, layer.puncture_N);
+  if (!(max_N * scene.force_law.force_scale > description.force_max_N))
     return scene.force_law.force_scale;
-  return description.force_max_N / most_N;
+  return description.force_max_N / max_N;
 }
 
-void state_pose_device(const std::string& device, const PoseDeviceDescription& description,
-                       const Scene& scene, const SessionOptions& options, RecordingOrigin& origin) {
+void write_pose_device_origin(const std::string& device, const PoseDeviceDescription& description,
+                              const Scene& scene, const SessionOptions& options,
+                              RecordingOrigin& origin) {
   for (auto& [key, value] : origin.entries)
     if (key == kOriginDevice) value = device;
   origin.entries.emplace_back(kOriginDeviceKind, kPoseDeviceKind);
@@ -99,9 +100,9 @@ void state_pose_device(const std::string& device, const PoseDeviceDescription& d
   origin.entries.emplace_back(kDeviceMargin, origin_number(options.stiffness.margin));
 }
 
-std::optional<StatedPoseDevice> stated_pose_device(const RecordingOrigin& recorded) {
+std::optional<PoseDeviceOrigin> read_pose_device_origin(const RecordingOrigin& recorded) {
   if (!recording_kind(recorded).has_pose_device) return std::nullopt;
-  StatedPoseDevice stated;
+  PoseDeviceOrigin stated;
   const std::string* const device = recorded.find(kOriginDevice);
   if (device != nullptr && device->starts_with(kBuiltIn))
     stated.built_in = device->substr(kBuiltIn.size());

@@ -47,16 +47,17 @@ Result<double> fitting_force_scale(const PoseDeviceDescription& description, con
 
 /// Writes the entries about the device into the origin of a recording. `device`: the digest of its
 /// description, or "built-in/NAME".
-void state_pose_device(const std::string& device, const PoseDeviceDescription& description,
-                       const Scene& scene, const SessionOptions& options, RecordingOrigin& origin);
+void write_pose_device_origin(const std::string& device, const PoseDeviceDescription& description,
+                              const Scene& scene, const SessionOptions& options,
+                              RecordingOrigin& origin);
 
 /// Entries about a pose device in a recording's origin.
-struct StatedPoseDevice {
+struct PoseDeviceOrigin {
   std::optional<std::string> built_in;  ///< none: the description is not built in
   double force_scale = 1, force_max_N = 0, stiffness_margin = 1;
 };
 /// Reads these entries. Returns nullopt if the recording was not made with a pose device.
-std::optional<StatedPoseDevice> stated_pose_device(const RecordingOrigin& recorded);
+std::optional<PoseDeviceOrigin> read_pose_device_origin(const RecordingOrigin& recorded);
 
 /// A pose device that returns the readings and statuses of a recording, tick by tick.
 class ReplayPoseDevice final : public PoseDevice {

@@ -13,13 +13,13 @@ namespace trocar::runtime {
 class UdpDevice final : public UdpLink<AngleDrive> {
  public:
   /// Opens the socket. No packet is sent before start(). Errors: those of open_link_socket().
-  static Result<std::unique_ptr<UdpDevice>> make(const UdpDeviceOptions& options) {
+  static Result<std::unique_ptr<UdpDevice>> make(const UdpLinkOptions& options) {
     Result<UdpSocket> socket = open_link_socket(options);
     if (!socket) return socket.error();
     return std::unique_ptr<UdpDevice>(new UdpDevice(options, std::move(*socket)));
   }
   /// Calls make() and start(). Errors: those of both.
-  static Result<std::unique_ptr<UdpDevice>> connect(const UdpDeviceOptions& options) {
+  static Result<std::unique_ptr<UdpDevice>> connect(const UdpLinkOptions& options) {
     Result<std::unique_ptr<UdpDevice>> device = make(options);
     if (!device) return device;
     if (Result<void> started = (*device)->start(); !started) return started.error();

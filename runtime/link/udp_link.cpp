@@ -45,7 +45,7 @@ void PoseDrive::pack(const Output& wrench, Command& command) noexcept {
   std::copy_n(wrench.begin() + 3, 3, command.moment_Nm.begin());
 }
 
-Result<UdpSocket> open_link_socket(const UdpDeviceOptions& options) {
+Result<UdpSocket> open_link_socket(const UdpLinkOptions& options) {
   if (Result<void> started = start_link(); !started) return started.error();
   return UdpSocket::connect(options.peer);
 }

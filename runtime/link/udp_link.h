@@ -29,7 +29,7 @@
 
 namespace trocar::runtime {
 
-struct UdpDeviceOptions {
+struct UdpLinkOptions {
   Endpoint peer;
   LinkKey key;
   double period_s = 1e-3;              ///< period of the loop; in lock-step also the drive's step
@@ -135,7 +135,7 @@ class UdpLink : public Kind::Interface {
   }
 
  protected:
-  UdpLink(const UdpDeviceOptions& options, UdpSocket socket)
+  UdpLink(const UdpLinkOptions& options, UdpSocket socket)
       : options_(options), socket_(std::move(socket)) {}
   const typename Kind::State& newest() const noexcept { return newest_; }
 
@@ -161,7 +161,7 @@ class UdpLink : public Kind::Interface {
   /// Number of commands whose round trip can be measured at the same time.
   static constexpr std::size_t kRoundTrips = 256;
 
-  UdpDeviceOptions options_;
+  UdpLinkOptions options_;
   UdpSocket socket_;
   LinkKey session_key_;
   std::uint64_t session_ = 0, last_command_ = 0, last_state_ = 0;
@@ -194,6 +194,6 @@ extern template class UdpLink<PoseDrive>;
 
 /// Opens the socket to a drive. Errors: kDeviceFault if the socket cannot be opened; kBug if the
 /// system has no source of randomness.
-Result<UdpSocket> open_link_socket(const UdpDeviceOptions& options);
+Result<UdpSocket> open_link_socket(const UdpLinkOptions& options);
 
 }  // namespace trocar::runtime

@@ -14,7 +14,7 @@ namespace trocar::runtime {
 class UdpPoseDevice final : public UdpLink<PoseDrive> {
  public:
   /// Opens the socket. No packet is sent before start(). Errors: those of open_link_socket().
-  static Result<std::unique_ptr<UdpPoseDevice>> make(const UdpDeviceOptions& options) {
+  static Result<std::unique_ptr<UdpPoseDevice>> make(const UdpLinkOptions& options) {
     Result<UdpSocket> socket = open_link_socket(options);
     if (!socket) return socket.error();
     return std::unique_ptr<UdpPoseDevice>(new UdpPoseDevice(options, std::move(*socket)));

@@ -101,7 +101,7 @@ FaultDetail FourLegs::find_pose(const ReadingInterval& interval, PlatePose& pose
   return Fault::kNone;
 }
 
-FaultDetail FourLegs::age(double held_s) noexcept {
+FaultDetail FourLegs::account_held_time(double held_s) noexcept {
   return check_heat(motor_, written_Nm_, held_s, motors_);
 }
 

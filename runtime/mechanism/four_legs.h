@@ -37,7 +37,7 @@ class FourLegs final : public HandDevice {
   FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept override;
   const Measurement& measured() const noexcept override { return reading_; }
   bool keep_reading() noexcept override;
-  FaultDetail age(double held_s) noexcept override;
+  FaultDetail account_held_time(double held_s) noexcept override;
   /// After kMotorOverload, recovery waits until every motor has used at most half of its i2t capacity.
   FaultDetail check_rested() const noexcept override;
   FaultDetail render(const RenderInput& input, double& scale) noexcept override;

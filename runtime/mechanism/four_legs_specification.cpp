@@ -79,8 +79,8 @@ std::optional<Eigen::Matrix<double, 6, 6>> FourLegsSpecification::damping(
                                      G->transpose() * *G);
 }
 
-double FourLegsSpecification::renderable_share(const Pose& T_device_plate,
-                                               const Wrench& wrench_device) const {
+double FourLegsSpecification::renderable_fraction(const Pose& T_device_plate,
+                                                  const Wrench& wrench_device) const {
   const std::optional<Jacobian> G = jacobian_at(description_, T_device_plate);
   return G ? allocate_torques(*G, wrench_device, description_.motor_peak_torque_Nm).scale : 0;
 }

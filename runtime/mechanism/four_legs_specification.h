@@ -33,7 +33,8 @@ class FourLegsSpecification final : public DeviceSpecification {
   /// Angle of one encoder count; 0: the encoders are exact.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
-  double renderable_share(const Pose& T_device_plate, const Wrench& wrench_device) const override;
+  double renderable_fraction(const Pose& T_device_plate,
+                             const Wrench& wrench_device) const override;
   std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                               const Wrench& wrench_device) const override;
   DeviceMargins margins(const Pose& T_device_plate) const noexcept override;

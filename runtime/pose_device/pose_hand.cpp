@@ -97,7 +97,7 @@ FaultDetail PoseHand::render(const RenderInput& input, double& scale) noexcept {
       return {Fault::kTorqueNotFinite, FaultQuantity::kWantedWrench, i, input.wanted[i],
               kAnyFinite};
   }
-  scale = renderable_share(description(), input.wanted);
+  scale = renderable_fraction(description(), input.wanted);
   Wrench rendered = scale * input.wanted;
   if (description().moment_max_Nm == 0) rendered.tail<3>().setZero();
   next_ = frame().to_device(rendered);

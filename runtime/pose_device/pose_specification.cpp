@@ -7,7 +7,8 @@
 
 namespace trocar::runtime {
 
-double renderable_share(const PoseDeviceDescription& description, const Wrench& wrench) noexcept {
+double renderable_fraction(const PoseDeviceDescription& description,
+                           const Wrench& wrench) noexcept {
   const double force_N = wrench.head<3>().norm(), moment_Nm = wrench.tail<3>().norm();
   double share = 1;
   if (force_N > description.force_max_N) share = description.force_max_N / force_N;
@@ -50,13 +51,13 @@ std::optional<Eigen::Matrix<double, 6, 6>> PoseSpecification::damping(const Pose
   return Eigen::Matrix<double, 6, 6>(diagonal.asDiagonal());
 }
 
-double PoseSpecification::renderable_share(const Pose&, const Wrench& wrench_device) const {
-  return runtime::renderable_share(description_, wrench_device);
+double PoseSpecification::renderable_fraction(const Pose&, const Wrench& wrench_device) const {
+  return runtime::renderable_fraction(description_, wrench_device);
 }
 
 std::string PoseSpecification::describe_demand(std::string_view what, const Pose&,
                                                const Wrench& wrench_device) const {
-  const double share = runtime::renderable_share(description_, wrench_device);
+  const double share = runtime::renderable_fraction(description_, wrench_device);
   return text_line("%.*s needs %.2f of %.2f N%s", static_cast<int>(what.size()), what.data(),
                    wrench_device.head<3>().norm(), description_.force_max_N,
                    share < 1 ? ", and is then not given in full" : "");

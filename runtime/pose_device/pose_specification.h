@@ -13,7 +13,7 @@ namespace trocar::runtime {
 
 /// Returns the largest factor, at most 1, such that a device of this description can render the
 /// factor times the wrench. A moment is taken into account only if the device renders moments.
-double renderable_share(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
+double renderable_fraction(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
 class PoseSpecification final : public DeviceSpecification {
  public:
@@ -37,7 +37,8 @@ class PoseSpecification final : public DeviceSpecification {
   /// Returns 0 if the readings are exact.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
-  double renderable_share(const Pose& T_device_plate, const Wrench& wrench_device) const override;
+  double renderable_fraction(const Pose& T_device_plate,
+                             const Wrench& wrench_device) const override;
   std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                               const Wrench& wrench_device) const override;
 

@@ -395,8 +395,8 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   options.passivity.on = arguments.passivity == "on";
   options.limits.energy_limit_J = arguments.energy_limit_J.value_or(options.limits.energy_limit_J);
   options.stiffness.margin = is_simulated ? 1 : kHardwareMargin;
-  options.stiffness.most_N_per_m =
-      arguments.stiffness_limit_N_per_m.value_or(options.stiffness.most_N_per_m);
+  options.stiffness.max_N_per_m =
+      arguments.stiffness_limit_N_per_m.value_or(options.stiffness.max_N_per_m);
   options.coupling.on = arguments.coupling_N_per_m.has_value();
   options.coupling.stiffness_N_per_m =
       arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);

@@ -39,7 +39,7 @@ void say_line(const std::string& line) {
 }
 
 /// Runs the session. `hand`: the scene's live hand, or null. `link` receives the report of the device's link, if there is one.
-Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& inputs,
+Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& inputs,
                           Remesher& remesher, LiveHand* hand, SessionOptions& options,
                           std::optional<LinkReport>& link) {
   if (!inputs.replay.empty()) {
@@ -74,7 +74,7 @@ Result<SessionReport> run(const RunArguments& arguments, const SessionInputs& in
   std::optional<Progress> progress;
   if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0)
     options.observers.push_back(&progress.emplace(options.duration_s));
-  Result<SessionReport> report = run_session(
+  Result<SessionResult> report = run_session(
       inputs.scene, remesher, device, [&device](double dt_s) { device.advance(dt_s); }, options,
       std::move(*workers));
   progress.reset();
@@ -164,7 +164,7 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
     options.counts_xray = recording_kind(inputs.replay_origin).has_xray;
   }
   if (inputs.pose_device) {
-    if (const auto stated = stated_pose_device(inputs.replay_origin))
+    if (const auto stated = read_pose_device_origin(inputs.replay_origin))
       options.stiffness.margin = stated->stiffness_margin;
     set_pose_device_options(*inputs.pose_device, inputs.scene, options);
   }
@@ -184,8 +184,8 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
         "procedure",
         arguments.procedure + "/" + (arguments.strength.empty() ? "median" : arguments.strength));
   if (inputs.pose_device)
-    state_pose_device(inputs.pose_device_origin, *inputs.pose_device, inputs.scene, options,
-                      options.origin);
+    write_pose_device_origin(inputs.pose_device_origin, *inputs.pose_device, inputs.scene, options,
+                             options.origin);
   else if (arguments.force_scale)
     options.origin.entries.emplace_back("force-scale", origin_number(*arguments.force_scale));
   const Result<Trainee> trainee = inputs.replay.empty() ? Result<Trainee>(arguments.trainee)
@@ -280,7 +280,7 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   Remesher remesher(inputs->sheets);
   inputs->sheets.clear();  // the remesher keeps its own copies
   std::optional<LinkReport> link;
-  const Result<SessionReport> report =
+  const Result<SessionResult> report =
       run(arguments, *inputs, remesher, hand->get(), *options, link);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {

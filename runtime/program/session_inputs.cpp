@@ -58,7 +58,7 @@ Result<AssetPart> load_asset(const RunArguments& arguments, const Scene& scene) 
 /// maker; the command line's does.
 Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
   std::string built_in(built_in_description(arguments.device));
-  if (const auto stated = stated_pose_device(inputs.replay_origin)) {
+  if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
     built_in = stated->built_in.value_or("");
   } else if (!built_in.empty() && !arguments.check && arguments.description.empty()) {
     const Result<std::string> found = find_built_in_description(arguments.device);
@@ -99,7 +99,7 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
     return {};
   }
   PoseDeviceDescription& device = *inputs.pose_device;
-  if (const auto stated = stated_pose_device(inputs.replay_origin)) {
+  if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
     scale = stated->force_scale;
     device.force_max_N = stated->force_max_N;
     return {};

@@ -16,7 +16,7 @@ constexpr int kProgressWidth = 72;
 
 /// Returns the error of the first hole that could not be cut. Later holes in the same sheet fail
 /// because of it.
-std::optional<Error> failed_hole(const SessionReport& report, const Remesher& remesher) {
+std::optional<Error> failed_hole(const SessionResult& report, const Remesher& remesher) {
   const auto& records = remesher.records();
   const auto failed = std::find_if(records.begin(), records.end(), [](const CutRecord& record) {
     return record.error.has_value();
@@ -35,7 +35,7 @@ std::optional<Error> failed_hole(const SessionReport& report, const Remesher& re
 }
 
 /// Prints a line for each black box. Returns false if one could not be written.
-bool print_black_boxes(const SessionReport& report) {
+bool print_black_boxes(const SessionResult& report) {
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {
     if (box.error) {
@@ -91,7 +91,7 @@ void print_message(const RunArguments& arguments, const OperatorMessage& message
   std::fflush(stderr);
 }
 
-void print_outcome(const SessionReport& report, const SessionOptions& options) {
+void print_outcome(const SessionResult& report, const SessionOptions& options) {
   std::printf(
       "%llu ticks at %.6g Hz, %llu missed deadlines%s, largest force %.3f N, largest torque "
       "%.3f Nm\n",
@@ -114,7 +114,7 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
   }
 }
 
-int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
+int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher) {
   if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
   const bool black_boxes_written = print_black_boxes(report);
   int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);

@@ -41,12 +41,12 @@ class Progress final : public TickObserver {
 /// Prints the message immediately. On a terminal the message replaces the progress line.
 void print_message(const RunArguments& arguments, const OperatorMessage& message);
 
-void print_outcome(const SessionReport& report, const SessionOptions& options);
+void print_outcome(const SessionResult& report, const SessionOptions& options);
 
 /// Prints one line for each problem, and returns the exit code. If a fault ended the session, its
 /// exit code (kDeviceFault) takes precedence over other problems, because the operator of the
 /// device must learn of the fault. In a replay, which has no device, torques that differ from the
 /// recording's take precedence even over a fault.
-int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher);
+int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher);
 
 }  // namespace trocar::runtime

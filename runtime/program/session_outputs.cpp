@@ -119,7 +119,7 @@ void SessionOutputs::collect(SessionOptions& options) {
 }
 
 ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOptions& options,
-                                  const SessionReport& report, const Remesher& remesher) const {
+                                  const SessionResult& report, const Remesher& remesher) const {
   ReportFacts facts;
   facts.asset = without_folder(inputs_.scene.asset.filename());
   facts.force_law = to_string(inputs_.scene.force_law.kind);
@@ -146,7 +146,7 @@ ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOp
   return facts;
 }
 
-std::vector<Error> SessionOutputs::write(const SessionOptions& options, const SessionReport& report,
+std::vector<Error> SessionOutputs::write(const SessionOptions& options, const SessionResult& report,
                                          const Remesher& remesher, const LiveHand* hand,
                                          const std::optional<LinkReport>& link) {
   std::vector<Error> errors;

@@ -33,13 +33,13 @@ class SessionOutputs {
   void collect(SessionOptions& options);
   /// Writes every output, even if another one could not be written. Returns the errors. `hand`: the
   /// hand that a person moved; null: the scene has no live hand.
-  std::vector<Error> write(const SessionOptions& options, const SessionReport& report,
+  std::vector<Error> write(const SessionOptions& options, const SessionResult& report,
                            const Remesher& remesher, const LiveHand* hand,
                            const std::optional<LinkReport>& link);
 
  private:
   ReportFacts facts(const SessionFigures& figures, const SessionOptions& options,
-                    const SessionReport& report, const Remesher& remesher) const;
+                    const SessionResult& report, const Remesher& remesher) const;
 
   const RunArguments& arguments_;
   const SessionInputs& inputs_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The session report for the debriefing (`trocar-run --session-report`): figures as JSON and as
 // CSV, and a page that shows these figures. session_figures.h defines the figures. This report
-// is not the struct SessionReport (runtime/session/session_statistics.h), from which it takes
+// is not the struct SessionResult (runtime/session/session_statistics.h), from which it takes
 // only some facts.
 // Tests: tests/e2e/session_report_test.py
 #pragma once

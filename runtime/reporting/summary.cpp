@@ -66,12 +66,12 @@ std::string without_folder_of(const std::filesystem::path& file, std::string mes
   return message;
 }
 
-json describe_faults(const SessionReport& report) {
+json describe_faults(const SessionResult& report) {
   json list = json::array();
   for (const FaultEvent& event : report.faults) {
     json fault = {{"fault", to_string(event.fault)},
                   {"t_s", event.t_s},
-                  {"torques_zero_t_s", time_or_null(event.rest_t_s)},
+                  {"torques_zero_t_s", time_or_null(event.torques_zero_t_s)},
                   {"recovered_t_s", time_or_null(event.recovered_t_s)},
                   {"quantity", nullptr},
                   {"value", number_or_null(event.detail, event.detail.value)},
@@ -139,7 +139,7 @@ json describe(const SliceMesh& mesh) {
 }  // namespace
 
 std::string summarize(const Scene& scene, const SessionOptions& options,
-                      const SessionReport& report, const Remesher& remesher,
+                      const SessionResult& report, const Remesher& remesher,
                       const std::string& link_json) {
   const char* end = report.end == SessionEnd::kDone          ? "done"
                     : report.end == SessionEnd::kInterrupted ? "interrupted"

@@ -18,7 +18,7 @@ namespace trocar::runtime {
 /// absolute path only the file's name is written. `link_json`: the object `link` as JSON text;
 /// empty: the device has no link.
 std::string summarize(const Scene& scene, const SessionOptions& options,
-                      const SessionReport& report, const Remesher& remesher,
+                      const SessionResult& report, const Remesher& remesher,
                       const std::string& link_json = {});
 
 /// Returns the document of formats/session/sheets.schema.json, on one line without a line feed at

@@ -13,19 +13,19 @@ void OperatorCommands::apply(const TelemetryCommands& given, Fault latched) noex
     if (latched == Fault::kPaused) is_recovery_requested_ = true;
   }
   if (given.recover || (is_signalled && latched_fault() != Fault::kNone)) {
-    is_paused_ = is_zeroed_ = is_stopped_ = false;
+    is_paused_ = forces_are_off_ = emergency_stop_ = false;
     is_recovery_requested_ = true;
   }
   if (!given.pause && !given.zero && !given.emergency_stop) return;
   is_paused_ |= given.pause;
-  is_zeroed_ |= given.zero;
-  is_stopped_ |= given.emergency_stop;
+  forces_are_off_ |= given.zero;
+  emergency_stop_ |= given.emergency_stop;
   forget_recovery();
 }
 
 Fault OperatorCommands::latched_fault() const noexcept {
-  if (is_stopped_) return Fault::kEmergencyStop;
-  if (is_zeroed_) return Fault::kForcesOff;
+  if (emergency_stop_) return Fault::kEmergencyStop;
+  if (forces_are_off_) return Fault::kForcesOff;
   return is_paused_ ? Fault::kPaused : Fault::kNone;
 }
 

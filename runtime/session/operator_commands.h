@@ -30,11 +30,11 @@ class OperatorCommands {
   void apply(const TelemetryCommands& given, Fault latched) noexcept;
   /// Returns the fault to raise in this tick because a command is latched; none if no command is.
   Fault latched_fault() const noexcept;
-  bool is_paused() const noexcept { return is_paused_ && !is_stopped_; }
+  bool is_paused() const noexcept { return is_paused_ && !emergency_stop_; }
   /// Returns true if `latched` is the fault of a pause or of zero, and no emergency stop is set. A
   /// session with RecoveryPolicy::kNever then waits for the operator instead of ending.
   bool waits_for_operator(Fault latched) const noexcept {
-    return is_by_operator(latched) && !is_stopped_;
+    return is_by_operator(latched) && !emergency_stop_;
   }
   /// Returns true if recovery is to be requested in this tick, and then clears the operator's
   /// request. While a command is latched, returns false and keeps the request.
@@ -46,7 +46,7 @@ class OperatorCommands {
  private:
   RecoveryPolicy policy_;
   std::atomic<bool>* recover_;
-  bool is_paused_ = false, is_zeroed_ = false, is_stopped_ = false;
+  bool is_paused_ = false, forces_are_off_ = false, emergency_stop_ = false;
   bool is_recovery_requested_ = false;  ///< `recover` or `resume` requested a recovery
 };
 

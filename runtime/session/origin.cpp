@@ -79,8 +79,8 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
   if (!traits_of(scene.force_law.kind).uses_bone_volume) return origin;
   if (options.stiffness.margin != 1)
     origin.entries.emplace_back(kMargin, origin_number(options.stiffness.margin));
-  if (std::isfinite(options.stiffness.most_N_per_m))
-    origin.entries.emplace_back("stiffness-limit", origin_number(options.stiffness.most_N_per_m));
+  if (std::isfinite(options.stiffness.max_N_per_m))
+    origin.entries.emplace_back("stiffness-limit", origin_number(options.stiffness.max_N_per_m));
   return origin;
 }
 

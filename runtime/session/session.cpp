@@ -25,7 +25,7 @@ TelemetryEnd published_end(SessionEnd end) {
 
 }  // namespace
 
-SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
+SessionResult run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers) {
   const auto clock = make_clock(options, remesher, workers.law->prefetch_worker());
@@ -33,7 +33,7 @@ SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& de
       std::make_unique<SessionLoop>(scene, remesher, device, advance, options, workers, *clock);
   const std::uint64_t allocations_before = allocations_in_scopes();
   RealtimeReport realtime = clock->run(*loop);
-  SessionReport report = loop->finish();
+  SessionResult report = loop->finish();
   report.realtime = std::move(realtime);
   if (workers.publisher) workers.publisher->end(published_end(report.end), report.fault, remesher);
   if (allocations_are_counted())
@@ -51,7 +51,7 @@ SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& de
   return report;
 }
 
-Result<SessionReport> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
+Result<SessionResult> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options) {
   Result<SessionWorkers> workers = make_workers(scene, device.specification(), remesher, options);

@@ -19,14 +19,14 @@ namespace trocar::runtime {
 /// Runs a session. `advance(dt_s)` is called after each tick, on the thread of the ticks, to
 /// advance a simulated device. At the end zero torques are written first; then the other threads
 /// end. `workers`: result of make_workers() for the same scene, device, remesher and options.
-SessionReport run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
+SessionResult run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers);
 
 /// Like the function above, but creates the workers itself. Errors: those of make_workers(). Do not
 /// use this function for a drive (the electronics of a device) behind a link. Creating the workers
 /// takes time, and such a drive ends the session if the first tick is late.
-Result<SessionReport> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
+Result<SessionResult> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options);
 

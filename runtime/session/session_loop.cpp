@@ -106,7 +106,7 @@ void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
 /// waits for commands.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
-  const bool is_idle = result_.at_rest || state_.safety.state == SafetyState::kRecovering;
+  const bool is_idle = result_.torques_are_zero || state_.safety.state == SafetyState::kRecovering;
   const bool was_paused =
       std::exchange(is_paused_, commands_.is_paused() && (is_idle || is_replay));
   if (is_paused_ != was_paused)
@@ -140,7 +140,7 @@ TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
   inputs.outside = std::exchange(outside_, Fault::kNone);
   if (const Fault latched = commands_.latched_fault(); latched != Fault::kNone)
     inputs.outside = latched;
-  inputs.recover = result_.at_rest && commands_.take_recovery();
+  inputs.recover = result_.torques_are_zero && commands_.take_recovery();
   return inputs;
 }
 
@@ -162,7 +162,7 @@ void SessionLoop::request_hole(const CutRequest& cut) noexcept {
 }
 
 bool SessionLoop::goes_on() const noexcept {
-  return !result_.at_rest || options_.recovery != RecoveryPolicy::kNever ||
+  return !result_.torques_are_zero || options_.recovery != RecoveryPolicy::kNever ||
          !options_.replay.empty() || commands_.waits_for_operator(state_.safety.fault);
 }
 
@@ -180,10 +180,10 @@ void SessionLoop::serve_observers() {
     observer->serve();
 }
 
-SessionReport SessionLoop::finish() {
+SessionResult SessionLoop::finish() {
   for (TickObserver* observer : observers_)
     observer->stop();
-  SessionReport report = statistics_.take(state_, state_.tick == clock_.ticks());
+  SessionResult report = statistics_.take(state_, state_.tick == clock_.ticks());
   report.late_ticks = late_ticks_.counts();
   return report;
 }

@@ -54,7 +54,7 @@ class SessionLoop {
   void start_observers();
   void serve_observers();
   /// Ends the observers and returns the report. Called after the last tick.
-  SessionReport finish();
+  SessionResult finish();
 
  private:
   void receive_hand(std::int64_t now_ns) noexcept;

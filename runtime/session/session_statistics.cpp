@@ -72,7 +72,7 @@ void SessionStatistics::count_faults(const TickView& tick) noexcept {
     }
   }
   if (last == nullptr) return;
-  if (tick.result.at_rest && last->rest_t_s < 0) last->rest_t_s = row.t_s;
+  if (tick.result.torques_are_zero && last->torques_zero_t_s < 0) last->torques_zero_t_s = row.t_s;
   if (last->recovered_t_s < 0 && row.safety == SafetyState::kRunning) last->recovered_t_s = row.t_s;
 }
 
@@ -96,7 +96,7 @@ void SessionStatistics::measure_wrench(const RecordingRow& row) noexcept {
   report_.wrench_error_max = std::max(report_.wrench_error_max, wrench_norm(difference) / wanted);
 }
 
-SessionReport SessionStatistics::take(const LoopState& state, bool is_complete) {
+SessionResult SessionStatistics::take(const LoopState& state, bool is_complete) {
   const Safety& safety = state.safety;
   report_.ticks = state.tick;
   report_.fault = safety.fault;

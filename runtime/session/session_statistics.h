@@ -31,14 +31,14 @@ struct FaultEvent {
   Fault fault = Fault::kNone;
   FaultDetail detail;  ///< measured value and limit
   double t_s = 0;
-  double rest_t_s = -1;       ///< time at which torques had become zero; -1: they had not
-  double recovered_t_s = -1;  ///< time at which the state `running` began again; -1: it did not
+  double torques_zero_t_s = -1;  ///< time at which torques had become zero; -1: they had not
+  double recovered_t_s = -1;     ///< time at which the state `running` began again; -1: it did not
 };
 
 /// The result of run_session(), for the program. SUMMARY.json contains most of it
 /// (runtime/reporting/summary.h). This is not the session report for the trainee: that one
 /// (`--session-report`, runtime/reporting/session_report.h) is made from SessionFigures.
-struct SessionReport {
+struct SessionResult {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;
   Fault fault = Fault::kNone;      ///< fault latched at the end of the session
@@ -80,7 +80,7 @@ struct SessionReport {
   std::int64_t replay_first_difference = -1;
 };
 
-/// Fills a SessionReport tick by tick. The constructor reserves the memory.
+/// Fills a SessionResult tick by tick. The constructor reserves the memory.
 class SessionStatistics final : public TickObserver {
  public:
   /// `replay`: SessionOptions::replay.
@@ -97,7 +97,7 @@ class SessionStatistics final : public TickObserver {
 
   /// Returns the report. Called once, after the last tick. `is_complete`: every tick of the
   /// session was done.
-  SessionReport take(const LoopState& state, bool is_complete);
+  SessionResult take(const LoopState& state, bool is_complete);
 
  private:
   void count_faults(const TickView& tick) noexcept;
@@ -105,7 +105,7 @@ class SessionStatistics final : public TickObserver {
   void measure_wrench(const RecordingRow& row) noexcept;
 
   std::span<const RecordingRow> replay_;
-  SessionReport report_;
+  SessionResult report_;
 };
 
 }  // namespace trocar::runtime

@@ -41,7 +41,7 @@ struct SessionWorkers {
 
 /// Creates the workers and observers. Errors: kUnwritable if the recording, the folder of the black
 /// boxes or the telemetry cannot be written; kRefused if the factory of the force law refuses the
-/// scene. Failures during the session are in its SessionReport.
+/// scene. Failures during the session are in its SessionResult.
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
                                     const Remesher& remesher, const SessionOptions& options);
 

@@ -34,12 +34,12 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
   }
   // Users set rates as short decimals, so the shortest decimal that gives the time of every row is
   // used. `exact` may differ by a few rounding errors.
-  std::size_t most_rows = 0;  // largest number of rows whose times a candidate has matched
+  std::size_t max_rows = 0;  // largest number of rows whose times a candidate has matched
   const auto fits = [&](double rate_Hz) {
     std::size_t k = 0;
     while (k < rows.size() && rows[k].t_s == static_cast<double>(k) / rate_Hz)
       ++k;
-    most_rows = std::max(most_rows, k);
+    max_rows = std::max(max_rows, k);
     return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
   };
   if (fits(stated_Hz)) return stated_Hz;
@@ -56,7 +56,7 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
     if (fits(below)) return below;
     if (fits(above)) return above;
   }
-  return refused(name + ": row " + std::to_string(most_rows + 1) +
+  return refused(name + ": row " + std::to_string(max_rows + 1) +
                  " has an unexpected time: no rate gives the times of all rows to the last bit");
 }
 

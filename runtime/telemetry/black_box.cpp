@@ -60,7 +60,7 @@ void BlackBox::on_tick(const TickView& tick) noexcept {
   if (!is_pending_) return;
   latched_ = tick.state.safety.fault;
   latched_t_s_ = tick.state.safety.fault_t_s;
-  if (!tick.result.at_rest) return;
+  if (!tick.result.torques_are_zero) return;
   is_pending_ = false;
   save(latched_, latched_t_s_);
 }

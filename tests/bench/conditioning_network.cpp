@@ -88,7 +88,7 @@ std::vector<NodeKind> make_kinds(int side, bool ring) {
       const bool rim = x == 0 || y == 0 || x == side || y == side;
       const bool tool =
           (x == side / 2 || x == side / 2 + 1) && (y == side / 2 || y == side / 2 + 1);
-      kind.push_back(tool ? NodeKind::kTool : rim && ring ? NodeKind::kRing : NodeKind::kFree);
+      kind.push_back(tool ? NodeKind::kTool : rim && ring ? NodeKind::kBorder : NodeKind::kFree);
     }
   }
   return kind;
@@ -201,9 +201,8 @@ double coefficient_error(const Network& network, const PreciseNetwork& precise) 
           abs(Precise(network.stiffness_N_per_m[k]) - precise.spring[i][network.neighbour[k]]);
       worst = std::max(worst, static_cast<double>(Precise(error / largest)));
     }
-    worst = std::max(
-        worst,
-        static_cast<double>(Precise(abs(Precise(network.bed_N_per_m[i]) / precise.bed[i] - 1))));
+    worst = std::max(worst, static_cast<double>(Precise(
+                                abs(Precise(network.foundation_N_per_m[i]) / precise.bed[i] - 1))));
   }
   return worst;
 }

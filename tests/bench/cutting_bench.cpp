@@ -155,12 +155,12 @@ void print_errors() {
     for (int k = 0; k < kTicks; k += 4) {
       const Pose X = pose_at(Motion::kDrag, k);
       const CuttingState before = run.state;
-      run.o.most_steps = cap;
+      run.o.max_steps = cap;
       run.o.tolerance = 1e-6;
       run.tick(X);
       const Wrench w = run.out.wrench_device;
       run.state = before;
-      run.o.most_steps = 200;
+      run.o.max_steps = 200;
       run.o.tolerance = 1e-10;
       run.tick(X);
       errors.push_back((w - run.out.wrench_device).head<3>().norm());

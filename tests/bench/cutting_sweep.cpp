@@ -171,7 +171,7 @@ json by_slabs(const json& plan) {
     return wrenches;
   };
   CuttingOptions exact = guided_options();
-  exact.most_steps = kReferenceSteps;
+  exact.max_steps = kReferenceSteps;
   exact.tolerance = kReferenceTolerance;
   // Bone without texture tells the walls' part: the force across the shaft.
   const int finest = plan.at("reference_slabs");
@@ -201,8 +201,8 @@ json by_steps(const json& plan) {
   json rows = json::array();
   for (const int cap : plan.at("most_steps").get<std::vector<int>>()) {
     CuttingOptions o = options(), exact = options();
-    o.most_steps = cap;
-    exact.most_steps = kReferenceSteps;
+    o.max_steps = cap;
+    exact.max_steps = kReferenceSteps;
     exact.tolerance = kReferenceTolerance;
     CuttingState state = make_cutting_state(slabs.size(), 1);
     CuttingResult out;

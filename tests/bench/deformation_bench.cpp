@@ -276,7 +276,7 @@ struct EigenFactor {
     matrix.reserve(static_cast<Eigen::Index>(nodes.size() + network.neighbour.size() / 2));
     for (int u = 0; u < n; ++u) {
       const std::uint32_t i = nodes[static_cast<std::size_t>(u)];
-      double diagonal = network.bed_N_per_m[i];
+      double diagonal = network.foundation_N_per_m[i];
       for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
         diagonal += network.stiffness_N_per_m[k];
       matrix.startVec(u);

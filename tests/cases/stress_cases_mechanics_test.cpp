@@ -184,10 +184,10 @@ class MechanicsStress : public testing::TestWithParam<std::filesystem::path> {
       EXPECT_GE(over_K, force.over_K_min.value_or(0));
       EXPECT_LE(over_K, force.over_K_max.value_or(1e300));
       const double step_m = case_.lattice.step_m();
-      const double bed_N_per_m = calibration->membrane.foundation_N_per_m3 * 0.5 *
-                                 static_cast<double>(doubled_area(sheet_)) * step_m * step_m;
-      EXPECT_GE(r.stiffness_N_per_m, force.over_bed_min.value_or(0) * bed_N_per_m);
-      EXPECT_LE(r.stiffness_N_per_m, force.over_bed_max.value_or(1e300) * bed_N_per_m);
+      const double foundation_N_per_m = calibration->membrane.foundation_N_per_m3 * 0.5 *
+                                        static_cast<double>(doubled_area(sheet_)) * step_m * step_m;
+      EXPECT_GE(r.stiffness_N_per_m, force.over_bed_min.value_or(0) * foundation_N_per_m);
+      EXPECT_LE(r.stiffness_N_per_m, force.over_bed_max.value_or(1e300) * foundation_N_per_m);
       expect_propagation_sound(*region, force.propagated_max);
     }
   }
@@ -211,9 +211,9 @@ class MechanicsStress : public testing::TestWithParam<std::filesystem::path> {
     EXPECT_GE(last, right * (1 - 1e-6));
     EXPECT_LE(last, right * most);
     EXPECT_LE(last - right, 0.9 * first_excess + 1e-9 * right);
-    PropagationState at_rest = make_propagation_state(region.network, plan);
-    at_rest.w_m = region.solution.w;
-    EXPECT_NEAR(propagate(region.network, plan, 1, at_rest), right, 1e-6 * right);
+    PropagationState torques_are_zero = make_propagation_state(region.network, plan);
+    torques_are_zero.w_m = region.solution.w;
+    EXPECT_NEAR(propagate(region.network, plan, 1, torques_are_zero), right, 1e-6 * right);
   }
 
   CutCase case_;

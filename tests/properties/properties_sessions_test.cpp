@@ -298,7 +298,7 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
     } else {
       window.clear();
       exceeded_at_s = -1;
-      if (!setting.recovers && result.at_rest) break;
+      if (!setting.recovers && result.torques_are_zero) break;
     }
     const Eigen::Vector3d motors_N(result.row.wrench_delivered.data());
     const Eigen::Vector3d before_m = device.p_m;

@@ -107,7 +107,7 @@ RC_GTEST_PROP(Network, IsSymmetricAndPositiveOnADelaunayMesh, ()) {
   const Network network = make_network(sheet, kLattice, kMembrane);
   std::map<std::pair<std::uint32_t, std::uint32_t>, double> spring;
   for (std::uint32_t i = 0; i < network.size(); ++i) {
-    RC_ASSERT(network.bed_N_per_m[i] > 0);
+    RC_ASSERT(network.foundation_N_per_m[i] > 0);
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
       RC_ASSERT(network.neighbour[k] != i);
       const bool ascends = k == network.first[i] || network.neighbour[k - 1] < network.neighbour[k];
@@ -127,7 +127,7 @@ RC_GTEST_PROP(Network, HasTheBedStiffnessOfItsArea, ()) {
   const SliceMesh sheet = any_sheet();
   const Network network = make_network(sheet, kLattice, kMembrane);
   double bed = 0;
-  for (const double f : network.bed_N_per_m)
+  for (const double f : network.foundation_N_per_m)
     bed += f;
   const double step_m = kLattice.step_m();
   const double right = kMembrane.foundation_N_per_m3 * 0.5 *
@@ -136,7 +136,7 @@ RC_GTEST_PROP(Network, HasTheBedStiffnessOfItsArea, ()) {
   // A uniform displacement stretches no spring, exactly.
   const std::vector<double> w(network.size(), 1e-3);
   for (std::size_t i = 0; i < network.size(); ++i)
-    RC_ASSERT(reaction_N(network, w, i) == network.bed_N_per_m[i] * 1e-3);
+    RC_ASSERT(reaction_N(network, w, i) == network.foundation_N_per_m[i] * 1e-3);
 }
 
 RC_GTEST_PROP(Network, EnergyIsPositiveAndFallsWhenTrianglesAreRemoved, ()) {
@@ -160,7 +160,7 @@ RC_GTEST_PROP(Network, IsInvariantUnderMotions, ()) {
   RC_ASSERT(here.first == there.first);
   RC_ASSERT(here.neighbour == there.neighbour);
   RC_ASSERT(here.stiffness_N_per_m == there.stiffness_N_per_m);
-  RC_ASSERT(here.bed_N_per_m == there.bed_N_per_m);
+  RC_ASSERT(here.foundation_N_per_m == there.foundation_N_per_m);
 }
 
 RC_GTEST_PROP(Network, DoesNotDependOnTheInputOrder, ()) {
@@ -173,7 +173,7 @@ RC_GTEST_PROP(Network, DoesNotDependOnTheInputOrder, ()) {
   for (std::uint32_t i = 0; i < here.size(); ++i) {
     const std::uint32_t j = other.number[i];
     // A sum over the triangles around a node, rounded in their order.
-    RC_ASSERT(std::abs(there.bed_N_per_m[j] / here.bed_N_per_m[i] - 1) < 1e-14);
+    RC_ASSERT(std::abs(there.foundation_N_per_m[j] / here.foundation_N_per_m[i] - 1) < 1e-14);
     RC_ASSERT(there.first[j + 1] - there.first[j] == here.first[i + 1] - here.first[i]);
     for (std::uint32_t k = here.first[i]; k < here.first[i + 1]; ++k) {
       const auto begin = there.neighbour.begin() + there.first[j],
@@ -196,7 +196,7 @@ RC_GTEST_PROP(Propagation, NeverRaisesTheEnergy, ()) {
   kind[random() % kind.size()] = NodeKind::kTool;
   for (std::size_t held = random() % 4; held > 0; --held) {
     NodeKind& one = kind[random() % kind.size()];
-    if (one == NodeKind::kFree) one = NodeKind::kRing;
+    if (one == NodeKind::kFree) one = NodeKind::kBorder;
   }
   const PropagationPlan plan = plan_propagation(network, kind, {1000, 1, 1.0});
   PropagationState state = make_propagation_state(network, plan);

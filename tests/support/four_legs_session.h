@@ -21,7 +21,7 @@ inline Result<runtime::SessionWorkers> make_workers(
 
 namespace trocar::runtime {
 
-inline SessionReport run_session(const Scene& scene, const DeviceDescription& description,
+inline SessionResult run_session(const Scene& scene, const DeviceDescription& description,
                                  Remesher& remesher, Device& device,
                                  const std::function<void(double dt_s)>& advance,
                                  const SessionOptions& options, SessionWorkers workers) {
@@ -29,7 +29,7 @@ inline SessionReport run_session(const Scene& scene, const DeviceDescription& de
   return run_session(scene, remesher, four_legs, advance, options, std::move(workers));
 }
 
-inline Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
+inline Result<SessionResult> run_session(const Scene& scene, const DeviceDescription& description,
                                          Remesher& remesher, Device& device,
                                          const std::function<void(double dt_s)>& advance,
                                          const SessionOptions& options,

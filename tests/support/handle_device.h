@@ -29,7 +29,7 @@ class HandleSpecification final : public runtime::DeviceSpecification {
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const runtime::Pose&) const override {
     return Eigen::Matrix<double, 6, 6>::Zero();
   }
-  double renderable_share(const runtime::Pose&, const runtime::Wrench& wrench) const override {
+  double renderable_fraction(const runtime::Pose&, const runtime::Wrench& wrench) const override {
     return std::min(1.0, force_max_N_ / std::max(1e-9, wrench.head<3>().norm()));
   }
   std::string describe_demand(std::string_view what, const runtime::Pose&,
@@ -76,7 +76,7 @@ class HandleDevice final : public runtime::HandDevice {
   const runtime::Measurement& measured() const noexcept override { return measured_; }
   bool keep_reading() noexcept override { return true; }
   FaultDetail render(const runtime::RenderInput& input, double& scale) noexcept override {
-    scale = specification_.renderable_share(T_, input.wanted);
+    scale = specification_.renderable_fraction(T_, input.wanted);
     next_ = scale * input.wanted;
     return {};
   }

@@ -72,9 +72,9 @@ class BoneContactTick {
     }
     for (int i = first; i < end; ++i)
       set_strength(i);
-    state_.options.twist_Nm =
+    state_.options.torsion_Nm =
         slice_push_ > 0 && first < count
-            ? state_.sheets[first].share * bone_.sheets[first].twist_Nm(bone_.shape, slice_push_)
+            ? state_.sheets[first].share * bone_.sheets[first].torsion_Nm(bone_.shape, slice_push_)
             : 0;
     if (state_.law.stretch_m <= 0 && first < count)
       state_.options.tip_N_per_m = bone_.sheets[first].tip_N_per_m;
@@ -346,7 +346,7 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   state.cuts.clear();
   if (pose_interval_s > 0) state.options.interval_s = pose_interval_s;
 
-  state.must_lift = false;
+  state.must_retract = false;
   if (bone.twists && state.has_plate && pose_interval_s > 0)
     follow_twist(bone, T_device_plate, pose_interval_s, state);
   BoneContactTick tick(bone, sheets, T_device_evaluated, tracks, state);
@@ -414,13 +414,14 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
 
 void reset_motion(BoneContactState& state) noexcept {
   if (state.law.stretch_m > 0) {
-    state.must_lift = true;
-    state.lift_to_m = state.front_m;
+    state.must_retract = true;
+    state.retract_to_depth_m = state.front_m;
   }
   for (const SoftLayerState& layer : state.law.layers) {
     if (!(layer.stretch_m > 0)) continue;
-    state.lift_to_m = state.must_lift ? std::min(state.lift_to_m, layer.cut_m) : layer.cut_m;
-    state.must_lift = true;
+    state.retract_to_depth_m =
+        state.must_retract ? std::min(state.retract_to_depth_m, layer.cut_m) : layer.cut_m;
+    state.must_retract = true;
   }
   state.twist_rad_per_s = state.feed_m_per_s = 0;
   release(state.law);
@@ -431,9 +432,9 @@ void reset_motion(BoneContactState& state) noexcept {
 
 double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
                           const BoneContactState& state) noexcept {
-  if (!state.must_lift) return 0;
+  if (!state.must_retract) return 0;
   const double tip_m = -(T_device_plate * bone.tool.tip_plate_m).z();
-  return std::max(0.0, tip_m - state.lift_to_m);
+  return std::max(0.0, tip_m - state.retract_to_depth_m);
 }
 
 }  // namespace trocar::runtime

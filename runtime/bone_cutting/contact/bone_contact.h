@@ -70,13 +70,13 @@ struct BoneContactState {
   CuttingResult result;
   BoneEnergyAccount energy;
   double twist_rad_per_s = 0,
-         feed_m_per_s = 0;  ///< velocities of the tool about and along its axis
-  double front_HU = 0;      ///< RecordingRow::Cutting::front_HU
-  double front_m = 0;       ///< depth of the front after the last tick
-  double lift_to_m = 0;     ///< if must_lift: depth to which the tip must be raised
-  bool must_lift = false;   ///< the tip was under load when reset_motion() was called
-  int next_checked = 0;     ///< index of the sheet whose walls were checked last
-  int last_hole = -1;       ///< hole that the tool was in; reset_motion() keeps it
+         feed_m_per_s = 0;        ///< velocities of the tool about and along its axis
+  double front_HU = 0;            ///< RecordingRow::Cutting::front_HU
+  double front_m = 0;             ///< depth of the front after the last tick
+  double retract_to_depth_m = 0;  ///< if must_retract: depth to which the tip must be raised
+  bool must_retract = false;      ///< the tip was under load when reset_motion() was called
+  int next_checked = 0;           ///< index of the sheet whose walls were checked last
+  int last_hole = -1;             ///< hole that the tool was in; reset_motion() keeps it
   bool has_plate = false;
   Pose T_device_plate;                    ///< last new pose of the plate
   Pose T_device_evaluated;                ///< pose at which the law was evaluated last

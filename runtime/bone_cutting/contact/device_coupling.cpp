@@ -47,7 +47,7 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
                        per_inertia * *std::min_element(inertia_kg_m2.begin(), inertia_kg_m2.end())};
   const double stated_N_per_m =
       device.stiffness_max_N_per_m() > 0 ? device.stiffness_max_N_per_m() : kUnlimited;
-  out.ceiling_N_per_m = std::min(stated_N_per_m, limits.most_N_per_m) / scale;
+  out.ceiling_N_per_m = std::min(stated_N_per_m, limits.max_N_per_m) / scale;
   if (!(law.coupling_N_per_m > 0)) coupling.translation_N_per_m = most.translation_N_per_m;
   if (!(law.coupling_Nm_per_rad > 0)) coupling.rotation_Nm_per_rad = most.rotation_Nm_per_rad;
   if (coupling.translation_N_per_m > out.ceiling_N_per_m) {
@@ -71,17 +71,17 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   if (const auto damping = device.damping(T_device_plate)) {
     out.damping_share = damping_share(*damping, K, T_s);
     const auto given = [&](const Wrench& wrench) {
-      return device.renderable_share(T_device_plate, wrench);
+      return device.renderable_fraction(T_device_plate, wrench);
     };
     const Eigen::Vector3d up = T_device_plate.q * bone.tool.axis_plate;
     Wrench wrench = Wrench::Zero();
     wrench.head<3>() = kMuch_N * up;
-    out.most_N = kMuch_N * given(wrench) / scale;
-    coupling.most_force_N = out.most_N;
+    out.max_N = kMuch_N * given(wrench) / scale;
+    coupling.max_force_N = out.max_N;
     for (int i = 0; i < 3; ++i) {
       wrench.setZero();
       wrench[3 + i] = kMuch_Nm;
-      coupling.most_moment_Nm = std::min(coupling.most_moment_Nm, kMuch_Nm * given(wrench) / scale);
+      coupling.max_moment_Nm = std::min(coupling.max_moment_Nm, kMuch_Nm * given(wrench) / scale);
     }
   }
   out.predicts_pose = law.prediction == PosePrediction::kOn ||
@@ -113,7 +113,7 @@ std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
     if (chosen.is_at_ceiling) out += " (the limit that the device or the operator states)";
   }
   std::snprintf(text.data(), text.size(), ", at most %.4g N of tissue at force scale %.4g",
-                chosen.most_N, law.force_scale);
+                chosen.max_N, law.force_scale);
   out += text.data();
   std::snprintf(text.data(), text.size(), "; the device's damping holds %.3g of that stiffness: %s",
                 chosen.damping_share,

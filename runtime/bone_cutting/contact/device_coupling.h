@@ -49,7 +49,7 @@ struct DeviceCoupling {
   /// rotation. With prediction, tests show passivity only up to inertia_limit.
   double inertia_share = 0;
   double inertia_limit = kMaxInertiaShare;  ///< kMaxInertiaShare divided by StiffnessLimits::margin
-  double most_N = 0;  ///< largest tissue force along the tool that the device can render
+  double max_N = 0;  ///< largest tissue force along the tool that the device can render
   /// The stiffness that the device states or the operator's limit, whichever is smaller, divided by
   /// the force scale. It is infinite if neither is stated.
   double ceiling_N_per_m = 0;

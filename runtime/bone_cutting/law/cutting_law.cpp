@@ -48,21 +48,22 @@ void hold_along(Tick& tick) noexcept {
 // the force is kept, so the stored energy falls.
 void hold_twist(Tick& tick) noexcept {
   CuttingState& state = tick.state;
-  tick.twist_N =
-      state.stretch_m > 0 ? tick.options.twist_Nm / std::max(tick.options.tool.radius_m, 1e-9) : 0;
+  tick.torsion_N = state.stretch_m > 0
+                       ? tick.options.torsion_Nm / std::max(tick.options.tool.radius_m, 1e-9)
+                       : 0;
   const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9),
-               stiffness = tick.twist_N / presliding_m;
-  if (stiffness > state.twist_N_per_m) state.twist_slip_m *= state.twist_N_per_m / stiffness;
-  state.twist_N_per_m = stiffness;
-  state.twist_slip_m =
-      stiffness > 0 ? std::clamp(state.twist_slip_m, -presliding_m, presliding_m) : 0;
+               stiffness = tick.torsion_N / presliding_m;
+  if (stiffness > state.torsion_N_per_m) state.torsion_slip_m *= state.torsion_N_per_m / stiffness;
+  state.torsion_N_per_m = stiffness;
+  state.torsion_slip_m =
+      stiffness > 0 ? std::clamp(state.torsion_slip_m, -presliding_m, presliding_m) : 0;
 }
 
-void finish_twist(Tick& tick, double turned_m, CuttingResult& out) noexcept {
+void finish_torsion(Tick& tick, double turned_m, CuttingResult& out) noexcept {
   CuttingState& state = tick.state;
   const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9);
-  state.twist_slip_m = std::clamp(state.twist_slip_m + turned_m, -presliding_m, presliding_m);
-  out.stored_J += 0.5 * state.twist_N_per_m * state.twist_slip_m * state.twist_slip_m;
+  state.torsion_slip_m = std::clamp(state.torsion_slip_m + turned_m, -presliding_m, presliding_m);
+  out.stored_J += 0.5 * state.torsion_N_per_m * state.torsion_slip_m * state.torsion_slip_m;
 }
 
 // Keeps the slip of the hold and the force with which the tip has crushed the bone around it. Behind a hard layer
@@ -93,7 +94,7 @@ void finish_surface(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexc
 void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
   out.wrench_device = e.coupling;
   out.stored_J =
-      e.V - e.friction_J - e.wall_J - e.viscous_J - e.tip_friction_J - e.hold_J - e.twist_J;
+      e.V - e.friction_J - e.wall_J - e.viscous_J - e.tip_friction_J - e.hold_J - e.torsion_J;
   // Friction that has slid keeps its new rest position.
   if (tick.state.friction_N_per_m > 0) {
     tick.state.presliding_m += e.slide;
@@ -113,7 +114,7 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
                  axis = e.X.q * tick.options.tool.inward_plate;
   out.stored_J += e.walls_yield ? yield_walls(tick, tip, axis) : e.wall_J;
   out.tip_N = tick.is_free ? 0 : e.tip_N;
-  if (tick.twist_N > 0) finish_twist(tick, e.slide[1], out);
+  if (tick.torsion_N > 0) finish_torsion(tick, e.slide[1], out);
   if (tick.options.tip_hold > 0) finish_hold(tick, e.pressed_m, out);
   tick.state.stretch_m += e.pressed_m;
   // Remove the rounding error of a tip that touches nothing.
@@ -196,7 +197,7 @@ void release(CuttingState& state) noexcept {
   state.tip_friction_N_per_m = 0;
   state.tip_slip_m.setZero();
   state.hold_tip_N = state.hold_N_per_m = state.hold_slip_m = 0;
-  state.twist_N_per_m = state.twist_slip_m = 0;
+  state.torsion_N_per_m = state.torsion_slip_m = 0;
   for (SoftLayerState& layer : state.layers)
     layer.stretch_m = std::min(layer.stretch_m, 0.0);
   state.hole = -1;

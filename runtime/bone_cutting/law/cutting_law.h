@@ -70,8 +70,8 @@ struct CuttingCoupling {
   double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;
   /// Largest force and moment that the device can render. When the coupling reaches one of them,
   /// its force or moment stays constant (Huber).
-  double most_force_N = std::numeric_limits<double>::infinity();
-  double most_moment_Nm = std::numeric_limits<double>::infinity();
+  double max_force_N = std::numeric_limits<double>::infinity();
+  double max_moment_Nm = std::numeric_limits<double>::infinity();
 };
 
 /// Largest tangent of the angle between the shaft and the normal of the surface under the tip. It
@@ -110,7 +110,7 @@ struct CuttingOptions {
   /// Moment about the axis at which the tip turns in the material. The resistance acts while the
   /// tip is under load. It reaches this moment after a rotation that moves the outline by
   /// tip_presliding_m.
-  double twist_Nm = 0;
+  double torsion_Nm = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot (slot.h).
   double same_hole_m = 5e-5;
   /// Gradient of the depth of the surface that the tip presses on, with respect to x and y of {B}.
@@ -122,7 +122,7 @@ struct CuttingOptions {
   /// Largest residual force of Newton's method, relative to the larger of 1 N and the coupling
   /// force.
   double tolerance = 1e-6;
-  int most_steps = 12;  ///< largest number of Newton steps in a tick
+  int max_steps = 12;  ///< largest number of Newton steps in a tick
   /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points are exact for a rigid rod. The value 1
   /// exists only for the benchmark that compares one point with two (tests/bench/cutting_sweep.cpp).
   std::size_t wall_points = kMaxWallPoints;
@@ -202,9 +202,9 @@ struct CuttingState {
   double hold_N_per_m = 0;  ///< stiffness of the hold in the last tick
   /// Elastic slip of the hold along the shaft. It has the sign of stretch_m and is at most 0.
   double hold_slip_m = 0;
-  double twist_N_per_m = 0;  ///< stiffness against the tip's rotation in the last tick
-  double twist_slip_m = 0;   ///< elastic slip of this rotation, at the tool's radius
-  int hole = -1;             ///< index of the hole that the tool is in; -1: none
+  double torsion_N_per_m = 0;  ///< stiffness against the tip's rotation in the last tick
+  double torsion_slip_m = 0;   ///< elastic slip of this rotation, at the tool's radius
+  int hole = -1;               ///< index of the hole that the tool is in; -1: none
   int embedded_from = 0, embedded_to = 0;  ///< slabs that the shaft fills, [from, to)
   std::uint64_t tick = 0;                  ///< number of ticks so far
   std::vector<CuttingHole> holes;  ///< fixed size; a new hole replaces the least recently used one

@@ -60,7 +60,7 @@ bool step(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
 void minimise(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   while (true) {
     out.has_converged = size_of(e.g) <= allowed(tick, e);
-    if (out.has_converged || out.steps >= tick.options.most_steps) return;
+    if (out.has_converged || out.steps >= tick.options.max_steps) return;
     ++out.steps;
     if (!step(tick, e, out)) {
       // The potential is as low as rounding permits.
@@ -135,7 +135,7 @@ bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     } else if (e.is_saturated) {
       return false;
     }
-    if (out.steps >= tick.options.most_steps) {
+    if (out.steps >= tick.options.max_steps) {
       out.has_converged = false;
       return true;
     }
@@ -180,7 +180,7 @@ void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     const FrontMemory was = remember(tick, out);
     constexpr int kMaxTries = 3;
     for (int tries = 0;; ++tries) {
-      if (tries == kMaxTries || out.steps >= tick.options.most_steps || !has_model) {
+      if (tries == kMaxTries || out.steps >= tick.options.max_steps || !has_model) {
         // If the proxy keeps its position, the tip's force falls fastest, so the front never advances too far.
         a = scan(tick, before.tip_N, tick.options.tip_N_per_m);
         take(tick, a, out);
@@ -203,7 +203,7 @@ void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     }
     if (m.K_s * a.length_m <= allowed(tick, e))
       return;  // the advance is within the tolerance of Newton's method
-    if (out.steps >= tick.options.most_steps) {
+    if (out.steps >= tick.options.max_steps) {
       out.has_converged =
           out.has_converged && scan(tick, e.tip_N, m.K_s).length_m * m.K_s <= allowed(tick, e);
       return;

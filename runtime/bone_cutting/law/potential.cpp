@@ -35,9 +35,9 @@ void add_coupling(const Tick& tick, bool majorise, Evaluation& e) noexcept {
     return h.force;
   };
   e.coupling_N = add(0, tick.plate.p_m - e.X.p_m, tick.options.coupling.translation_N_per_m,
-                     tick.options.coupling.most_force_N);
+                     tick.options.coupling.max_force_N);
   add(3, rotation_vector(tick.plate.q * e.X.q.conjugate()),
-      tick.options.coupling.rotation_Nm_per_rad, tick.options.coupling.most_moment_Nm);
+      tick.options.coupling.rotation_Nm_per_rad, tick.options.coupling.max_moment_Nm);
   e.g += e.coupling;
 }
 
@@ -101,15 +101,15 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   e.viscous_J = 0.5 * viscous_N_per_m * e.slide[0] * e.slide[0];
   axial += viscous_N_per_m * e.slide[0];
   stiffness += viscous_N_per_m;
-  if (tick.state.friction_N_per_m > 0 || tick.twist_N > 0)
+  if (tick.state.friction_N_per_m > 0 || tick.torsion_N > 0)
     e.around =
         0.5 * tick.options.tool.radius_m * (sign * turned.w() * tick.axis + half.cross(tick.axis));
-  e.twist_J = 0;
-  if (tick.twist_N > 0) {
-    const double slip_m = tick.state.twist_slip_m + e.slide[1];
+  e.torsion_J = 0;
+  if (tick.torsion_N > 0) {
+    const double slip_m = tick.state.torsion_slip_m + e.slide[1];
     const YieldSpring h =
-        yield_spring(tick.state.twist_N_per_m, tick.twist_N, std::abs(slip_m), majorise);
-    e.twist_J = h.energy;
+        yield_spring(tick.state.torsion_N_per_m, tick.torsion_N, std::abs(slip_m), majorise);
+    e.torsion_J = h.energy;
     e.g.tail<3>() += std::copysign(h.force, slip_m) * e.around;
     e.H.bottomRightCorner<3, 3>() += h.along * e.around * e.around.transpose();
   }
@@ -188,7 +188,7 @@ void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
   const double stretch = tick.state.stretch_m + e.pressed_m;
   e.V = e.coupling_J + e.friction_J + e.wall_J + e.viscous_J +
         (stretch > 0 ? 0.5 * tick.options.tip_N_per_m * stretch * stretch : 0) + e.layer_J +
-        e.tip_friction_J + e.hold_J + e.twist_J;
+        e.tip_friction_J + e.hold_J + e.torsion_J;
 }
 
 }  // namespace trocar::runtime

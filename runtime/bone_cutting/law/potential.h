@@ -17,7 +17,7 @@ struct Evaluation {
   Pose X;
   /// The potential V in joules, and the parts that its elements contribute.
   double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0, viscous_J = 0, layer_J = 0,
-         tip_friction_J = 0, hold_J = 0, twist_J = 0;
+         tip_friction_J = 0, hold_J = 0, torsion_J = 0;
   double pressed_N_per_m = 0;        ///< stiffness of the tip and the soft layers along the shaft
   double pressed_m = 0;              ///< growth of the tip's stretch since the start of the tick
   double tip_N = 0, coupling_N = 0;  ///< force on the tip, and force of the coupling

@@ -38,7 +38,7 @@ struct Tick {
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft
   double tip_friction_N = 0;     ///< friction force at which the tip slides across its axis
   double hold_N = 0;             ///< force at which the tip slides back out of crushed bone
-  double twist_N = 0;            ///< force, acting at the tool's radius, at which the tip turns
+  double torsion_N = 0;          ///< force, acting at the tool's radius, at which the tip turns
   mutable WallModel walls{};     ///< cached sums; call forget() when a wall changes
 
   /// Sets the pose `start` and the vectors that follow from it.

@@ -70,7 +70,7 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
                           const SceneBody& body, BoneSheet& out) {
   const Tissue& tissue = sheet.tissue;
   out.tip_N_per_m = tissue.stiffness_N_per_m;
-  out.is_of_the_tool = !tissue.cut;
+  out.states_tool_forces = !tissue.cut;
   out.nominal_N = tissue.threshold_N;
   if (tissue.cut) {
     const CutTissue& cut = *tissue.cut;
@@ -124,7 +124,7 @@ void set_hole(const Tissue& tissue, const BoneSheet& sheet, const ToolShape& sha
     slab.wall_strength_N_per_m = kUnbreakable_N;
   }
   CutMaterial material = sheet.material;
-  if (sheet.is_of_the_tool) {
+  if (sheet.states_tool_forces) {
     if (is_sheet || tissue.shaft.rim_stiffness_N_per_m > 0) return;
     const double area_m2 = std::numbers::pi * shape.outer_radius_m * shape.outer_radius_m;
     material.wall_Pa_per_m = tissue.stiffness_N_per_m / area_m2;
@@ -210,15 +210,15 @@ double BoneSheet::shell_N(const ToolShape& shape, double hu, double strength_N) 
 }
 
 double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_push) const noexcept {
-  if (is_of_the_tool || (law == nullptr && slice_push == 0)) return nominal_N;
+  if (states_tool_forces || (law == nullptr && slice_push == 0)) return nominal_N;
   CutMaterial here = material;
   if (law != nullptr) here.strength_Pa = pressure_Pa(hu);
   return tool_in_tissue(shape, here, 1, slice_push).strength_N;
 }
 
-double BoneSheet::twist_Nm(const ToolShape& shape, double slice_push) const noexcept {
+double BoneSheet::torsion_Nm(const ToolShape& shape, double slice_push) const noexcept {
   // It depends on the tearing, which is the same at every HU.
-  return is_of_the_tool ? 0 : tool_in_tissue(shape, material, 1, slice_push).twist_Nm;
+  return states_tool_forces ? 0 : tool_in_tissue(shape, material, 1, slice_push).torsion_Nm;
 }
 
 Result<ToolShape> tool_shape(const SceneTool& tool) {

@@ -56,10 +56,10 @@ struct BoneSheet {
   double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
   /// Change of the shaft's friction per embedded length for each pascal of pressure_Pa().
   double friction_N_per_m_Pa = 0;
-  CutMaterial material;            ///< values at the slice's mean HU
-  bool is_of_the_tool = false;     ///< the tissue states the tool's forces (contract 2)
-  int first_slab = 0, slabs = 0;   ///< index of the sheet's first slab, and number of its slabs
-  double top_m = 0, bottom_m = 0;  ///< depths of the top and the bottom of the sheet's slabs
+  CutMaterial material;             ///< values at the slice's mean HU
+  bool states_tool_forces = false;  ///< the tissue states the tool's forces (contract 2)
+  int first_slab = 0, slabs = 0;    ///< index of the sheet's first slab, and number of its slabs
+  double top_m = 0, bottom_m = 0;   ///< depths of the top and the bottom of the sheet's slabs
   bool meets_above = false, meets_below = false;  ///< the slice has a neighbour there (contract 1)
 
   /// Pressure under a flat tip in bone of this HU. Precondition: `law` is not null.
@@ -72,8 +72,8 @@ struct BoneSheet {
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: as for tool_in_tissue().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
-  /// Moment that is necessary to turn the tool at this slice-push ratio (ToolInTissue::twist_Nm).
-  double twist_Nm(const ToolShape& shape, double slice_push) const noexcept;
+  /// Moment that is necessary to turn the tool at this slice-push ratio (ToolInTissue::torsion_Nm).
+  double torsion_Nm(const ToolShape& shape, double slice_push) const noexcept;
 };
 
 struct BoneVolume {

@@ -109,7 +109,7 @@ ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, do
   const double tearing = share * tissue.tearing_N_per_m * torn_length_m(tool) / (1 + xi2);
   ToolInTissue out;
   out.strength_N = share * tissue.strength_Pa * displaced_area_m2(tool) * (1 + faces) + tearing;
-  out.twist_Nm = slice_push * tearing * R;
+  out.torsion_Nm = slice_push * tearing * R;
   out.tip_N_per_m = 2 * R * tissue.modulus_Pa / (1 - tissue.poisson * tissue.poisson);
   out.friction_N_per_m = tissue.friction_Pa * around;
   if (tissue.friction_Pa > 0) out.presliding_m = tissue.friction_Pa / tissue.presliding_Pa_per_m;

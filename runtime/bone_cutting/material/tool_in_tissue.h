@@ -80,7 +80,7 @@ double torn_length_m(const ToolShape& tool) noexcept;
 /// of a slab, and each other value is for the field of the same name.
 struct ToolInTissue {
   double strength_N = 0;  ///< force on the tip at which the cutting front advances
-  double twist_Nm = 0;    ///< moment that is necessary to turn the tool (contract 3)
+  double torsion_Nm = 0;  ///< moment that is necessary to turn the tool (contract 3)
   double tip_N_per_m = 0;
   double friction_N_per_m = 0, presliding_m = 0;
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;

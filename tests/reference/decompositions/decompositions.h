@@ -16,7 +16,7 @@ struct Svd {
   /// The shortest of the vectors x for which |A x - b| is least.
   Eigen::VectorXd solve(const Eigen::VectorXd& b) const;
 };
-/// By Jacobi's method.
+/// Computes the decomposition by Jacobi's method.
 Svd svd(const Eigen::MatrixXd& A);
 /// The singular values alone, in descending order.
 Eigen::VectorXd singular_values(const Eigen::MatrixXd& A);

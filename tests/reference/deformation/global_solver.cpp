@@ -19,7 +19,7 @@ Result<GlobalSolution> solve_global(const Network& network, std::span<const Node
   for (std::size_t i = 0; i < network.size(); ++i) {
     if (kind[i] == NodeKind::kTool) out.w[i] = 1;
     if (unknown[i] < 0) continue;
-    double diagonal = network.bed_N_per_m[i];
+    double diagonal = network.foundation_N_per_m[i];
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
       const std::uint32_t j = network.neighbour[k];
       const double stiffness = network.stiffness_N_per_m[k];

@@ -13,7 +13,7 @@ SpringSigns spring_signs(const SliceMesh& mesh) {
 double energy_J(const Network& network, std::span<const double> w_m) noexcept {
   double twice = 0;
   for (std::size_t i = 0; i < network.size(); ++i) {
-    twice += network.bed_N_per_m[i] * w_m[i] * w_m[i];
+    twice += network.foundation_N_per_m[i] * w_m[i] * w_m[i];
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
       const std::uint32_t j = network.neighbour[k];
       if (j > i) twice += network.stiffness_N_per_m[k] * (w_m[i] - w_m[j]) * (w_m[i] - w_m[j]);

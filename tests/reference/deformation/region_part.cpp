@@ -42,7 +42,8 @@ RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice
     const LatticePoint p = out.region.mesh.vertices[v];
     const auto at = std::lower_bound(part.outer.begin(), part.outer.end(), p,
                                      [](const OuterEdge& s, LatticePoint q) { return s.from < q; });
-    if (kind == NodeKind::kFree && at != part.outer.end() && at->from == p) kind = NodeKind::kRing;
+    if (kind == NodeKind::kFree && at != part.outer.end() && at->from == p)
+      kind = NodeKind::kBorder;
     out.region.kind.push_back(kind);
   }
   return out;

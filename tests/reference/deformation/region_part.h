@@ -15,7 +15,7 @@ namespace trocar::runtime {
 std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool);
 
 /// The part of `region` within `radius_m` of the tool's circumscribed circle, connected with the
-/// tool, on the same triangles; nodes on the new border are kRing. Its equilibrium differs from
+/// tool, on the same triangles; nodes on the new border are kBorder. Its equilibrium differs from
 /// that of `region` by the effect of the ring alone. O(n).
 struct RegionPart {
   RegionMesh region;

@@ -122,7 +122,7 @@ class LoopFixture : public testing::Test {
     EXPECT_LE(last, largest(good_));
     const bool in_writing = last == largest(good_);
     int ticks = 1;
-    for (; !result_.at_rest; ++ticks) {
+    for (; !result_.torques_are_zero; ++ticks) {
       ASSERT_LT(ticks, 100);
       tick();
       EXPECT_EQ(state_.safety.fault, fault);

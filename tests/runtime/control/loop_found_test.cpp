@@ -165,7 +165,7 @@ TEST_F(LoopFound, WhatPreventsARecovery) {
   device_.next.encoder_rad[6] -= 0.3;
   for (int i = 0; i < 6; ++i)
     tick();
-  ASSERT_TRUE(result_.at_rest);
+  ASSERT_TRUE(result_.torques_are_zero);
   go_to(0.116);
   allow_jumps(true);
   recover_ = true;

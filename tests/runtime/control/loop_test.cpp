@@ -275,7 +275,7 @@ TEST_F(Loop, MotionDuringAStopCausesNoFrictionAfterIt) {
   outside_ = Fault::kEmergencyStop;
   tick();
   outside_ = Fault::kNone;
-  for (int i = 0; !result_.at_rest && i < 100; ++i)
+  for (int i = 0; !result_.torques_are_zero && i < 100; ++i)
     tick();
   recover_ = true;
   go_to(0.108);

@@ -46,14 +46,14 @@ TEST(Safety, EveryRampReachesZeroWithinFiveMilliseconds) {
     ASSERT_TRUE(raise(safety, Fault::kSpeed, 1));
     double last = 1;
     for (int i = 1; i <= ticks; ++i) {
-      ASSERT_FALSE(at_rest(safety, timing, rate_Hz));
+      ASSERT_FALSE(torques_are_zero(safety, timing, rate_Hz));
       const double factor = ramp_factor(safety, timing, rate_Hz);
       ASSERT_NEAR(factor, 1 - static_cast<double>(i) / ticks, 1e-12);
       ASSERT_LT(factor, last);
       last = factor;
     }
     ASSERT_EQ(last, 0);
-    ASSERT_TRUE(at_rest(safety, timing, rate_Hz));
+    ASSERT_TRUE(torques_are_zero(safety, timing, rate_Hz));
     ASSERT_EQ(ramp_factor(safety, timing, rate_Hz), 0);
   }
   EXPECT_EQ(ramp_ticks(timing, 500), 2);
@@ -74,7 +74,7 @@ TEST(Safety, AfterEnergyTorquesAreZeroAtOnceAndStayZero) {
   safety.state = S::kRunning;
   ASSERT_TRUE(raise(safety, Fault::kEnergyLimit, 1));
   EXPECT_EQ(ramp_factor(safety, timing, 8000), 0);
-  EXPECT_TRUE(at_rest(safety, timing, 8000));
+  EXPECT_TRUE(torques_are_zero(safety, timing, 8000));
   ASSERT_TRUE(recover(safety, timing, 8000));
   for (int i = 0; i < 5; ++i) {
     advance(safety, timing, 8000, Fault::kNone, 1, true, false);
@@ -122,7 +122,7 @@ TEST(Safety, ContractUnderRandomEvents) {
       const std::uint64_t faults_before = safety.faults;
       const std::uint64_t quiet_before = safety.quiet_ticks;
       const bool asked = random() % 8 == 0;
-      const bool rested = at_rest(safety, timing, kRate_Hz);
+      const bool rested = torques_are_zero(safety, timing, kRate_Hz);
       const bool taken = asked && recover(safety, timing, kRate_Hz);
       ASSERT_EQ(taken, asked && rested);
       const Fault fault =

@@ -34,7 +34,7 @@ struct Rings {
   }
   /// Free between the tool and circle `ring`.
   std::vector<NodeKind> kind(int ring) const {
-    std::vector<NodeKind> out(network.size(), NodeKind::kRing);
+    std::vector<NodeKind> out(network.size(), NodeKind::kBorder);
     std::fill(out.begin(), out.begin() + ring * sides, NodeKind::kFree);
     std::fill(out.begin(), out.begin() + sides, NodeKind::kTool);
     return out;
@@ -164,7 +164,7 @@ TEST(Local, BoundsHoldOnRandomNetworks) {
                   part = make_network(inside, kFine, membrane);
     std::vector<NodeKind> global_kind(mesh.vertices.size(), NodeKind::kFree), kind = global_kind;
     for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
-      if (out_too[v] != 0 || part.bed_N_per_m[v] == 0) kind[v] = NodeKind::kRing;
+      if (out_too[v] != 0 || part.foundation_N_per_m[v] == 0) kind[v] = NodeKind::kBorder;
       if (distance(v) < 800) kind[v] = global_kind[v] = NodeKind::kTool;
     }
     const auto global = solve_global(whole, global_kind);

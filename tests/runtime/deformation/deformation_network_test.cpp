@@ -63,7 +63,7 @@ MatrixXd network_matrix(const Network& network, bool with_bed) {
   const auto n = static_cast<Eigen::Index>(network.size());
   MatrixXd matrix = MatrixXd::Zero(n, n);
   for (std::size_t i = 0; i < network.size(); ++i) {
-    if (with_bed) matrix(i, i) += network.bed_N_per_m[i];
+    if (with_bed) matrix(i, i) += network.foundation_N_per_m[i];
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
       matrix(i, i) += network.stiffness_N_per_m[k];
       matrix(i, network.neighbour[k]) -= network.stiffness_N_per_m[k];
@@ -81,7 +81,7 @@ TEST(Network, IsTheMembraneOfLinearElements) {
     const double scale = expected.cwiseAbs().maxCoeff();
     EXPECT_LT((network_matrix(network, false) - expected).cwiseAbs().maxCoeff(), 1e-12 * scale);
     double bed = 0;
-    for (double f : network.bed_N_per_m)
+    for (double f : network.foundation_N_per_m)
       bed += f;
     const double area_m2 =
         static_cast<double>(doubled_area(mesh)) / 2 * std::pow(kLattice.step_m(), 2);
@@ -153,7 +153,7 @@ TEST(Network, IsPositiveDefiniteForAnyAngles) {
     EXPECT_GT(network.signs.negative(), 20U);
     const MatrixXd springs = network_matrix(network, false), all = network_matrix(network, true);
     const double least_bed =
-        *std::min_element(network.bed_N_per_m.begin(), network.bed_N_per_m.end());
+        *std::min_element(network.foundation_N_per_m.begin(), network.foundation_N_per_m.end());
     const Eigen::VectorXd of_springs = reference::eigenvalues(springs);
     EXPECT_GT(of_springs[0], -1e-12 * of_springs.tail<1>()[0]);
     EXPECT_GT(reference::eigenvalues(all)[0], 0.99 * least_bed);
@@ -171,7 +171,7 @@ TEST(SparseFactor, AgreesWithADenseFactorisation) {
     std::vector<NodeKind> kind(network.size());
     for (NodeKind& k : kind)
       k = random() % 4 == 0   ? NodeKind::kTool
-          : random() % 4 == 0 ? NodeKind::kRing
+          : random() % 4 == 0 ? NodeKind::kBorder
                               : NodeKind::kFree;
     SparseFactor factor;
     ASSERT_TRUE(factor.make(network, kind));
@@ -214,7 +214,7 @@ TEST(SparseFactor, IsEmptyWithoutFreeNodes) {
 
 TEST(SparseFactor, FailsIfTheMatrixIsNotDefinite) {
   Network network = make_network(shaken_square(0, 0.2), kLattice, kMembrane);
-  for (double& f : network.bed_N_per_m)
+  for (double& f : network.foundation_N_per_m)
     f = -f;
   const std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
   SparseFactor factor;

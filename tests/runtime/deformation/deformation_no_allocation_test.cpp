@@ -20,7 +20,7 @@ TEST(DeformationSolve, DoesNotAllocate) {
       make_network(test::triangular_mesh({0, 0}, 256, 20), Lattice{8}, {320, 5e6});
   std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
   kind[190] = kind[191] = NodeKind::kTool;
-  kind[0] = NodeKind::kRing;
+  kind[0] = NodeKind::kBorder;
   LocalSolution solution;
   ASSERT_TRUE(solve_local(network, kind, solution));
   std::vector<double> x(solution.factor.size(), 1), held(network.size(), 1e-3),

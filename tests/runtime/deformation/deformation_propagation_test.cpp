@@ -79,7 +79,7 @@ TEST(Propagation, SettlesAtTheDepthLimitedEquilibrium) {
     for (const double damping : /* the first is taken as the least */ {0.1, 0.6, 0.7, 1.0}) {
       const PropagationPlan plan = plan_propagation(
           net.network, net.kind, {.depth = depth, .sweeps = 4, .damping = damping});
-      std::vector<NodeKind> limited(net.kind.size(), NodeKind::kRing);
+      std::vector<NodeKind> limited(net.kind.size(), NodeKind::kBorder);
       for (std::uint32_t i : plan.active)
         limited[i] = NodeKind::kFree;
       for (std::uint32_t i : plan.tool)

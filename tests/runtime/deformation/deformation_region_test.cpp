@@ -90,7 +90,7 @@ TEST(Region, HasAllTrianglesNearTheToolLessTheTool) {
     for (std::size_t v = 0; v < region->kind.size(); ++v) {
       const LatticePoint p = region->mesh.vertices[v];
       const double from_tool = std::hypot(p.x - circle.centre.x(), p.y - circle.centre.y());
-      if (region->kind[v] == NodeKind::kRing) {
+      if (region->kind[v] == NodeKind::kBorder) {
         EXPECT_GT(from_tool, reach - 4) << i;
       }
       if (region->kind[v] == NodeKind::kTool) {
@@ -113,7 +113,7 @@ TEST(Region, BorneAreaIsTheToolOverMaterial) {
   EXPECT_NEAR(centroid.x(), 100, 0.5);
   EXPECT_NEAR(centroid.y(), -300, 0.5);
   for (NodeKind kind : region->kind)
-    EXPECT_NE(kind, NodeKind::kRing);
+    EXPECT_NE(kind, NodeKind::kBorder);
 }
 
 // Over the sheet's straight border at x = -5120: half of the tool, and the centroid of that half.

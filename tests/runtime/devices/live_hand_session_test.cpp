@@ -28,7 +28,7 @@ namespace {
 constexpr double kHandSession_s = 1.5;
 
 struct HandRun {
-  SessionReport report;
+  SessionResult report;
   std::string recording;
   std::vector<RecordingRow> rows;
   std::vector<TelemetryEventKind> events;

@@ -79,7 +79,7 @@ TEST(PoseSession, OptionsAreThoseOfTheDevice) {
   EXPECT_NEAR(options.limits.workspace_max_m[2] - options.limits.workspace_min_m[2], 0.16, 1e-15);
   EXPECT_TRUE(options.coupling.on);
   EXPECT_NEAR(options.coupling.stiffness_N_per_m, 500, 1e-9) << "half of what is stated";
-  EXPECT_EQ(options.stiffness.most_N_per_m, 500) << "with every law";
+  EXPECT_EQ(options.stiffness.max_N_per_m, 500) << "with every law";
   SessionOptions chosen;
   chosen.coupling = {true, 3000, 4};
   set_pose_device_options(arm(), scene, chosen);
@@ -92,13 +92,13 @@ TEST(PoseSession, OriginStatesTheDeviceAndIsReadBack) {
   options.stiffness.margin = 2;
   RecordingOrigin origin;
   origin.entries = {{kOriginDevice, "built-in"}, {"force-law", "hooke"}};
-  EXPECT_FALSE(stated_pose_device(origin));
+  EXPECT_FALSE(read_pose_device_origin(origin));
   Scene scaled = scene;
   scaled.force_law.force_scale = 0.1 + 0.2;
-  state_pose_device("built-in/haply_inverse3", arm(), scaled, options, origin);
+  write_pose_device_origin("built-in/haply_inverse3", arm(), scaled, options, origin);
   const auto parsed = parse_origin(to_text(origin));
   ASSERT_TRUE(parsed) << parsed.error().message;
-  const auto stated = stated_pose_device(*parsed);
+  const auto stated = read_pose_device_origin(*parsed);
   ASSERT_TRUE(stated);
   EXPECT_EQ(stated->built_in, "haply_inverse3");
   EXPECT_EQ(stated->force_scale, 0.1 + 0.2);
@@ -126,7 +126,7 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   options.record = folder.path() / "session.csv";
   set_pose_device_options(arm(), scene, options);
   options.origin.entries = {{kOriginDevice, "built-in"}};
-  state_pose_device("digest", arm(), scene, options, options.origin);
+  write_pose_device_origin("digest", arm(), scene, options, options.origin);
   const auto run = [&](OpenedDevice opened) {
     Remesher remesher(*sheets);
     const PoseSpecification specification(arm(), pose_frame(arm(), scene));
@@ -139,7 +139,7 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   };
   auto simulated = make_simulated_pose_device(scene, arm(), nullptr);
   ASSERT_TRUE(simulated);
-  const SessionReport report = run(
+  const SessionResult report = run(
       make_pose_hand(arm(), scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated))));
   EXPECT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
   EXPECT_EQ(report.punctures.size(), 1U);
@@ -150,21 +150,21 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   const auto rows = read_recording(*options.record, &origin);
   ASSERT_TRUE(rows) << rows.error().message;
   EXPECT_TRUE(recording_kind(origin).has_pose_device);
-  double most_N = 0;
+  double max_N = 0;
   for (const RecordingRow& row : *rows) {
     for (std::size_t i = 0; i < 6; ++i) {
       EXPECT_EQ(row.wrench_delivered[i], row.pose_device.wrench[i]) << "the frames are parallel";
       EXPECT_TRUE(i < 3 || row.pose_device.wrench[i] == 0);
     }
-    most_N = std::max(most_N, row.pose_device.wrench[2]);
+    max_N = std::max(max_N, row.pose_device.wrench[2]);
   }
-  EXPECT_EQ(most_N, report.max_force_N);
+  EXPECT_EQ(max_N, report.max_force_N);
   // The force rises from zero at the beginning.
   EXPECT_LT((*rows)[5].authority, 0.1);
 
   options.record.reset();
   options.replay = *rows;
-  const SessionReport again =
+  const SessionResult again =
       run(make_pose_hand(arm(), scene, std::make_unique<ReplayPoseDevice>(*rows)));
   EXPECT_EQ(again.ticks, report.ticks);
   EXPECT_EQ(again.replay_first_difference, -1);
@@ -202,7 +202,7 @@ TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
   options.record = folder.path() / "session.csv";
   set_pose_device_options(device, scene, options);
   options.origin.entries = {{kOriginDevice, "built-in"}, {"force-law", "cutting"}};
-  state_pose_device("digest", device, scene, options, options.origin);
+  write_pose_device_origin("digest", device, scene, options, options.origin);
   Remesher remesher(*sheets);
   const PoseSpecification specification(device, pose_frame(device, scene));
   auto workers = make_workers(scene, specification, remesher, options);
@@ -211,7 +211,7 @@ TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
   ASSERT_TRUE(simulated);
   const OpenedDevice opened =
       make_pose_hand(device, scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated)));
-  const SessionReport report = run_session(
+  const SessionResult report = run_session(
       scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); }, options,
       std::move(*workers));
   ASSERT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
@@ -311,7 +311,7 @@ TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
     int found = -1;
     auto workers = make_workers(scene, opened.device->specification(), remesher, options);
     ASSERT_TRUE(workers);
-    const SessionReport report = run_session(
+    const SessionResult report = run_session(
         scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); },
         options, std::move(*workers));
     EXPECT_EQ(report.fault, fault) << to_string(report.fault);

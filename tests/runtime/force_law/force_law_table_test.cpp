@@ -38,7 +38,7 @@ Scene scene_of(ForceLawKind law) {
 }
 
 struct Finished {
-  SessionReport report;
+  SessionResult report;
   std::vector<RecordingRow> rows;
   std::string law_in_telemetry, summary;
 };

@@ -121,8 +121,8 @@ class Peer {
   std::thread thread_;
 };
 
-UdpDeviceOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
-  UdpDeviceOptions options;
+UdpLinkOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
+  UdpLinkOptions options;
   options.peer = peer.endpoint;
   options.key = peer.key;
   options.clock = clock;
@@ -131,7 +131,7 @@ UdpDeviceOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
   return options;
 }
 
-std::unique_ptr<UdpDevice> connected(const UdpDeviceOptions& options) {
+std::unique_ptr<UdpDevice> connected(const UdpLinkOptions& options) {
   auto device = UdpDevice::connect(options);
   EXPECT_TRUE(device) << device.error().message;
   return device ? std::move(*device) : nullptr;
@@ -234,7 +234,7 @@ TEST(UdpDevice, InLockStepEachWriteIsAnswered) {
 
 TEST(UdpDevice, LinkIsLostAfterTheTimeoutWithoutStates) {
   Peer peer(LinkClock::kReal);
-  UdpDeviceOptions options = to(peer);
+  UdpLinkOptions options = to(peer);
   options.no_state_s = 0.3;
   const auto device = connected(options);
   ASSERT_TRUE(device);
@@ -278,7 +278,7 @@ TEST(UdpDevice, RestoreConnectsToARestartedDrive) {
   auto peer = std::make_unique<Peer>(LinkClock::kReal);
   const Endpoint at = peer->endpoint;
   const LinkKey key = peer->key;
-  UdpDeviceOptions options = to(*peer);
+  UdpLinkOptions options = to(*peer);
   options.no_state_s = 0.05;
   options.connect_timeout_s = 0.1;  // one attempt of many
   const auto device = connected(options);
@@ -342,7 +342,7 @@ TEST(UdpDevice, InLockStepRestoreWaitsForARestartedDrive) {
   auto peer = std::make_unique<Peer>(LinkClock::kLockStep);
   const Endpoint at = peer->endpoint;
   const LinkKey key = peer->key;
-  UdpDeviceOptions options = to(*peer, LinkClock::kLockStep);
+  UdpLinkOptions options = to(*peer, LinkClock::kLockStep);
   options.answer_s = 0.2;
   options.connect_timeout_s = 2;
   const auto device = connected(options);
@@ -405,7 +405,7 @@ TEST(UdpDevice, AMotorFaultLastsUntilTheNextSession) {
 }
 
 /// Number of torque commands until the link is lost, to a peer that drops all but the first.
-int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
+int commands_until_lost(Peer& peer, const UdpLinkOptions& options, int most) {
   const auto device = connected(options);
   if (!device) return -1;
   DeviceState state;
@@ -423,7 +423,7 @@ int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
 
 TEST(UdpDevice, LinkIsLostIfTheDriveReceivesNoCommands) {
   Peer patient(LinkClock::kReal, "", 1000);
-  UdpDeviceOptions options = to(patient);
+  UdpLinkOptions options = to(patient);
   options.no_state_s = 0.4;
   options.period_s = 1e-3;
   const int until = commands_until_lost(patient, options, 3000);
@@ -433,14 +433,14 @@ TEST(UdpDevice, LinkIsLostIfTheDriveReceivesNoCommands) {
 
 TEST(UdpDevice, LinkIsLostIfTheWatchdogTrips) {
   Peer peer(LinkClock::kReal, "", 0.01);
-  UdpDeviceOptions options = to(peer);
+  UdpLinkOptions options = to(peer);
   options.no_state_s = 10;
   EXPECT_LE(commands_until_lost(peer, options, 2000), 2000);
 }
 
 TEST(UdpDevice, AClosedPortIsReportedAtOnce) {
   auto peer = std::make_unique<Peer>(LinkClock::kReal);
-  UdpDeviceOptions options = to(*peer);
+  UdpLinkOptions options = to(*peer);
   options.no_state_s = 1000;
   const auto device = connected(options);
   ASSERT_TRUE(device);
@@ -522,7 +522,7 @@ TEST(UdpDevice, InvalidTorquesAreNotSent) {
 
 TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
   Peer peer(LinkClock::kReal);
-  UdpDeviceOptions options = to(peer, LinkClock::kLockStep);
+  UdpLinkOptions options = to(peer, LinkClock::kLockStep);
   auto wrong_clock = UdpDevice::connect(options);
   ASSERT_FALSE(wrong_clock);
   EXPECT_EQ(wrong_clock.error().code, ExitCode::kUsage);
@@ -539,7 +539,7 @@ TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
 
 TEST(UdpDevice, AHostForPosesLearnsThatTheDriveStatesAngles) {
   Peer peer(LinkClock::kReal);
-  UdpDeviceOptions options = to(peer);
+  UdpLinkOptions options = to(peer);
   options.connect_timeout_s = 0.3;
   auto other = UdpPoseDevice::make(options);
   ASSERT_TRUE(other);
@@ -551,13 +551,13 @@ TEST(UdpDevice, AHostForPosesLearnsThatTheDriveStatesAngles) {
 }
 
 TEST(UdpDevice, ConnectTellsABusyDeviceFromOneThatIsNotThere) {
-  const auto why = [](const UdpDeviceOptions& options) {
+  const auto why = [](const UdpLinkOptions& options) {
     const auto none = UdpDevice::connect(options);
     EXPECT_FALSE(none);
     return none ? std::string() : none.error().message;
   };
   auto peer = std::make_unique<Peer>(LinkClock::kReal, "", 1000);
-  UdpDeviceOptions options = to(*peer);
+  UdpLinkOptions options = to(*peer);
   options.connect_timeout_s = 1;
   {
     const auto first = connected(to(*peer));

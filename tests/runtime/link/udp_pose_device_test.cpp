@@ -154,8 +154,8 @@ class PosePeer {
   std::thread thread_;
 };
 
-UdpDeviceOptions to(const PosePeer& peer, LinkClock clock = LinkClock::kReal) {
-  UdpDeviceOptions options;
+UdpLinkOptions to(const PosePeer& peer, LinkClock clock = LinkClock::kReal) {
+  UdpLinkOptions options;
   options.peer = peer.endpoint;
   options.key = peer.key;
   options.clock = clock;
@@ -163,7 +163,7 @@ UdpDeviceOptions to(const PosePeer& peer, LinkClock clock = LinkClock::kReal) {
   return options;
 }
 
-std::unique_ptr<UdpPoseDevice> connected_pose(const UdpDeviceOptions& options) {
+std::unique_ptr<UdpPoseDevice> connected_pose(const UdpLinkOptions& options) {
   auto device = UdpPoseDevice::make(options);
   EXPECT_TRUE(device) << device.error().message;
   if (!device) return nullptr;
@@ -234,7 +234,7 @@ TEST(UdpPoseDevice, InLockStepEachWriteIsAnswered) {
 
 TEST(UdpPoseDevice, ALostLinkIsRestored) {
   PosePeer peer;
-  UdpDeviceOptions options = to(peer);
+  UdpLinkOptions options = to(peer);
   options.no_state_s = 0.3;
   const auto device = connected_pose(options);
   ASSERT_TRUE(device);
@@ -251,7 +251,7 @@ TEST(UdpPoseDevice, RestoreConnectsToARestartedDrive) {
   auto peer = std::make_unique<PosePeer>();
   const Endpoint at = peer->endpoint;
   const LinkKey key = peer->key;
-  UdpDeviceOptions options = to(*peer);
+  UdpLinkOptions options = to(*peer);
   options.no_state_s = 0.3;
   const auto device = connected_pose(options);
   ASSERT_TRUE(device);
@@ -319,7 +319,7 @@ TEST(UdpPoseDevice, StartNamesTheWrongClockKeyAndKind) {
     EXPECT_FALSE(started);
     return started ? std::string() : started.error().message;
   };
-  UdpDeviceOptions options = to(peer, LinkClock::kLockStep);
+  UdpLinkOptions options = to(peer, LinkClock::kLockStep);
   options.connect_timeout_s = 0.3;
   EXPECT_NE(why(UdpPoseDevice::make(options)).find("--clock real"), std::string::npos);
   options.clock = LinkClock::kReal;
@@ -352,7 +352,7 @@ TEST(UdpPoseDevice, StartSaysWhyStatesAreRefused) {
     peer.wrong_byte = wrong.byte;
     peer.wrong_bits = wrong.bits;
     peer.is_sealed_again = wrong.is_sealed_again;
-    UdpDeviceOptions options = to(peer);
+    UdpLinkOptions options = to(peer);
     options.connect_timeout_s = 0.5;
     auto device = UdpPoseDevice::make(options);
     ASSERT_TRUE(device);

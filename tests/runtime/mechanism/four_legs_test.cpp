@@ -173,7 +173,7 @@ TEST(FourLegsSpecification, IsThatOfTheJacobian) {
     EXPECT_NEAR(twist.dot(*damping * twist), power_W, 1e-12 * (1 + power_W));
     // The largest share of a large wrench: by bisection, a little less fits the motors and a little more does not.
     const Wrench wanted = wrench_of(random, 1e4);
-    const double share = specification.renderable_share(T, wanted);
+    const double share = specification.renderable_fraction(T, wanted);
     ASSERT_GT(share, 0);
     ASSERT_LT(share, 1);
     const double peak_Nm = description.motor_peak_torque_Nm;
@@ -183,7 +183,7 @@ TEST(FourLegsSpecification, IsThatOfTheJacobian) {
   Pose far;
   far.p_m.z() = 2;
   EXPECT_FALSE(specification.damping(far));
-  EXPECT_EQ(specification.renderable_share(far, Wrench::Ones()), 0);
+  EXPECT_EQ(specification.renderable_fraction(far, Wrench::Ones()), 0);
   EXPECT_EQ(specification.describe_demand("threshold", far, Wrench::Ones()),
             "out of the device's reach");
 }

@@ -251,9 +251,9 @@ TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
     const Wrench direction = random_wrench(random, 1);
     const MotorVector limit = random_limits(random, n);
     // Half of them near the boundary of the feasible wrenches, the others far inside and beyond.
-    const double most_N = 1e6 * allocate_torques(G, 1e6 * direction, limit).scale;
+    const double max_N = 1e6 * allocate_torques(G, 1e6 * direction, limit).scale;
     const Wrench wanted =
-        most_N * (n % 2 == 0 ? random.between(0.4, 1.5) : random.between(0.95, 1.05)) * direction;
+        max_N * (n % 2 == 0 ? random.between(0.4, 1.5) : random.between(0.95, 1.05)) * direction;
     const AllocationResult result = allocate_torques(G, wanted, limit);
     if (result.kind == AllocationKind::kMinimumNorm) continue;
     ++compared;
@@ -279,9 +279,9 @@ TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
     const Jacobian G = jacobian_at(device, T);
     const MotorVector limit = random_limits(random, n);
     const Wrench direction = random_wrench(random, 1);
-    const double most_N = 1e6 * allocate_torques(G, 1e6 * direction, limit).scale;
+    const double max_N = 1e6 * allocate_torques(G, 1e6 * direction, limit).scale;
     const double share = n % 2 == 0 ? random.between(0.2, 2) : random.between(0.98, 1.01);
-    const Wrench wanted = share * most_N * direction;
+    const Wrench wanted = share * max_N * direction;
     const AllocationResult result = allocate_torques(G, wanted, limit);
     const Reference here = reference(G, wanted);
     const double largest_stiffness = stiffness(limit).maxCoeff();

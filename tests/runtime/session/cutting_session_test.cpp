@@ -25,7 +25,7 @@
 namespace trocar::runtime {
 namespace {
 
-const CuttingReport& cutting_of(const SessionReport& report) {
+const CuttingReport& cutting_of(const SessionResult& report) {
   return dynamic_cast<const CuttingForceLaw&>(*report.law).report();
 }
 
@@ -35,7 +35,7 @@ using test::spaced_asset;
 using test::square_asset;
 
 struct CuttingRun {
-  SessionReport report;
+  SessionResult report;
   std::vector<RecordingRow> rows;
 };
 
@@ -114,7 +114,7 @@ CuttingRun run(Scene scene, const Asset& asset, SessionOptions options,
   return out;
 }
 
-SessionReport replay(Scene scene, const Asset& asset, SessionOptions options,
+SessionResult replay(Scene scene, const Asset& asset, SessionOptions options,
                      const DeviceDescription& description, const std::vector<RecordingRow>& rows) {
   EXPECT_TRUE(place_body(scene, asset, "asset"));
   auto sheets = place_slices(scene, asset, "asset");
@@ -220,17 +220,17 @@ TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
     scene.force_law.force_scale = scale;
     const CuttingRun run_ =
         run(scene, square_asset(1), options_at(1000, scene), description_with(0.005));
-    double most_N = 0, felt_N = 0;
+    double max_N = 0, felt_N = 0;
     for (const RecordingRow& row : run_.rows) {
       if (row.authority < 1) continue;
       for (std::size_t i = 0; i < 6; ++i)
         ASSERT_NEAR(row.wrench_wanted[i], scale * row.cutting.wrench_tissue[i], 1e-9);
-      most_N = std::max(most_N, row.cutting.wrench_tissue[2]);
+      max_N = std::max(max_N, row.cutting.wrench_tissue[2]);
       felt_N = std::max(felt_N, row.wrench_delivered[2]);
     }
-    EXPECT_GT(most_N, 19) << "of the tissue";
-    EXPECT_LE(most_N, 20);
-    EXPECT_NEAR(felt_N, scale * most_N, 0.01 * scale * most_N) << "at the plate";
+    EXPECT_GT(max_N, 19) << "of the tissue";
+    EXPECT_LE(max_N, 20);
+    EXPECT_NEAR(felt_N, scale * max_N, 0.01 * scale * max_N) << "at the plate";
     EXPECT_EQ(cutting_of(run_.report).force_scale, scale);
     EXPECT_NEAR(run_.report.max_force_N, felt_N, 1e-9);
     ASSERT_EQ(run_.report.punctures.size(), 1U);
@@ -264,7 +264,7 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
     for (std::size_t k = 0; k < once.rows.size(); ++k)
       ASSERT_TRUE(same_row(once.rows[k], twice.rows[k])) << one.name << " " << k;
     EXPECT_GE(once.report.punctures.size(), 8U) << one.name;
-    const SessionReport replayed = replay(one.scene, one.asset, options, description, once.rows);
+    const SessionResult replayed = replay(one.scene, one.asset, options, description, once.rows);
     EXPECT_EQ(replayed.replay_first_difference, -1) << one.name;
     EXPECT_EQ(replayed.ticks, once.rows.size());
     EXPECT_EQ(replayed.punctures.size(), once.report.punctures.size());
@@ -334,13 +334,13 @@ TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
   EXPECT_GE(run_.rows[again].tool_m[2], 0.12 - 1e-6) << "not below the front";
   for (std::size_t k = 300; k <= again; ++k)
     ASSERT_EQ(run_.rows[k].cutting.wrench_tissue[2], 0) << k;
-  double most_N = 0;
+  double max_N = 0;
   for (std::size_t k = again; k < run_.rows.size(); ++k) {
-    most_N = std::max(most_N, run_.rows[k].cutting.tip_N);
+    max_N = std::max(max_N, run_.rows[k].cutting.tip_N);
     ASSERT_LE(run_.rows[k].cutting.tip_N, 5000 * std::max(0.0, 0.12 - run_.rows[k].tool_m[2]) + 2)
         << "no jump of force";
   }
-  EXPECT_GT(most_N, 12) << "the sheet still bears";
+  EXPECT_GT(max_N, 12) << "the sheet still bears";
   EXPECT_TRUE(run_.report.punctures.empty());
 }
 

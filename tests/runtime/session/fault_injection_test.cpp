@@ -196,7 +196,7 @@ bool may_fault_again(const FaultCase& test) {
 }
 
 void expect_safe_stop_and_recovery(const FaultCase& test, const std::vector<RecordingRow>& rows,
-                                   const SessionReport& report, double rate_Hz,
+                                   const SessionResult& report, double rate_Hz,
                                    std::uint64_t begin) {
   ASSERT_GE(report.faults.size(), 1U);
   const FaultEvent& event = report.faults.front();
@@ -226,7 +226,7 @@ void expect_safe_stop_and_recovery(const FaultCase& test, const std::vector<Reco
       ASSERT_EQ(largest_Nm, 0);
     }
   }
-  ASSERT_LE(event.rest_t_s - event.t_s, kRest_s);
+  ASSERT_LE(event.torques_zero_t_s - event.t_s, kRest_s);
   ASSERT_EQ(last_Nm, 0);
   for (; k < rows.size() && rows[k].safety != SafetyState::kRunning; ++k) {
     for (const double tau : rows[k].tau_Nm)
@@ -245,7 +245,7 @@ void expect_safe_stop_and_recovery(const FaultCase& test, const std::vector<Reco
 }
 
 /// Each black box holds the lines of the recording up to the end of the ramp.
-void expect_black_boxes(const SessionReport& report, const std::string& recording, double rate_Hz) {
+void expect_black_boxes(const SessionResult& report, const std::string& recording, double rate_Hz) {
   ASSERT_EQ(report.black_boxes.size(), report.faults_count);
   ASSERT_EQ(report.black_boxes_lost, 0U);
   std::vector<std::size_t> line{recording.find('\n') + 1};  // where each row begins
@@ -257,7 +257,7 @@ void expect_black_boxes(const SessionReport& report, const std::string& recordin
     ASSERT_NE(box.file.filename().string().find(to_string(report.faults[i].fault)),
               std::string::npos);
     const auto rest =
-        static_cast<std::size_t>(std::llround(report.faults[i].rest_t_s * rate_Hz)) + 1;
+        static_cast<std::size_t>(std::llround(report.faults[i].torques_zero_t_s * rate_Hz)) + 1;
     const auto most = static_cast<std::size_t>(kBlackBox_s * rate_Hz);
     const std::size_t from = rest - std::min(rest, most);
     ASSERT_EQ(box.rows, rest - from);

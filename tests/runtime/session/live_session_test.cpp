@@ -106,7 +106,7 @@ class ClockedDevice final : public Device {
 };
 
 struct LiveRun {
-  SessionReport report;
+  SessionResult report;
   std::vector<RecordingRow> rows;
   std::string recording;
   std::vector<TelemetryEvent> events;
@@ -329,7 +329,7 @@ TEST(TelemetrySession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePau
     device.advance(dt_s);
     if (++ticks == 450) console.give(TelemetryCommand::kPause);
   };
-  const SessionReport report = run_session(scene, default_device_description(), remesher, device,
+  const SessionResult report = run_session(scene, default_device_description(), remesher, device,
                                            advance, options, std::move(*workers));
   thread.join();
   EXPECT_EQ(report.ticks, 500U);

@@ -62,7 +62,7 @@ Scene presses(const std::vector<double>& x_m, double depth_m) {
 }
 
 struct NetworkRun {
-  SessionReport report;
+  SessionResult report;
   std::vector<RecordingRow> rows;
 };
 

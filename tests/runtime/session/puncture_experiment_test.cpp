@@ -35,7 +35,7 @@ std::string bytes_of(const fs::path& file) {
 }
 
 struct Experiment {
-  SessionReport report;
+  SessionResult report;
   std::unique_ptr<Remesher> remesher;
   std::vector<RecordingRow> rows;
 };

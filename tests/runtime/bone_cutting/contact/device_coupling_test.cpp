@@ -192,17 +192,17 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
           law.prediction = PosePrediction::kOn;
           law.force_scale = scale;
           const DeviceCoupling chosen = choose(body, law, device, upright(), rate_Hz);
-          const double most_N_per_m = 0.5 * device.plate_mass_kg * rate_Hz * rate_Hz,
+          const double max_N_per_m = 0.5 * device.plate_mass_kg * rate_Hz * rate_Hz,
                        most_Nm_per_rad = 0.5 * device.plate_inertia_kg_m2[0] * rate_Hz * rate_Hz;
           const double K = chosen.coupling.is_rigid
                                ? std::max(body.along_N_per_m, body.across_N_per_m)
                                : chosen.coupling.translation_N_per_m;
-          EXPECT_LE(scale * K, most_N_per_m * (1 + 1e-12))
+          EXPECT_LE(scale * K, max_N_per_m * (1 + 1e-12))
               << rate_Hz << " Hz, scale " << scale << (chosen.coupling.is_rigid ? ", rigid" : "");
           if (chosen.coupling.is_rigid) continue;
           EXPECT_LE(scale * chosen.coupling.rotation_Nm_per_rad, most_Nm_per_rad * (1 + 1e-12));
           EXPECT_NEAR(scale * chosen.coupling.translation_N_per_m,
-                      std::min(scale * 1e6, most_N_per_m), 1e-6 * most_N_per_m)
+                      std::min(scale * 1e6, max_N_per_m), 1e-6 * max_N_per_m)
               << "no softer than needed";
         }
       }
@@ -249,7 +249,7 @@ TEST(DeviceCoupling, NeverStifferThanTheDeviceStatesOrTheOperatorAllows) {
             law.force_scale = scale;
             const BoneVolume bone = bone_volume();
             const DeviceCoupling chosen =
-                choose(bone, law, device, upright(), 1000, {.most_N_per_m = allowed_N_per_m});
+                choose(bone, law, device, upright(), 1000, {.max_N_per_m = allowed_N_per_m});
             const double K = chosen.coupling.is_rigid
                                  ? std::max(bone.along_N_per_m, bone.across_N_per_m)
                                  : chosen.coupling.translation_N_per_m;
@@ -271,7 +271,7 @@ TEST(DeviceCoupling, WithoutAStiffnessItIsTheLargest) {
   const DeviceDescription device = default_device_description();
   for (const double rate_Hz : {250.0, 1000.0, 4000.0}) {
     for (const double scale : {0.5, 1.0}) {
-      const double most_N_per_m = 0.5 * device.plate_mass_kg * rate_Hz * rate_Hz / scale,
+      const double max_N_per_m = 0.5 * device.plate_mass_kg * rate_Hz * rate_Hz / scale,
                    most_Nm_per_rad = 0.5 *
                                      *std::min_element(device.plate_inertia_kg_m2.begin(),
                                                        device.plate_inertia_kg_m2.end()) *
@@ -282,7 +282,7 @@ TEST(DeviceCoupling, WithoutAStiffnessItIsTheLargest) {
         return choose(bone_volume(), law, device, upright(), rate_Hz).coupling;
       };
       CuttingCoupling chosen = stiffness_of(0, 0);
-      EXPECT_NEAR(chosen.translation_N_per_m, most_N_per_m, 1e-9 * most_N_per_m);
+      EXPECT_NEAR(chosen.translation_N_per_m, max_N_per_m, 1e-9 * max_N_per_m);
       EXPECT_NEAR(chosen.rotation_Nm_per_rad, most_Nm_per_rad, 1e-9 * most_Nm_per_rad);
       chosen = stiffness_of(100, 0);
       EXPECT_EQ(chosen.translation_N_per_m, 100);
@@ -349,18 +349,18 @@ TEST(DeviceCoupling, TheLargestForceIsWhatTheDeviceGivesAtItsPeak) {
       wrench << force_N * up, moment_Nm * about;
       return allocate_torques(G, wrench, device.motor_peak_torque_Nm).scale >= 1;
     };
-    ASSERT_GT(chosen.most_N, 1);
-    EXPECT_EQ(chosen.coupling.most_force_N, chosen.most_N);
-    EXPECT_TRUE(is_given(0.99 * chosen.most_N, 0, up)) << trial;
-    EXPECT_FALSE(is_given(1.01 * chosen.most_N, 0, up)) << trial;
+    ASSERT_GT(chosen.max_N, 1);
+    EXPECT_EQ(chosen.coupling.max_force_N, chosen.max_N);
+    EXPECT_TRUE(is_given(0.99 * chosen.max_N, 0, up)) << trial;
+    EXPECT_FALSE(is_given(1.01 * chosen.max_N, 0, up)) << trial;
     bool one_is_not = false;
     for (int i = 0; i < 3; ++i) {
-      EXPECT_TRUE(is_given(0, 0.99 * chosen.coupling.most_moment_Nm, Eigen::Vector3d::Unit(i)));
-      one_is_not |= !is_given(0, 1.01 * chosen.coupling.most_moment_Nm, Eigen::Vector3d::Unit(i));
+      EXPECT_TRUE(is_given(0, 0.99 * chosen.coupling.max_moment_Nm, Eigen::Vector3d::Unit(i)));
+      one_is_not |= !is_given(0, 1.01 * chosen.coupling.max_moment_Nm, Eigen::Vector3d::Unit(i));
     }
     EXPECT_TRUE(one_is_not) << trial;
     law.force_scale = 0.2;
-    EXPECT_NEAR(choose(body, law, device, T).most_N, 5 * chosen.most_N, 1e-6 * chosen.most_N)
+    EXPECT_NEAR(choose(body, law, device, T).max_N, 5 * chosen.max_N, 1e-6 * chosen.max_N)
         << "of tissue";
   }
 }

@@ -69,14 +69,14 @@ Session random_session(Random& random) {
   o.coupling.translation_N_per_m = random.power(3, 4.5);
   o.coupling.rotation_Nm_per_rad = random.power(0.5, 2);
   if (random.chance(0.5)) {
-    o.coupling.most_force_N = random.uniform(5, 60);
-    o.coupling.most_moment_Nm = random.uniform(0.2, 3);
+    o.coupling.max_force_N = random.uniform(5, 60);
+    o.coupling.max_moment_Nm = random.uniform(0.2, 3);
   }
   o.coupling.is_rigid = random.chance(0.25);
   o.tip_N_per_m = random.power(3.7, 6.3);
   o.presliding_m = random.power(-5, -3.5);
   o.same_hole_m = random.power(-5, -3);
-  o.most_steps = random.chance(0.2) ? 1 + random.integer(4) : 12;
+  o.max_steps = random.chance(0.2) ? 1 + random.integer(4) : 12;
   s.state = make_cutting_state(s.slabs.size(), static_cast<std::size_t>(random.integer(4)));
   return s;
 }
@@ -194,8 +194,8 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   const double shear = std::max(was.tip_friction_N_per_m, is.tip_friction_N_per_m);
   leak += 0.5 * shear * (slipped - press * (pressed / press.squaredNorm())).squaredNorm() +
           was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - straight_slip);
-  leak += 0.5 * std::max(was.twist_N_per_m, is.twist_N_per_m) * around * around +
-          was.twist_N_per_m * was.twist_slip_m * (around - tool.radius_m * axis.dot(omega));
+  leak += 0.5 * std::max(was.torsion_N_per_m, is.torsion_N_per_m) * around * around +
+          was.torsion_N_per_m * was.torsion_slip_m * (around - tool.radius_m * axis.dot(omega));
   leak += 0.5 * std::max(was.hold_N_per_m, is.hold_N_per_m) * pressed * pressed +
           was.hold_N_per_m * was.hold_slip_m * (pressed - pressed_straight);
   for (std::size_t i = 0; i < s.layers.size(); ++i) {
@@ -303,7 +303,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
         }
       }
       if (resists_twist && twists.chance(0.1))
-        s.options.twist_Nm = twists.chance(0.2) ? 0 : twists.power(-4, -1);
+        s.options.torsion_Nm = twists.chance(0.2) ? 0 : twists.power(-4, -1);
       if (surface == 2 && k == 0) {
         const double way = slopes.uniform(0, 6.28);
         s.options.slope = steepness * Vector2d(std::cos(way), std::sin(way));
@@ -320,7 +320,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       torn += out.layer_cut_J > 0;
       slipped += s.state.tip_slip_m.norm() > 0;
       held += s.state.hold_slip_m < 0;
-      twisted += s.state.twist_slip_m != 0;
+      twisted += s.state.torsion_slip_m != 0;
       sloped += s.state.slope && s.state.stretch_m > 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
         const double Y = strength_above(s, out.front_m);
@@ -344,8 +344,8 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       ++ticks;
       cutting += out.cut_J > 0;
       rigid += s.options.coupling.is_rigid;
-      unconverged += !out.has_converged && s.options.most_steps >= 12;
-      capped += s.options.most_steps < 12;
+      unconverged += !out.has_converged && s.options.max_steps >= 12;
+      capped += s.options.max_steps < 12;
       if (in_hand) hand.move(aim.at(k * dt, s.options.tool.tip_plate_m), w, dt);
     }
   }

@@ -210,7 +210,7 @@ double most_given(std::mt19937& random, double damping_share, double ahead = 0, 
   b.options.coupling.translation_N_per_m = power(3.3, 4.5);
   b.options.coupling.rotation_Nm_per_rad = power(1, 2);
   b.options.tip_N_per_m = power(3.7, 6.3);
-  if (uniform(0, 1) < 0.5) b.options.coupling.most_force_N = uniform(20, 80);
+  if (uniform(0, 1) < 0.5) b.options.coupling.max_force_N = uniform(20, 80);
   const double friction = uniform(0, 300), wall = power(5.5, 8), strength = power(3, 4.7),
                scale = uniform(0.2, 1.2);
   for (CuttingSlab& slab : b.slabs) {

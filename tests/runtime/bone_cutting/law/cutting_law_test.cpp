@@ -71,10 +71,10 @@ TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
       }
     }
     EXPECT_NEAR(b.out.tip_N, upright_N, 1e-3 * upright_N) << "upright again";
-    double most_N = 0;
+    double max_N = 0;
     b.move(plate_at(0, 0.003), plate_at(0, 0.012), 1e-5,
-           [&](const CuttingResult& out, const Pose&) { most_N = std::max(most_N, out.tip_N); });
-    EXPECT_NEAR(most_N, 35, 0.06);
+           [&](const CuttingResult& out, const Pose&) { max_N = std::max(max_N, out.tip_N); });
+    EXPECT_NEAR(max_N, 35, 0.06);
     EXPECT_EQ(b.out.tip_N, 0) << "broken";
   }
 }
@@ -138,7 +138,7 @@ TEST(CuttingLaw, RodInElasticBed) {
     options.coupling.translation_N_per_m = 1e5;
     options.coupling.rotation_Nm_per_rad = 1e-3;  // a hand that holds a point
     options.tip_N_per_m = 1e5;
-    options.most_steps = 60;
+    options.max_steps = 60;
     options.tolerance = 1e-9;
     const double kappa = 2e8, embedded = 0.01;
     auto slabs = even_slabs(static_cast<int>(std::lround(0.01 / thickness)), thickness, 1e-3);

@@ -21,7 +21,7 @@ Bench body_of_64() {
     slab.wall_strength_N_per_m = 1e4;
   }
   b.options.tool.tip_plate_m = {0, 0, -0.1};
-  b.options.coupling.most_force_N = 60;
+  b.options.coupling.max_force_N = 60;
   return b;
 }
 
@@ -98,8 +98,8 @@ TEST(CuttingTick, StepsAreBounded) {
     ASSERT_TRUE(b.out.wrench_device.allFinite());
   }
   EXPECT_GT(most, 5);
-  EXPECT_LE(most, b.options.most_steps);
-  EXPECT_LE(evaluations, 13 * b.options.most_steps + 30);
+  EXPECT_LE(most, b.options.max_steps);
+  EXPECT_LE(evaluations, 13 * b.options.max_steps + 30);
 }
 
 }  // namespace

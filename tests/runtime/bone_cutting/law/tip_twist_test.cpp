@@ -11,9 +11,9 @@ namespace {
 
 constexpr double kTurnRadius_m = 1.5e-3, kTurnPresliding_m = 1e-5, kTwist_Nm = 0.02;
 
-Bench turned_bench(double twist_Nm) {
+Bench turned_bench(double torsion_Nm) {
   Bench b(even_slabs(10, 1e-3, 60));
-  b.options.twist_Nm = twist_Nm;
+  b.options.torsion_Nm = torsion_Nm;
   b.options.tip_presliding_m = kTurnPresliding_m;
   b.options.tool.radius_m = kTurnRadius_m;
   b.options.coupling.rotation_Nm_per_rad = 20;

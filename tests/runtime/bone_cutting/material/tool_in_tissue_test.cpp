@@ -56,7 +56,7 @@ TEST(ToolInTissue, StrengthIsInProportionToTheShare) {
     const ToolInTissue whole = tool_in_tissue(s, bone(), 1, xi),
                        part = tool_in_tissue(s, bone(), 0.21, xi);
     EXPECT_NEAR(part.strength_N, 0.21 * whole.strength_N, 1e-12);
-    EXPECT_NEAR(part.twist_Nm, 0.21 * whole.twist_Nm, 1e-15);
+    EXPECT_NEAR(part.torsion_Nm, 0.21 * whole.torsion_Nm, 1e-15);
     EXPECT_EQ(part.friction_N_per_m, whole.friction_N_per_m);
   }
   EXPECT_EQ(tool_in_tissue(s, bone(), 0).strength_N, 0);
@@ -103,12 +103,12 @@ TEST(ToolInTissue, TwistLowersTheTearing) {
   EXPECT_NEAR(xi, 3.76991, 1e-5);
   const ToolInTissue still = tool_in_tissue(s, bone()), turned = tool_in_tissue(s, bone(), 1, xi);
   EXPECT_NEAR(still.strength_N - turned.strength_N, 9.42478 * (1 - 1 / 15.21223), 1e-4);
-  EXPECT_NEAR(turned.twist_Nm, 3.76991 / 15.21223 * 9.42478 * 3e-3, 1e-7);
-  EXPECT_EQ(still.twist_Nm, 0);
+  EXPECT_NEAR(turned.torsion_Nm, 3.76991 / 15.21223 * 9.42478 * 3e-3, 1e-7);
+  EXPECT_EQ(still.torsion_Nm, 0);
   // The work of the tearing stays: along plus around is the tearing a length of the path's feed.
   const double feed = 5e-3, twist = 2 * std::numbers::pi;
   const double tearing_along = turned.strength_N - 113.09734;
-  EXPECT_NEAR(tearing_along * feed + turned.twist_Nm * twist, 9.42478 * feed, 1e-6);
+  EXPECT_NEAR(tearing_along * feed + turned.torsion_Nm * twist, 9.42478 * feed, 1e-6);
   // No feed, or a withdrawal: the bound.
   EXPECT_EQ(slice_push(s, 1, 0), kMaxSlicePush);
   EXPECT_EQ(slice_push(s, 1, -1), kMaxSlicePush);
