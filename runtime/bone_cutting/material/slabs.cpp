@@ -54,7 +54,7 @@ std::array<double, 2> strength_ends(double strength_N, double above_N, double ab
   const double line_N = (below_N - above_N) / (above_gap_m + below_gap_m) * thickness_m / 2,
                beyond_N = kBeyondNeighbours * strength_N;
   const auto limited = [&](double end_N, double neighbour_N) {
-    return std::clamp(end_N, std::min(strength_N, neighbour_N) - beyond_N,
+    return std::clamp(end_N, std::max(0.0, std::min(strength_N, neighbour_N) - beyond_N),
                       std::max(strength_N, neighbour_N) + beyond_N) -
            strength_N;
   };

@@ -11,9 +11,9 @@
 //     slices, within a limit (a slope limiter: B. van Leer, J. Comput. Phys. 23, 1977). The limit
 //     is that the strength at each end of the slab lies between the slab's own value and the
 //     value of the neighbour on that side. It may lie outside this range by at most 5 % of the
-//     own value. So a thin cortex next to soft bone causes neither a peak nor a dip that the
-//     slices do not have, and a smooth texture keeps its peaks. In the first and the last slab
-//     the strength is constant.
+//     own value, but never below zero. So a thin cortex next to soft bone causes neither a peak
+//     nor a dip that the slices do not have, and a smooth texture keeps its peaks. In the first
+//     and the last slab the strength is constant.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
 //     the nearest slice whose slab the shell does not touch.
@@ -39,8 +39,7 @@ struct BodyShell {
 
 /// Returns the strength at the top and at the bottom of a slab (contract 1). `above_N`,
 /// `above_gap_m`: strength and distance of the slice above; a distance of 0 means that there is
-/// none. `below_N`, `below_gap_m`: likewise for the slice below. No strength is negative if both
-/// neighbours have at least 5 % of `strength_N`.
+/// none. `below_N`, `below_gap_m`: likewise for the slice below.
 std::array<double, 2> strength_ends(double strength_N, double above_N, double above_gap_m,
                                     double below_N, double below_gap_m,
                                     double thickness_m) noexcept;

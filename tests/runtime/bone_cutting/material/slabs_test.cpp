@@ -75,6 +75,8 @@ TEST(Slabs, TheSlopeIsLimitedByTheNeighbours) {
   EXPECT_DOUBLE_EQ(slope(10, 40, 12), 1) << "a symmetrical peak has the slope of the line";
   EXPECT_DOUBLE_EQ(slope(10, 40, 38), 2 * 2) << "a peak: at most 5 % above it";
   EXPECT_DOUBLE_EQ(slope(0, 0, 40), 0) << "no strength, no slope";
+  EXPECT_DOUBLE_EQ(slope(60, 10, 0.1), -20) << "the bottom has no strength, not a negative one";
+  EXPECT_DOUBLE_EQ(slope(0.1, 10, 60), 20);
 }
 
 TEST(Slabs, RefusesDisorder) {
