@@ -27,7 +27,7 @@ namespace trocar {
 /// Largest number of samples in the box of one plane.
 inline constexpr std::int64_t kMaxHuSamples = std::int64_t{1} << 24;
 inline constexpr int kMaxHuSide = 1 << 15;  ///< largest number of columns or rows of a grid
-/// The largest |HU| / step that is stored; larger values are clamped.
+/// The largest |HU| that is stored, as a multiple of HuGrid::step_hu; larger values are clamped.
 inline constexpr std::int64_t kMaxHuSteps = std::int64_t{1} << 30;
 /// The largest margin, lattice steps.
 inline constexpr std::int32_t kMaxHuMargin = 1 << 20;

@@ -23,11 +23,12 @@ struct PixelGrid {
 /// A pixel must be at least this many lattice steps wide for the guarantees below.
 inline constexpr int kMinStepsPerPixel = 8;
 
-/// Traces the outline with material on the left. Where the border exists only because pixels were
-/// changed (Field::changed), it is a smooth curve (border_smoothing.h) between the crossings that
-/// the values give. Outer rings are counter-clockwise in (u, v), holes clockwise. Rings are simple,
-/// touch only at vertices and never cross (contour.cpp gives the reasons). Everything outside the
-/// image is treated as outside the material. O(pixels + vertices log vertices).
+/// Traces the outline with material on the left. Filling and the removal of a table change pixels
+/// (Field::changed). Where a border exists only because of this, the values do not say where it
+/// lies: there it is a smooth curve (border_smoothing.h) between crossings that are computed from
+/// values. Outer rings are counter-clockwise in (u, v), holes clockwise. Rings are simple, touch
+/// only at vertices and never cross (contour.cpp gives the reasons). Everything outside the image
+/// is treated as outside the material. O(pixels + vertices log vertices).
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
 /// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are

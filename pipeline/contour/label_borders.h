@@ -14,15 +14,15 @@
 
 namespace trocar::pipeline {
 
-/// A border between two materials. It is either closed, or runs from one node to another or back to
-/// the same one. The nodes are then its first and last point.
+/// A border between two materials. It either is a closed ring without nodes, or it begins and ends
+/// at nodes, which are its first and last point. Both ends may be at the same node.
 struct BorderChain {
   std::vector<LatticePoint> points;
   MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< never equal; kNoMaterial is outside
   bool is_closed = false;
 };
 
-/// A point at which three or four chains end.
+/// A point at which three or four ends of chains meet.
 struct BorderNode {
   struct End {
     std::uint32_t chain = 0;
@@ -42,13 +42,14 @@ struct LabelBorders {
 
 /// Traces smooth borders (border_smoothing.h) on the lattice. Precondition: pixels are at least
 /// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
-///  - Two neighbouring pixels of different materials have one crossing between them, strictly
-///    between their centres. Outside the image every pixel counts as empty; the crossings at the
-///    image's border are fixed at the pixels' edges.
+///  - Between the centres of two neighbouring pixels of different materials lies exactly one point
+///    of a border, called a crossing. Outside the image every pixel counts as empty; the crossings
+///    at the image's border are fixed at the pixels' edges.
 ///  - In a cell of four pixels with two crossings, a segment joins these. With three or four
-///    crossings, a node in the cell's middle is joined to all of them. The exception is a connected
-///    diagonal (connected_diagonal()), where two segments cut off the other two corners instead.
-///    Within a cell nothing crosses, and cells meet only in crossings.
+///    crossings, a node in the cell's middle is joined to all of them. There is no node if
+///    two diagonally opposite pixels of the cell are joined (connected_diagonal()): two segments
+///    then cut off the two remaining pixels.
+///    Within a cell no two segments intersect, and segments of two cells meet only at crossings.
 /// Every material therefore has the topology of its pixels, and no ring passes a point twice.
 /// O(pixels + crossings).
 LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid);
@@ -69,9 +70,10 @@ std::vector<Pslg> material_outlines(const LabelBorders& borders);
 /// message names the condition that does not hold.
 Result<void> check_label_borders(const LabelBorders& borders);
 
-/// Simplifies each chain; nodes do not move. Every chain stays within the two-sided tolerance, and
-/// the topology of the borders does not change. SimplificationMethod::kArea also keeps the area on
-/// both sides of each chain, and with it the area of each ring. See simplify() of simplification.h.
+/// Simplifies each chain; nodes do not move. The two-sided Hausdorff distance between each chain
+/// and its original is at most the tolerance, and the topology of the borders does not change.
+/// SimplificationMethod::kArea also keeps the area on both sides of each chain, and with it the
+/// area of each ring. See simplify() of simplification.h.
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options);
 

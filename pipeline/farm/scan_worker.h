@@ -16,9 +16,9 @@ namespace trocar::farm {
 
 struct Work {
   WantedScan wanted;
-  bool rehash = false;  ///< read all inputs, even those whose state is unchanged
+  bool rehash = false;  ///< read all inputs, even those with unchanged size, time and inode
   bool verify = false;  ///< verify the stored outputs, and make damaged ones again
-  bool retry = false;   ///< try a known failure again, and count it as a failure of this run
+  bool retry = false;   ///< try a known failure again; it may then fail in this run
   int threads = 1;
   /// Set by a signal handler. An error is then not counted as a failure.
   const std::atomic<bool>* stop = nullptr;
@@ -27,10 +27,10 @@ struct Work {
 /// The outcome of the work on a scan.
 struct Outcome {
   enum class Kind {
-    kMade,   ///< this run computed the outputs, or a product
+    kMade,   ///< this run computed the asset and report, or a product such as a preview
     kFound,  ///< the store already had the outputs under the scan's key
     kFailed,
-    kKnownFailure,  ///< the scan failed in an earlier run, is unchanged and was not tried again
+    kKnownFailure,  ///< not tried again: refused in an earlier run, and unchanged (store.md)
     kLeased,        ///< another process is computing the outputs
     kInterrupted,   ///< a signal ended the batch
   };

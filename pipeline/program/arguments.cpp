@@ -81,8 +81,8 @@ void add_material_options(CLI::App& app, Arguments& a) {
                               "20+21 joins two labels to one material")
                        ->allow_extra_args(false);
   group.value("--names", a.names, "FILE",
-              "names of the labels: a JSON file {\"20\": \"L1\"}, or the word verse "
-              "or\ntotalsegmentator for a table that the program knows");
+              "names of the labels: a JSON file such as {\"20\": \"L1\"}, or a table that\n"
+              "the program knows: 'verse' or 'totalsegmentator'");
   group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
                "drop smaller islands and fill smaller holes, mm^2");
   group.flag("--keep-table", a.keep_table,
@@ -93,10 +93,10 @@ void add_material_options(CLI::App& app, Arguments& a) {
 // Options of solid_bone.h.
 void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
-  group.value(
-      "--fill", a.fill, "MM2",
-      "fill regions of at most this area, mm^2, that bone encloses if seen in\n"
-      "two of the axial, coronal and sagittal planes; the word all: any area;\ncanals stay open");
+  group.value("--fill", a.fill, "MM2",
+              "fill regions that bone encloses in at least two of the axial, coronal\n"
+              "and sagittal planes, up to this area (mm^2), or the word all for any\n"
+              "area; canals stay open");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
                "with --fill: gaps in bone up to twice this width count as closed, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
@@ -151,9 +151,9 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   group.flag("--surface", a.surface, "add a closed surface for display; see export --surface");
   a.surface_triangles_given =
       group.number("--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-                   "largest number of triangles of the surface, unless it would intersect\n"
-                   "itself; without this option more are used where the surface would be\n"
-                   "too far from the material");
+                   "at most N triangles of the surface, exceeded only if it would otherwise\n"
+                   "intersect itself; without this option about 50000, and more if it would\n"
+                   "be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -177,9 +177,9 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   a.context_given =
       group
           .value("--context", a.context, "[MM]",
-                 "also store the HU of everything around, every MM mm (default: 2 to 4,\n"
-                 "by the size of the scan), for X-ray pictures; in a scan of a head\n"
-                 "they show the face")
+                 "also store the HU of everything around the material, every MM mm\n"
+                 "(default: 2 to 4, by the size of the scan), for X-ray pictures. In a\n"
+                 "scan of a head these HU can show the patient's face")
           ->expected(0, 1);
   group.value("--input-key", a.input_key, "FILE",
               "key of 16 to 64 bytes: store a keyed digest of the input, by which\n"
@@ -187,9 +187,11 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   group.value("--report", a.report, "FILE", "write a report, slice by slice, as JSON");
   Group diagnostics(app, kDiagnostics);
   diagnostics.value("--dump-stages", a.dump_stages, "FILE",
-                    "write the stages of --dump-slice as JSON, for pictures");
+                    "write the intermediate results of one slice (contour, outline, mesh) as\n"
+                    "JSON, for pictures");
   a.dump_slice_given =
-      diagnostics.value("--dump-slice", a.dump_slice, "N", "the slice of --dump-stages")
+      diagnostics
+          .value("--dump-slice", a.dump_slice, "N", "the slice of --dump-stages, counted from 0")
           ->check(option_range(0, 1'000'000'000).description(""));
 }
 

@@ -377,9 +377,10 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_flag("--strict", a.strict,
                "exit code 3 also for failures that an earlier run recorded and that this run\n"
                "did not try again");
-  app.add_option("--run-program", a.run_program,
-                 "trocar-run, which makes the products scene and check (default: the one beside "
-                 "this program, else that of PATH)");
+  app.add_option(
+      "--run-program", a.run_program,
+      "path of trocar-run, which makes the products 'scene' and 'check' (default: the one "
+      "beside this program, else the one in PATH)");
   app.add_flag("--rehash", a.rehash,
                "read all inputs, also those with unchanged size, time and inode");
   app.add_flag("--verify", a.verify,

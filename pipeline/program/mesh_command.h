@@ -7,8 +7,8 @@
 
 namespace trocar::pipeline {
 
-/// Meshes the scan, writes those of asset, report and stages (--dump-stages) for which `a` names a
-/// file, and returns the exit code.
+/// Meshes the scan and returns the exit code. Asset, report and stages (--dump-stages) are each
+/// written only if `a` names a file for it.
 int run_mesh(const Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -20,7 +20,7 @@ struct ShownProduct {
 };
 
 /// The scan's products in the order of farm::kProductKinds. A product whose file is missing counts
-/// as failed. Products that are damaged in the index are left out.
+/// as failed. A product whose entry of the index cannot be read is left out.
 std::vector<ShownProduct> products_of(const farm::Store& store, const std::string& scan);
 
 }  // namespace trocar::pipeline

@@ -28,8 +28,9 @@ class PageFiles {
   /// Returns the file for the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null:
   /// there is none.
   const PageFile* find(std::string_view target) const;
-  /// Returns the page's Content-Security-Policy. This policy allows scripts of this server and, by
-  /// their hashes, the page's import map and the scripts of session reports and of the history.
+  /// Returns the page's Content-Security-Policy. This policy allows every script of this
+  /// server. It also allows, each by its hash, the page's import map and the inline scripts of
+  /// session reports and of the page of learning curves.
   const std::string& security_policy() const noexcept { return policy_; }
   /// Returns false if vendor/ is empty.
   bool is_complete() const noexcept { return complete_; }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording played back as a device: it returns the recorded states and statuses, tick by tick.
+// A recording of the four-legged device played back as a device: it returns the recorded states and
+// statuses, tick by tick.
 // Tests: tests/runtime/session/puncture_experiment_test.cpp
 #pragma once
 

@@ -50,9 +50,10 @@ struct SessionOptions {
   std::function<void(const Error&)> on_recording_error;
   /// Called immediately with each message to the operator, never on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
-  /// If not empty, the session is a replay: the clock is virtual, new meshes and prefetched
-  /// stiffness are used from the recorded ticks on, and torques are compared with the recorded
-  /// torques. The device must replay these rows (runtime/devices/replay_device.h).
+  /// If not empty, the session is a replay: the clock is virtual, each new mesh and
+  /// each prefetched stiffness comes into use at the tick at which it did in the recording, and
+  /// torques are compared with the recorded torques. The device must replay these rows
+  /// (runtime/devices/replay_device.h, or ReplayPoseDevice of runtime/devices/pose_session.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
   PassivityOptions passivity;
@@ -61,8 +62,8 @@ struct SessionOptions {
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
   /// The program sets this flag to request a recovery (SIGUSR1, RecoveryPolicy::kOnRequest). The
-  /// session clears the flag when the recovery is requested, when a new fault is latched, and when
-  /// pause, zero or emergency stop is commanded.
+  /// session clears the flag when it passes the request on to the loop, when a new fault is
+  /// latched, and when pause, zero or emergency stop is commanded.
   std::atomic<bool>* recover = nullptr;
   /// Folder of the black boxes, which keep the last seconds before a fault; none: no black boxes.
   std::optional<std::filesystem::path> black_box;
@@ -71,8 +72,8 @@ struct SessionOptions {
   /// If set, the session is published in memory that other processes read, and the session obeys
   /// their commands (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
-  /// True: the operator's X-ray (xray_commands.h) is taken from other processes or from the rows of
-  /// a replay, and counted.
+  /// True: the session accepts the operator's X-ray commands (xray_commands.h) from other
+  /// processes, or from the rows of a replay, and counts shots and the time of screening.
   bool counts_xray = false;
   /// Receives the messages of a hand that a person moves. The messages come through `telemetry`.
   /// Null: there is no such hand. The receiver must outlive the session.

@@ -5,7 +5,7 @@
 //
 // Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
 //  1. An editing function calls touch_*() before it writes a slot. To take or release a slot, it
-//     calls take_*() or release_*(), which keep the lists themselves.
+//     calls take_*() or release_*(), which update the lists.
 //  2. undo() restores the mesh of begin() exactly: every slot and the order of the free slots.
 //  3. If a replica was equal to the mesh at begin(), copy_to() makes the replica equal to the
 //     edited mesh, in the same sense.
