@@ -8,14 +8,15 @@
 
 namespace trocar::runtime {
 
-/// Forces on the tool in the device's frame {B}. If the tool moves by the vector m, the length of
-/// the shaft below each hole grows by -m_z / axis_z.
+/// Forces on the tool in the device's frame {B}. The unit vector `axis` points up the shaft. If the
+/// tool moves by the vector m without turning, the length of the shaft below each hole grows by
+/// -m_z / axis_z.
 struct LocalEnvironment {
   // The sheet in contact acts along z with a spring and a damper. Their total force never pulls.
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
-  // Friction acts on the shaft in all holes that the shaft is in. It acts along the unit vector
-  // `axis`, which points up the shaft. Dry friction is a spring that slides at a maximum (shaft.h).
+  // Friction acts along `axis` on the shaft, in all holes that the shaft is in. Dry friction is a
+  // spring that slides at a maximum (shaft.h).
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;  ///< dry friction and its maximum, summed over the holes
   /// Sum of the stiffnesses of those friction springs that do not slide: for a motion of the shaft

@@ -19,12 +19,15 @@ struct Patch {
   std::vector<std::array<std::uint32_t, 3>> across;
   /// Kept triangle of the sheet beyond each edge; kNone: there is none.
   std::vector<std::array<std::uint32_t, 3>> kept;
-  std::vector<std::uint32_t> absorb;  ///< after kAgain: kept triangles to add to the cavity
+  /// Kept triangles to add to the cavity, if the cut must start again.
+  std::vector<std::uint32_t> absorb;
 
   struct Winding {
     std::int32_t rim, tool;
   };
-  LocalTriangulation triangulation;    ///< scratch; the next three members have one entry per cell
+  /// Scratch. Its triangles, called cells, also cover places outside the patch.
+  LocalTriangulation triangulation;
+  // The next three members have one entry per cell.
   std::vector<Winding> windings;       ///< winding numbers of the cavity's boundary and of the tool
   std::vector<std::uint8_t> region;    ///< 1: material; 0: void; 2: not known yet
   std::vector<std::uint32_t> number;   ///< index of the cell's triangle in the patch

@@ -53,7 +53,8 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
 
 /// Returns the largest fraction of its i2t capacity that any motor has used. It is at most 1 while
 /// no current exceeds available_current(). A motor without capacity (peak equals continuous) counts
-/// as 0. `hottest` receives the number of the motor with the largest fraction.
+/// as 0. `hottest` receives the number of the motor with the largest fraction,
+/// unless all fractions are 0.
 double i2t_fraction_used(const MotorModel& model, const MotorLoad& load,
                          int* hottest = nullptr) noexcept;
 

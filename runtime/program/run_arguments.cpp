@@ -95,8 +95,8 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
                 "with the force law cutting (default: that of the device's description)");
   safety.option("--force-limit", a.force_limit_N,
-                "largest force that a device that measures its own pose gets, 0.01 to 1000 N\n"
-                "(default: its description's)");
+                "for devices that measure their own pose: largest force that is sent to the\n"
+                "device, 0.01 to 1000 N (default: its description's)");
   safety.option("--force-scale", a.force_scale,
                 "factor on the tissue's forces, 0.001 to 10, instead of the scene's (default for\n"
                 "a device that is weaker than the scene's tissue: the factor with which it can\n"
@@ -257,11 +257,11 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   device.option("--device", a.device,
                 device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
   device.flag("--simulated", a.simulated,
-              "the device process simulates its device. Without this it is taken to have\n"
-              "motors: contact is half as stiff, because the mass in its description may be\n"
-              "wrong, and late ticks are a fault. With udp: and pose: it also raises the limit of "
-              "the time\n"
-              "without data from 10 to 250 ms, unless --late-ticks-in-row is given");
+              "say that the device process simulates its device: late ticks are then no fault,\n"
+              "and with udp: and pose: data may be missing for 250 ms instead of 10 ms (unless\n"
+              "--late-ticks-in-row is given). Without this option the device is taken to have\n"
+              "motors, and contact is half as stiff, because the mass in its description may be\n"
+              "wrong");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
               "and say whether a session at --rate would run without faults");

@@ -64,8 +64,8 @@ void declare(CLI::App& app, Arguments& arguments) {
          "which the first is the default. Without it: inproc. The device is one of\n"
          "inproc: simulated in trocar-run\n"
          "sim: simulated by trocar-device-sim, a separate process\n"
-         "URI[,key-file=FILE][,device-description=FILE][,force-limit=N][,force-scale=F]\n"
-         "[,simulated]: a device of trocar-run --device, with its options")
+         "URI: a device of trocar-run --device. Its options may follow, each after a comma:\n"
+         "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
       ->allow_extra_args(false);
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");

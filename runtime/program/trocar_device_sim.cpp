@@ -68,11 +68,10 @@ void declare(CLI::App& app, Arguments& a) {
                  "real: wall clock; lock-step: time advances by one period of the host for each\n"
                  "command, for trocar-run --clock virtual (default: real)");
   app.add_option("--rate", a.rate_Hz, "rate of the drive, 100 to 10000 Hz (default: 4000)");
-  app.add_option(
-      "--watchdog", a.watchdog_s,
-      "time without a command after which torques are zero, 0.01 to 0.5 s (default:\n"
-      "0.01); at least 2.5 periods of the host are used. 0.25 rides out the stalls of a\n"
-      "machine with other work; then use trocar-run --simulated");
+  app.add_option("--watchdog", a.watchdog_s,
+                 "time without a command after which torques are zero, 0.01 to 0.5 s (default:\n"
+                 "0.01); a value below 2.5 ticks of trocar-run is raised to that. 0.25 rides out\n"
+                 "the stalls of a machine with other work; then use trocar-run --simulated");
   app.add_option(
       "--model", a.model,
       "light: a plate with viscous friction; full: also links, rotors, dry friction and\n"

@@ -15,7 +15,8 @@ namespace trocar::runtime {
 class TremorMeter {
  public:
   explicit TremorMeter(double rate_Hz);
-  /// Takes a counted row, and adds the filters' output in this row to the figures.
+  /// Filters the tip's position of a row that counts (definition 1 of session_figures.h), and adds
+  /// the square of the output to the sums of `figures`.
   void observe(const RecordingRow& row, SessionFigures& figures);
   /// Resets the filters before the next row.
   void restart() noexcept { filtered_ = 0; }

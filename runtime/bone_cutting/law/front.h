@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The cutting front (the depth down to which bone has been cut under the tool), and its advance
-// under a force. The front only moves down, and it stops at the first equilibrium that it reaches.
+// under a force. An advance only moves the front down, and stops at the first equilibrium.
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
@@ -24,7 +24,8 @@ struct Advance {
 /// before the advance and falls by `per_m` (N per metre of advance).
 Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 
-/// Returns CuttingState::bearing for the end of this tick.
+/// Returns the index of the slab of no thickness on which the tip rests at the end of this tick, or
+/// -1 (CuttingState::bearing).
 int bearing_slab(const Tick& tick) noexcept;
 
 /// Moves the front by `advance`, and adds the work to `out`.

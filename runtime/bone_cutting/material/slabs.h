@@ -8,12 +8,12 @@
 //  1. The slabs cover the volume without gaps, from half a spacing above the first slice to half
 //     a spacing below the last. The mean strength of a slab is the value of its slice. The slope
 //     of the strength is that of the straight line through the values of the two neighbouring
-//     slices, within a limit (a slope limiter: B. van Leer, J. Comput. Phys. 23, 1977). The limit
-//     is that the strength at each end of the slab lies between the slab's own value and the
-//     value of the neighbour on that side. It may lie outside this range by at most 5 % of the
-//     own value, but never below zero. So a thin cortex next to soft bone causes neither a peak
-//     nor a dip that the slices do not have, and a smooth texture keeps its peaks. In the first
-//     and the last slab the strength is constant.
+//     slices, within a limit (a slope limiter: B. van Leer, J. Comput. Phys. 23, 1977). The
+//     strength at each end of the slab may leave the range between the slab's own value and the
+//     value of the neighbour on that side by at most 5 % of the own value, and is never negative.
+//     The range prevents overshoot at a jump, such as a thin cortex next to soft bone. The 5 % let
+//     a strength that varies smoothly keep its maxima.
+//     In the first and the last slab the strength is constant.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
 //     the nearest slice whose slab the shell does not touch.
