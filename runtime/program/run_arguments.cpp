@@ -107,7 +107,7 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "ticks, so they are only counted)");
   app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
   safety.option("--black-box", a.black_box,
-                "folder for the recordings of the last 4 s before each fault (default: the\n"
+                "folder for the recordings of the last 4 s of each fault (default: the\n"
                 "folder of --record, or else the current folder, or else that for temporary\n"
                 "files)");
 
