@@ -107,9 +107,9 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "ticks, so they are only counted)");
   app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
   safety.option("--black-box", a.black_box,
-                "folder for the recordings of the last 4 s of each fault (default: the\n"
-                "folder of --record, or else the current folder, or else that for temporary\n"
-                "files)");
+                "folder for black boxes, the recordings of the 4 s until torques are zero after a\n"
+                "fault (default: the folder of --record, or else the current folder, or else that\n"
+                "for temporary files)");
 
   Group diagnostics(app, kDiagnostics);
   diagnostics.option("--meshes", a.meshes, "write the sheets before and after the punctures: JSON");
