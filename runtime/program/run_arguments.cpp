@@ -242,7 +242,7 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                "run no session; propose a scene for this asset (.glb) and write it to -o");
   scene.option(
       "--entry", a.entry,
-      "with --new-scene: a point X,Y,Z on the needle's line before the bone, in mm in the\n"
+      "with --new-scene: a point X,Y,Z of the needle's line, at or before the bone, in mm in the\n"
       "patient's frame, DICOM's LPS (default: where the bone is thickest)");
   scene.option("--target", a.target,
                "with --entry: the point X,Y,Z that the needle must reach (default: the needle\n"

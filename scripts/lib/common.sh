@@ -53,7 +53,7 @@ quietly() {
   return "$code"
 }
 
-# expected_time STEPS: what the build will take, in words. A step takes 5.5 seconds of one core, as measured on a server of 2.8 GHz.
+# expected_time STEPS: what the build will take, in words. A step takes 5.5 seconds of one core, as measured on a virtual machine with two cores.
 expected_time() {
   local minutes=$((($1 * 11 / (2 * $(nproc)) + 59) / 60))
   if (($1 < 10)); then

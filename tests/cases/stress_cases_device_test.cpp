@@ -180,9 +180,9 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
       in_metres.rightCols<3>() /= kCharacteristicLength_m;
       Wrench wanted_in_metres = wanted;
       wanted_in_metres.tail<3>() /= kCharacteristicLength_m;
-      const reference::Svd svd = reference::svd(in_metres.transpose());
-      const MotorVector tau = svd.solve(wanted_in_metres);
-      const double condition = svd.singular_values[0] / svd.singular_values[5];
+      const MotorVector tau = reference::shortest_solution(in_metres.transpose(), wanted_in_metres);
+      const Eigen::VectorXd values = reference::singular_values(in_metres);
+      const double condition = values[0] / values[5];
       EXPECT_LE((tau - result.tau_motor_Nm).norm(), 1e-13 * condition * tau.norm());
     }
     const Wrench given = G.transpose() * result.tau_motor_Nm;

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <numbers>
 
 namespace trocar::runtime {
@@ -17,7 +16,6 @@ using Eigen::Vector2d;
 // the distance kSight_m.
 constexpr double kHalfSquare_m = kSight_m / std::numbers::sqrt2;
 constexpr double kCrossingSlack_m = 1e-9;
-constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 // A half plane: the region satisfies towards . p <= reach_m, with p relative to the axis.
 struct Wall {
@@ -66,7 +64,7 @@ struct Walls {
   // Returns the point nearest to the axis on that part of a segment; infinite if the part is empty.
   Vector2d nearest(const Vector2d& a, const Vector2d& b, double radius_m) const noexcept {
     const Part free = part(a, b, radius_m);
-    if (free.is_none()) return {kUnbounded, kUnbounded};
+    if (free.is_none()) return {HUGE_VAL, HUGE_VAL};
     const Vector2d d = b - a;
     const double length2 = d.squaredNorm();
     const double at = length2 > 0 ? -a.dot(d) / length2 : 0;
@@ -80,7 +78,7 @@ struct Walls {
     if (free.is_none()) return;
     const Vector2d p = a + free.from * (b - a), q = a + free.to * (b - a);
     int best = 0;
-    double reach_m = -kUnbounded;
+    double reach_m = -HUGE_VAL;
     for (int i = 0; i < count; ++i) {
       const double to_m = std::min(wall[i].towards.dot(p), wall[i].towards.dot(q)) - radius_m;
       if (!(to_m > reach_m)) continue;
@@ -113,7 +111,7 @@ struct Region {
   // Removes the corner whose removal takes least area away.
   void leave_one_out() noexcept {
     int least = 0;
-    double least_m2 = kUnbounded;
+    double least_m2 = HUGE_VAL;
     for (int i = 0; i < size; ++i) {
       const Vector2d before = corner[i] - corner[(i + size - 1) % size],
                      after = corner[(i + 1) % size] - corner[i];

@@ -5,19 +5,8 @@
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
-#include <limits>
 
 namespace trocar::reference {
-
-Eigen::VectorXd Svd::solve(const Eigen::VectorXd& b) const {
-  const double least_used = std::numeric_limits<double>::epsilon() *
-                            static_cast<double>(singular_values.size()) * singular_values[0];
-  Eigen::Index rank = 0;
-  while (rank < singular_values.size() && singular_values[rank] > least_used)
-    ++rank;
-  const Eigen::VectorXd in_U = U.leftCols(rank).transpose() * b;
-  return V.leftCols(rank) * in_U.cwiseQuotient(singular_values.head(rank));
-}
 
 Svd svd(const Eigen::MatrixXd& A) {
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(A, Eigen::ComputeFullU | Eigen::ComputeFullV);
@@ -26,6 +15,10 @@ Svd svd(const Eigen::MatrixXd& A) {
 
 Eigen::VectorXd singular_values(const Eigen::MatrixXd& A) {
   return Eigen::JacobiSVD<Eigen::MatrixXd>(A).singularValues();
+}
+
+Eigen::VectorXd shortest_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
+  return Eigen::JacobiSVD<Eigen::MatrixXd>(A, Eigen::ComputeFullU | Eigen::ComputeFullV).solve(b);
 }
 
 Eigen::VectorXd least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {

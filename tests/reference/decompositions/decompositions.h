@@ -12,15 +12,14 @@ namespace trocar::reference {
 struct Svd {
   Eigen::MatrixXd U, V;
   Eigen::VectorXd singular_values;  ///< min(rows, columns) values in descending order
-
-  /// The shortest of the vectors x for which |A x - b| is least.
-  Eigen::VectorXd solve(const Eigen::VectorXd& b) const;
 };
 /// Computes the decomposition by Jacobi's method.
 Svd svd(const Eigen::MatrixXd& A);
 /// The singular values alone, in descending order.
 Eigen::VectorXd singular_values(const Eigen::MatrixXd& A);
 
+/// The shortest of the vectors x for which |A x - b| is least, by the decomposition of svd().
+Eigen::VectorXd shortest_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 /// The vector x for which |A x - b| is least, by Householder's method. Precondition: the columns of
 /// A are linearly independent.
 Eigen::VectorXd least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);

@@ -37,8 +37,8 @@ struct Reference {
   Eigen::Matrix<double, kMotors, 2> null_space;
 };
 Reference reference(const Jacobian& G, const Wrench& wrench) {
-  const reference::Svd svd = reference::svd(G.transpose());
-  return {svd.solve(wrench), svd.V.rightCols<2>()};
+  return {reference::shortest_solution(G.transpose(), wrench),
+          reference::svd(G.transpose()).V.rightCols<2>()};
 }
 
 MotorVector working_limits(const MotorVector& limit) {
