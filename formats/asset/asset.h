@@ -32,9 +32,9 @@ inline constexpr int kAssetSchema = 2;  ///< version of the layout that is writt
 inline constexpr const char* kAssetUse = "for training, not for planning";
 /// The largest |x|, |y| or |z| of a vertex of an asset, in lattice steps. A float32 holds all whole
 /// numbers up to this one exactly.
-inline constexpr std::int64_t kMaxAssetExtent = (1 << 24) - 1;
+inline constexpr std::int64_t kMaxAssetCoordinate = (1 << 24) - 1;
 /// The largest difference between the x, or between the y, of any two vertices of an asset, in
-/// lattice steps. It is half of kMaxAssetExtent because Draco's encoder adds 1/2 to the
+/// lattice steps. It is half of kMaxAssetCoordinate because Draco's encoder adds 1/2 to the
 /// difference in a float32.
 inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 
@@ -108,7 +108,7 @@ struct AssetSizes {
 /// Encodes a .glb. decode_asset() restores the same asset, except that vertices, triangles and
 /// rings may be in another order, HU at vertices are rounded (stored_hu()), and `input_digest` is
 /// dropped. If `sizes` is not null, sets `*sizes` to the result of asset_sizes(). Errors: kBug if a
-/// slice or its JSON text is not valid; kRefused if the asset exceeds kMaxAssetExtent,
+/// slice or its JSON text is not valid; kRefused if the asset exceeds kMaxAssetCoordinate,
 /// kMaxAssetSpan or 4 GiB.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 
@@ -116,7 +116,7 @@ Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* s
 // may run on several threads, and a mesh may be freed once its slice is encoded.
 
 /// The quantisation grid of a scan whose vertices all lie in the box. Errors: kRefused if the box
-/// exceeds kMaxAssetExtent or kMaxAssetSpan.
+/// exceeds kMaxAssetCoordinate or kMaxAssetSpan.
 Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box);
 
 /// An AssetSlice with its triangles compressed, ready for the file.

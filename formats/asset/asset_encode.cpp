@@ -48,7 +48,7 @@ EntryPlanes entry_planes(const std::vector<EncodedSlice>& slices, const Lattice&
     EntryPlane plane;
     Eigen::Affine3d along = Eigen::Affine3d::Identity();
     const double z = z_mm / lattice.step_mm();
-    if (slice.triangles > 0 && z == std::rint(z) && std::abs(z) <= kMaxAssetExtent) {
+    if (slice.triangles > 0 && z == std::rint(z) && std::abs(z) <= kMaxAssetCoordinate) {
       plane.z = static_cast<std::int32_t>(z);
     } else if (z != 0) {
       along.translation().z() = z_mm;

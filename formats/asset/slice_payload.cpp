@@ -352,7 +352,7 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   DracoGrid grid{lattice, low, 1};
   const std::int64_t span =
       std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
-  if (span > kMaxAssetSpan || max_coordinate > kMaxAssetExtent) {
+  if (span > kMaxAssetSpan || max_coordinate > kMaxAssetCoordinate) {
     return refused("the slices span " + std::to_string(std::max(span, max_coordinate)) +
                    " lattice steps; an asset holds " + std::to_string(kMaxAssetSpan) +
                    " (use a coarser lattice)");

@@ -46,7 +46,7 @@ void begin_session() { x_m[0] = x_m[1] = t_s = 0, x_m[2] = 0.02, v_m_per_s[0] = 
 using Key = std::array<uint8_t, 32>;  // or a MAC
 using Nonce = std::array<uint64_t, 2>; struct Nonces { Nonce host, drive; };
 struct Header { uint8_t magic[4], version, kind; uint16_t bytes; uint64_t session, sequence; int64_t time_ns; };
-struct Hello { Header h; Nonce nonce; double period_s; uint8_t fresh, contents, zero[6]; Key mac; };    // kind 1
+struct Hello { Header h; Nonce nonce; double period_s; uint8_t resets_world, contents, zero[6]; Key mac; };    // kind 1
 struct Welcome { Header h; Nonces nonces; double period_s; uint8_t clock, zero[7]; Key mac; };          // kind 2
 struct Denial { Header h; Nonce nonce; uint8_t reason, zero[7]; };                                      // kind 5
 struct Command { Header h; uint8_t mode, zero[7]; uint64_t newest_state; Wrench wrench; Key mac; };     // kind 6
@@ -81,7 +81,7 @@ void take(const Hello& hello, const sockaddr_in& from) {
     const Denial denial{{}, hello.nonce, uint8_t(!has_key ? 1 : hello.contents != 1 ? 3 : 2), {}};
     return send(denial, 5, 0, 1, denial_ns = now_ns(), {}, from);
   }
-  if (hello.fresh > 1 || !sodium_is_zero(hello.zero, 6) || !(hello.period_s >= 1e-5 && hello.period_s <= 0.1)) return;
+  if (hello.resets_world > 1 || !sodium_is_zero(hello.zero, 6) || !(hello.period_s >= 1e-5 && hello.period_s <= 0.1)) return;
   if (!offer.exists || offer.nonces.host != hello.nonce) {
     offer = {true, {hello.nonce, {}}, std::max(watchdog_s, 2.5 * hello.period_s)};
     randombytes_buf(&offer.nonces.drive, 16);

@@ -30,7 +30,7 @@ struct LatticePoint {
 std::string to_text(LatticePoint p);
 
 /// Largest admissible |coordinate|. It keeps orient2d within 64 bits and in_circle within 128 bits.
-/// Assets have a smaller limit: kMaxAssetExtent in asset.h.
+/// Assets have a smaller limit: kMaxAssetCoordinate in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
 
 /// Returns true if the coordinates are admissible. Larger ones would overflow the predicates below.

@@ -85,7 +85,7 @@ struct AngleCircle {
 
   /// Distance of the off-centre from the edge. The off-centre is the point of the circle that is
   /// farthest from the edge; it lies on the edge's bisector.
-  double off_centre() const noexcept { return centre + radius; }
+  double off_centre_distance() const noexcept { return centre + radius; }
   /// The point of the circle at an angle from the off-centre, measured at the circle's centre.
   /// `sine` and `cosine` are those of the angle.
   EdgeOffset at(double sine, double cosine) const noexcept {

@@ -341,7 +341,7 @@ std::size_t encode(const HelloPacket& packet, const LinkKey& key,
   Writer writer = write_header<HelloPacket>({0, 1, packet.time_ns}, out.data());
   writer.bytes(packet.host_nonce);
   writer.f64(packet.period_s);
-  writer.u8(packet.fresh ? 1 : 0);
+  writer.u8(packet.resets_world ? 1 : 0);
   writer.field(packet.contents);
   writer.zeros(6);
   return seal<HelloPacket>(key, out.data());
@@ -412,10 +412,10 @@ LinkRefusal decode(Bytes bytes, const LinkKey& key, HelloPacket& packet) noexcep
   Reader reader(bytes.data() + kHeaderBytes);
   reader.bytes(read.host_nonce);
   read.period_s = reader.f64();
-  const std::uint8_t fresh = reader.u8();
-  read.fresh = fresh == 1;
+  const std::uint8_t resets_world = reader.u8();
+  read.resets_world = resets_world == 1;
   reader.field(read.contents);
-  if (fresh > 1 || !reader.zeros(6) || header.session != 0 || header.sequence != 1 ||
+  if (resets_world > 1 || !reader.zeros(6) || header.session != 0 || header.sequence != 1 ||
       !good_contents(read)) {
     return LinkRefusal::kContents;
   }

@@ -32,7 +32,7 @@ struct Parameters {
 
 /// A scan's asset and report. The report has no times and no paths, so the bytes of the files and
 /// the canonical parameters determine it.
-struct Product {
+struct ScanOutputs {
   std::vector<std::uint8_t> asset;
   std::string report;
   nlohmann::json warnings;  ///< all warnings, for the journal; they may name files
@@ -47,7 +47,7 @@ class OpenedScan {
   /// The files that the scan consists of, in the order in which they enter its key.
   virtual std::vector<NamedFile> files() const = 0;
   /// Meshes the scan.
-  virtual Result<Product> mesh() = 0;
+  virtual Result<ScanOutputs> mesh() = 0;
 };
 
 class ScanProgram {

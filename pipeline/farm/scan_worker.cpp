@@ -63,7 +63,7 @@ void remove_damaged(const Store& store, const Object& object, bool is_asset) {
   const fs::path file = store.content_file(object.sha256);
   const auto bytes = read_file(file);
   const bool is_whole = bytes && sha256_of(*bytes) == object.sha256 &&
-                        (!is_asset || prove_asset(*bytes, file.string()));
+                        (!is_asset || check_asset(*bytes, file.string()));
   if (!is_whole) ::unlink(file.c_str());
 }
 
@@ -271,7 +271,7 @@ class Worker {
     if (!report) return report.error();
     out.report = *report;
     auto asset = store_.put_content(product->asset, [this](std::span<const std::uint8_t> glb) {
-      return prove_asset(glb, scan_.name);
+      return check_asset(glb, scan_.name);
     });
     if (!asset) return asset.error();
     out.asset = *asset;
@@ -324,7 +324,7 @@ Outcome outcome_from(const json& value) {
   return out;
 }
 
-Result<void> prove_asset(std::span<const std::uint8_t> glb, const std::string& name) {
+Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name) {
   const auto asset = decode_asset(glb, name);
   if (!asset) return asset.error();
   return verify_asset(*asset, name);

@@ -55,6 +55,6 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
 
 /// Checks that the bytes are a valid asset. Errors: kRefused; the message begins with `name`.
-Result<void> prove_asset(std::span<const std::uint8_t> glb, const std::string& name);
+Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name);
 
 }  // namespace trocar::farm

@@ -218,7 +218,7 @@ class Opened : public farm::OpenedScan {
     return out;
   }
 
-  Result<farm::Product> mesh() override {
+  Result<farm::ScanOutputs> mesh() override {
     SliceStack& stack = *scan_.labels;
     options_.mesh.hu = scan_.ct.get();
     options_.stop = &stop_requested;
@@ -226,7 +226,7 @@ class Opened : public farm::OpenedScan {
     options_.axis = open_.axis;
     auto result = mesh_stack(stack, options_, parameters_json(options_, open_));
     if (!result) return result.error();
-    farm::Product out;
+    farm::ScanOutputs out;
     for (json& warning : result->report["warnings"])
       warnings_.push_back({{"code", warning["code"]},
                            {"where", warning["where"]},

@@ -135,9 +135,9 @@ class Refiner : private OutlineSplitter {
         if (split_shells(t, corner)) return;
       }
     }
-    const double max_away =
-        shape.is_sharp ? circle_.off_centre() * rounding_allowance(std::sqrt(shape.shortest2))
-                       : std::numeric_limits<double>::infinity();
+    const double max_away = shape.is_sharp ? circle_.off_centre_distance() *
+                                                 rounding_allowance(std::sqrt(shape.shortest2))
+                                           : std::numeric_limits<double>::infinity();
     const LatticePoint centre = centre_over(at(v[shortest]), at(v[next_corner(shortest)]),
                                             at(v[previous_corner(shortest)]), max_away);
     if (!mesh_.circumcircle_contains(t, centre)) return give_up(t);

@@ -26,7 +26,7 @@ FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
     first_ = (first_ + 1) % kEnergyTicks;
     --count_;
   }
-  if (!input.punctured) {
+  if (!input.is_released) {
     const double energy_J = work_J_ + input.stored_J;
     while (count_ > 0 && entry(count_ - 1).energy_J >= energy_J)
       --count_;

@@ -47,8 +47,8 @@ inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_
 struct EnergyInput {
   Pose T_device_plate;
   bool new_pose = true;
-  double stored_J = 0;     ///< S of this tick
-  bool punctured = false;  ///< the force law dropped stored energy on purpose in this tick
+  double stored_J = 0;       ///< S of this tick
+  bool is_released = false;  ///< the force law dropped stored energy on purpose in this tick
 };
 
 /// The energy account, kept between ticks. It finds the smallest W(s) + S(s) of the window with a monotonic

@@ -53,7 +53,7 @@ Result<UdpSocket> open_link_socket(const UdpLinkOptions& options) {
 template <typename Kind>
 Result<void> UdpLink<Kind>::start() {
   if (restorer_.joinable()) return bug("a device is started once");
-  if (Result<void> done = shake_hands(options_.fresh); !done) return done;
+  if (Result<void> done = shake_hands(options_.resets_world); !done) return done;
   if (options_.clock == LinkClock::kReal) {
     restorer_ = std::thread([this] { restore_when_requested(); });
   }
@@ -108,14 +108,14 @@ bool UdpLink<Kind>::shake_hands_again() {
 }
 
 template <typename Kind>
-Result<void> UdpLink<Kind>::shake_hands(bool fresh) {
+Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   // End an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
   const std::int64_t start_ns = now_ns();
   HelloPacket hello;
   hello.host_nonce = random_nonce();
   hello.period_s = options_.period_s;
-  hello.fresh = fresh;
+  hello.resets_world = resets_world;
   hello.contents = Kind::kContents;
   std::array<std::uint8_t, kMaxPacketBytes> buffer{};
   WelcomePacket welcome;

@@ -34,7 +34,7 @@ struct UdpLinkOptions {
   LinkKey key;
   double period_s = 1e-3;              ///< period of the loop; in lock-step also the drive's step
   LinkClock clock = LinkClock::kReal;  ///< the drive must use the same clock
-  bool fresh = true;                   ///< start() asks a simulated drive to reset its world
+  bool resets_world = true;            ///< start() asks a simulated drive to reset its world
   double connect_timeout_s = 5;
   double no_state_s = 0.01;  ///< real clock: without a state for this time, the link is lost
   /// Lock-step: longest wait for the drive's answer to a command. After a missed answer, the
@@ -140,7 +140,7 @@ class UdpLink : public Kind::Interface {
   const typename Kind::State& newest() const noexcept { return newest_; }
 
  private:
-  Result<void> shake_hands(bool fresh);
+  Result<void> shake_hands(bool resets_world);
   /// Calls shake_hands() as a part of restore(). Returns true on success, and otherwise stores
   /// the error in restore_error_.
   bool shake_hands_again();

@@ -360,7 +360,7 @@ class LocalRefiner {
     const double circumcentre = (along * along + out * out - 0.25) / (2 * out);
     double height = circumcentre;
     if (is_too_sharp)
-      height = std::min(height, circle_.off_centre() * rounding_allowance(shortest));
+      height = std::min(height, circle_.off_centre_distance() * rounding_allowance(shortest));
     const double mx = 0.5 * qx, my = 0.5 * qy;
     if (is_too_large(v)) {
       const double guess = std::min(height, 1.0);

@@ -118,7 +118,7 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
     made.number = session_number(made.drive_nonce);
     made.period_s = hello.period_s;
     made.watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
-    made.fresh = hello.fresh;
+    made.resets_world = hello.resets_world;
     offered = made;
   }
   WelcomePacket welcome;
@@ -135,7 +135,7 @@ void Drive::begin(LinkSession offered) noexcept {
   session_ = offered;
   offers_.fill(std::nullopt);
   ++report_.sessions;
-  if (offered.fresh) {
+  if (offered.resets_world) {
     model_ = fresh_;
     stuck_at_rad_.fill(std::nullopt);
     peak_N_ = 0;

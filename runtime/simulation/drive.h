@@ -122,9 +122,9 @@ class Drive {
     LinkKey key;
     LinkNonce host_nonce{}, drive_nonce{};
     std::uint64_t number = 0;
-    double period_s = 0;    ///< period of the host
-    double watchdog_s = 0;  ///< watchdog time for this period
-    bool fresh = false;     ///< the session resets the simulated world when it begins
+    double period_s = 0;        ///< period of the host
+    double watchdog_s = 0;      ///< watchdog time for this period
+    bool resets_world = false;  ///< the session resets the simulated world when it begins
     std::uint64_t last_command = 0, last_state = 0;
     /// Sequence number of the first state that reports zero torques (item 1); 0: there is
     /// nothing to acknowledge.

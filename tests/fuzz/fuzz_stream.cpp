@@ -125,7 +125,7 @@ class Stream {
     packet.time_ns = now_ns_;
     packet.host_nonce = {bytes.next(), bytes.next(), 1};
     packet.period_s = kPeriod_s;
-    packet.fresh = bytes.below(2) == 0;
+    packet.resets_world = bytes.below(2) == 0;
     Datagram datagram(kMaxPacketBytes);
     datagram.resize(encode(packet, shared_key(), datagram));
     sent_.push_back(datagram);

@@ -173,7 +173,7 @@ TEST(AngleCircle, ItsPointsSeeTheEdgeUnderTheAngle) {
       const double seen = std::atan2(p.away, p.along - 0.5) - std::atan2(p.away, p.along + 0.5);
       EXPECT_NEAR(seen, angle, 1e-12);
     }
-    EXPECT_NEAR(circle.off_centre(), circle.at(0, 1).away, 1e-12);
+    EXPECT_NEAR(circle.off_centre_distance(), circle.at(0, 1).away, 1e-12);
   }
 }
 

@@ -46,7 +46,10 @@ Page page_of(const StatePacket& s) {
 }
 Page page_of(const HelloPacket& h) {
   Page page;
-  page.header(1, 96, 0, 1, h.time_ns).raw(h.host_nonce).real(h.period_s).number(h.fresh ? 1 : 0, 8);
+  page.header(1, 96, 0, 1, h.time_ns)
+      .raw(h.host_nonce)
+      .real(h.period_s)
+      .number(h.resets_world ? 1 : 0, 8);
   return page;
 }
 Page page_of(const WelcomePacket& w) {

@@ -38,7 +38,7 @@ class TestScan : public OpenedScan {
   TestScan(json given, std::vector<fs::path> inputs)
       : given_(std::move(given)), inputs_(std::move(inputs)) {}
   std::vector<NamedFile> files() const override { return {{"input", inputs_[0]}}; }
-  Result<Product> mesh() override {
+  Result<ScanOutputs> mesh() override {
     const std::string what = given_.value("do", "");
     if (what == "abort") ::raise(SIGKILL);
     if (what == "exit") ::_exit(7);
@@ -47,7 +47,7 @@ class TestScan : public OpenedScan {
     if (what == "memory") throw std::bad_alloc();
     if (what == "change") std::ofstream(inputs_[0], std::ios::app) << "more";
     if (what == "remove") fs::remove(inputs_[0]);
-    Product out;
+    ScanOutputs out;
     out.asset = small_asset();
     if (what == "damage") out.asset.resize(out.asset.size() / 2);
     std::ifstream in(inputs_[0]);

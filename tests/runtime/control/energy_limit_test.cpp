@@ -22,10 +22,10 @@ struct Moved {
   SafetyLimits limits;
   double rate_Hz = 1000;
   Pose pose;
-  Fault move(double along_N, double step_m, double stored_J, bool punctured = false) {
+  Fault move(double along_N, double step_m, double stored_J, bool is_released = false) {
     account.note_delivered(along_N * Wrench::Unit(2));
     pose.p_m.z() += step_m;
-    return account.check(limits, rate_Hz, {pose, true, stored_J, punctured});
+    return account.check(limits, rate_Hz, {pose, true, stored_J, is_released});
   }
 };
 
@@ -40,7 +40,7 @@ TEST(EnergyLimit, IsItsDefinition) {
     limits.energy_limit_J = 0.02;
     const auto window = static_cast<std::size_t>(std::floor(0.1 * rate_Hz + 1e-9));
     std::vector<double> work_J, stored_J;
-    std::vector<bool> punctured;
+    std::vector<bool> is_released;
     Pose pose;
     Wrench held = Wrench::Zero();
     double total_J = 0;
@@ -56,12 +56,12 @@ TEST(EnergyLimit, IsItsDefinition) {
       pose = next;
       work_J.push_back(total_J);
       stored_J.push_back(0.02 * uniform(random));
-      punctured.push_back(random() % 9 == 0);
+      is_released.push_back(random() % 9 == 0);
       double expected_J = 0;
       for (std::size_t s = i < window ? 0 : i - window; s <= i; ++s) {
-        if (!punctured[s]) expected_J = std::max(expected_J, total_J - work_J[s] - stored_J[s]);
+        if (!is_released[s]) expected_J = std::max(expected_J, total_J - work_J[s] - stored_J[s]);
       }
-      const Fault fault = account.check(limits, rate_Hz, {pose, true, stored_J[i], punctured[i]});
+      const Fault fault = account.check(limits, rate_Hz, {pose, true, stored_J[i], is_released[i]});
       ASSERT_NEAR(account.excess_J(), expected_J, 1e-12) << rate_Hz << ", " << i;
       ASSERT_EQ(fault, account.excess_J() <= 0.02 ? Fault::kNone : Fault::kEnergyLimit);
       ++(fault == Fault::kNone ? kept : raised);
@@ -87,18 +87,18 @@ TEST(EnergyLimit, AnEnvironmentThatGivesBackAtMostWhatItStoredNeverRaisesIt) {
     double depth_m = 0;
     for (int i = 0; i < 1000; ++i) {
       const double next_m = std::max(0.0, depth_m + 4e-3 * (uniform(random) - 0.5));
-      const bool punctured = random() % 50 == 0;
+      const bool is_released = random() % 50 == 0;
       const double mean_N = share * k * (depth_m + next_m) / 2;
       const double lost_N = 5 * uniform(random) * (next_m > depth_m ? 1 : -1);
       const Fault fault = moved.move(mean_N + lost_N, depth_m - next_m,
-                                     punctured ? 0 : 0.5 * k * next_m * next_m, punctured);
+                                     is_released ? 0 : 0.5 * k * next_m * next_m, is_released);
       ASSERT_EQ(fault, Fault::kNone) << run << ", " << i << ": " << moved.account.excess_J();
-      depth_m = punctured ? 0 : next_m;
+      depth_m = is_released ? 0 : next_m;
     }
   }
 }
 
-// Item 2: what a punctured sheet had stored may pass to the one below, and no more.
+// Item 2: what a is_released sheet had stored may pass to the one below, and no more.
 TEST(EnergyLimit, ASheetBelowMayTakeOverEnergyOfThePuncturedOne) {
   for (const double below_J : {0.09, 0.19}) {
     Moved moved;

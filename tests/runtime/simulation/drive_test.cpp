@@ -53,11 +53,11 @@ class Host {
   explicit Host(Drive& drive, const LinkKey& key) : drive_(drive), key_(key) {}
 
   /// False: no welcome.
-  bool handshake(std::int64_t now_ns, bool fresh = true, double period_s = 1e-3) {
+  bool handshake(std::int64_t now_ns, bool resets_world = true, double period_s = 1e-3) {
     HelloPacket hello;
     hello.host_nonce = random_nonce();
     hello.period_s = period_s;
-    hello.fresh = fresh;
+    hello.resets_world = resets_world;
     hello_.resize(kMaxPacketBytes);
     hello_.resize(encode(hello, key_, hello_));
     if (send(hello_, now_ns) != LinkRefusal::kNone) return false;
