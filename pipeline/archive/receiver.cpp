@@ -33,9 +33,6 @@ using Seconds = std::chrono::duration<double>;
 constexpr int kPollMs = 100;
 constexpr std::chrono::seconds kRetry(5);
 constexpr double kKeepCheckS = 1;  // time between two searches for studies that are too old
-// Values of one association's process. A dataset stays in its file; DCMTK's parser may need 512 MiB
-// for a deflated one.
-constexpr rlim_t kMaxDataBytes = rlim_t{1536} << 20;
 
 std::string megabytes(std::uint64_t bytes) {
   char text[32];
@@ -49,9 +46,11 @@ std::string hours_text(double hours) {
   return text;
 }
 
-// A sanitizer reserves far more memory than the limit.
+// Limits the memory of one association's process. A dataset stays in its file; DCMTK's parser may
+// need 512 MiB for a deflated one. A sanitizer reserves far more memory than the limit.
 void limit_memory() {
 #ifndef TROCAR_SANITIZED
+  constexpr rlim_t kMaxDataBytes = rlim_t{1536} << 20;
   const rlimit limit = {kMaxDataBytes, kMaxDataBytes};
   ::setrlimit(RLIMIT_DATA, &limit);
 #endif

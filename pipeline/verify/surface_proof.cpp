@@ -12,13 +12,13 @@
 namespace trocar::pipeline {
 
 std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surface) {
-  using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-  using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+  using KernelPoint = CGAL::Exact_predicates_inexact_constructions_kernel::Point_3;
+  using Mesh = CGAL::Surface_mesh<KernelPoint>;
   Mesh mesh;
   std::vector<Mesh::Vertex_index> vertices;
   vertices.reserve(surface.vertices.size());
   for (const SpacePoint& p : surface.vertices)
-    vertices.push_back(mesh.add_vertex(Kernel::Point_3(p[0], p[1], p[2])));
+    vertices.push_back(mesh.add_vertex(KernelPoint(p[0], p[1], p[2])));
   for (const auto& t : surface.triangles)
     mesh.add_face(vertices[t[0]], vertices[t[1]], vertices[t[2]]);
 

@@ -80,8 +80,8 @@ Result<void> write_device_note(const std::filesystem::path& file, const std::str
 }
 
 std::string noted_device(const std::filesystem::path& file) {
-  constexpr std::size_t kMaxShown = 200;
-  return text_of(read_note(file), "device").substr(0, kMaxShown);
+  constexpr std::size_t kMaxNameBytes = 200;
+  return text_of(read_note(file), "device").substr(0, kMaxNameBytes);
 }
 
 std::optional<DeviceNote> read_device_note(const std::filesystem::path& file) {

@@ -62,26 +62,26 @@ std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from)
 }
 
 std::string tail_of(const std::filesystem::path& log) {
-  constexpr std::streamoff kMaxShown = 64 << 10;
+  constexpr std::streamoff kMaxTailBytes = 64 << 10;
   std::ifstream in(log, std::ios::binary | std::ios::ate);
   std::string text;
   if (!in) return text;
   const std::streamoff size = in.tellg();
-  in.seekg(std::max<std::streamoff>(0, size - kMaxShown));
-  text.resize(static_cast<std::size_t>(std::min(size, kMaxShown)));
+  in.seekg(std::max<std::streamoff>(0, size - kMaxTailBytes));
+  text.resize(static_cast<std::size_t>(std::min(size, kMaxTailBytes)));
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(in.gcount()));
   return text;
 }
 
 std::string last_line(const std::filesystem::path& log) {
-  constexpr std::size_t kMaxShown = 400;
+  constexpr std::size_t kMaxLineBytes = 400;
   std::istringstream in(tail_of(log));
   std::string line, last;
   while (std::getline(in, line)) {
     if (!line.empty()) last = line;
   }
-  return last.substr(0, kMaxShown);
+  return last.substr(0, kMaxLineBytes);
 }
 
 std::string reason_of(ExitCode code, const std::filesystem::path& folder) {
