@@ -142,7 +142,7 @@ def mermaid(edges):
 
 def block(edges):
     return (f"{BEGIN}\n<!-- written by scripts/folders -->\n{mermaid(edges)}\n\nAn arrow points to a folder that is included. "
-            f"An arrow is left out if other arrows already lead there.\n{END}")
+            f"A direct arrow is left out if a chain of other arrows leads to the same folder.\n{END}")
 
 
 def replaced(text, edges):
