@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The phantom: tissue and radio-density (HU) at any point in space. Bone is
-// analytic (vertebra.h); soft tissue is made of simple solids; both get a faint
-// seeded texture. Pixels, slices and noise are added in render.h.
+// The phantom: tissue and radio-density (HU) at any point in space. Formulas describe the shape of
+// the bone (vertebra.h); soft tissue is made of simple solids. A faint random texture is added to
+// both, which a seed determines. Pixels, slices and noise are added in render.h.
 //
 // Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is slightly
 // rotated about z and shifted in this frame (PhantomOptions), so that nothing is aligned with the
 // pixel grid by accident.
 //
 // The HU include the scanner's in-plane blur (point spread), as a formula. At the signed distance d
-// from a surface, the HU follow Phi(-d / sigma), where Phi is the cumulative normal
-// distribution. This is exact for a flat surface, and a close approximation if the radius of
+// from a surface, the fraction Phi(-d / sigma) of the HU is that of the inner tissue, and the rest
+// that of the outer one. Phi is the cumulative normal distribution, and sigma is
+// PhantomOptions::edge_sigma_mm. This is exact for a flat surface, and a close approximation if the radius of
 // curvature is larger than sigma.
 #pragma once
 
@@ -48,8 +49,9 @@ struct PhantomOptions {
 Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
 Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
 
-/// The bone at a point of the scan frame (vertebra.h): the signed distance from its outer surface,
-/// which is negative inside and 1-Lipschitz, and the thickness of the cortical shell.
+/// The bone at a point of the scan frame (vertebra.h): the thickness of the cortical shell, and the
+/// signed distance from the bone's outer surface. The distance is negative inside, and changes by at
+/// most 1 mm per mm.
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
 
 /// sample_bone(phantom, p_scan).distance_mm.
@@ -66,7 +68,7 @@ struct BoneFractions {
 BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone);
 
 /// Beyond this distance from a surface, the fractions of blurred_fractions() differ from 0 or 1 by
-/// less than 4e-4 (0.3 HU) and may be set to 0 or 1.
+/// less than 4e-4, which is less than 0.5 HU, and may be set to 0 or 1.
 double blur_radius_mm(const PhantomOptions& phantom);
 
 /// HU at a point of the scan frame if everything were soft tissue, and if everything were

@@ -5,11 +5,11 @@
 //  1. every function is 1-Lipschitz as a function f of the point: |f(p) - f(q)| <= |p - q|,
 //     so |f(p)| never exceeds the true distance to the surface;
 //  2. f < 0 inside, f > 0 outside, f = 0 on the surface;
-//  3. min, max, smooth_min and smooth_max keep law 1 (their gradient is a convex
-//     combination of their arguments' gradients).
+//  3. min, max, smooth_min and smooth_max keep law 1, because their gradient is a weighted mean of
+//     the gradients of their arguments.
 //
-// Source: the closed forms collected by Inigo Quilez (iquilezles.org, "Distance
-// functions", "Smooth minimum"; the round cone and the polygon).
+// Source: Inigo Quilez has collected the formulas (iquilezles.org, "Distance functions", also for the
+// round cone and the polygon, and "Smooth minimum").
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 

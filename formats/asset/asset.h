@@ -35,7 +35,7 @@ inline constexpr const char* kAssetUse = "for training, not for planning";
 inline constexpr std::int64_t kMaxAssetCoordinate = (1 << 24) - 1;
 /// The largest difference between the x, or between the y, of any two vertices of an asset, in
 /// lattice steps. It is half of kMaxAssetCoordinate because Draco's encoder adds 1/2 to the
-/// difference in a float32.
+/// difference in a float32, which needs one more bit.
 inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 
 /// One material of one slice. A slice with several materials is several AssetSlices with the same
@@ -79,8 +79,8 @@ struct Asset {
   /// identifies the scan.
   std::string input_digest = {};
   std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
-  /// Digest of the input with the user's key (defined in slice_stack.h), hexadecimal; empty without
-  /// a key.
+      /// Digest of the input with the user's key, hexadecimal; empty without a key. slice_stack.h defines
+  /// the digest.
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
   HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if unknown
@@ -131,8 +131,9 @@ struct EncodedSlice {
   LatticeBox bounds;  ///< box around the vertices
   int material = 0;
   bool has_hu = false, has_colours = false;
-  std::size_t draco_z_at = 0;  ///< offset in `draco` of the float that is the z of all vertices;
-                               ///< it is 0 until assemble_asset() sets it
+  std::size_t draco_z_at =
+      0;  ///< offset in `draco` of the z of all vertices, a float; the float is
+          ///< 0 until assemble_asset() writes the z
 };
 /// Errors: kBug if the slice is not valid or not within the grid's box.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joins the materials of each slice into one sheet, because a needle meets all materials in
-// the same way.
+// Joins the materials of each slice into one sheet. Materials are labels, for example of vertebrae,
+// and a needle that crosses from one label to the next must not meet an edge there.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -20,8 +20,8 @@ namespace trocar {
 /// and the slice.
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
-/// Computes AssetSlice::hu, where it is empty, from Asset::hu, so that viewers can colour the
-/// meshes. The value at a vertex is the mean HU of the triangles around the vertex, weighted by
+/// Computes AssetSlice::hu, the HU at a slice's vertices, where it is empty. The values come from
+/// Asset::hu, the volume of HU. Viewers can then colour the meshes. The value at a vertex is the mean HU of the triangles around the vertex, weighted by
 /// area. (The HU at the vertex itself would mix with those of the surroundings, because most
 /// vertices lie on the outline.) Call this function before weld_materials().
 void add_hu_at_vertices(Asset& asset);

@@ -13,8 +13,8 @@
 
 namespace trocar {
 
-/// Preconditions: `stored[k]` is `regions[k]`, possibly with further vertices on the edges: it has
-/// the same rings in the same order, each with the same first vertex. Both are valid by
+/// `stored[k]` must be `regions[k]`, possibly with further vertices on the edges: it has the same
+/// rings in the same order, each with the same first vertex. Precondition: both are valid by
 /// check_pslg(). Proves the following, or names the first property that fails and the position:
 ///  - Two regions that share an edge divide it at the same points. So each segment of the edge
 ///    occurs once in each direction, and there is no gap.

@@ -15,8 +15,11 @@
 
 namespace trocar {
 
-/// Lengths are in m and angles in rad. The frame {B} has its origin at the centre of the base, and
-/// z points up. Leg m is at the azimuth (m - 1) * 90 deg. The symbols are those of the paper.
+/// Lengths are in metres and angles in radians. The frame {B} has its origin at the centre of the
+/// base, and z points up. Leg number k, from 1 to 4, is at the azimuth (k - 1) * 90 degrees; its frame
+/// is {B} turned by this angle. The symbols are those of the paper. Each leg has two motors: theta1
+/// turns the upper motor's link, which ends at the elbow E, and theta4 the lower motor's link, which
+/// ends at F. runtime/mechanism/README.md has the joints in order.
 struct DeviceGeometry {
   double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E
   double l2_m = 0;    ///< distance from the elbow E to the plate's ball joint C
@@ -26,11 +29,11 @@ struct DeviceGeometry {
   double R_T_m = 0;   ///< radius of the circle of the ball joints C on the plate
   double R_B1_m = 0;  ///< radius of the circle of the axes of theta1
   double R_B2_m = 0;  ///< radius of the circle of the axes of theta4
-  double H_B_m = 0;   ///< depth of the lower motors' links below the axes of theta1
+  double H_B_m = 0;   ///< vertical distance from the axes of theta1 down to the lower motors' links
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
-  /// Sign (1 or -1) of acos in theta1 = atan2(p_z, p_x) +- acos(.) and in theta4 = atan2(q_y, q_x)
-  /// +- acos(.). The sign selects one of the two possible positions of the leg.
+      /// The sign, 1 or -1, of the arc cosine in theta1 and in theta4 (runtime/mechanism/kinematics.cpp).
+  /// Both angles have two solutions for each pose of the plate. The sign selects the device's own.
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -63,7 +66,7 @@ struct DeviceDescription {
   std::array<double, 3> plate_inertia_kg_m2{};
   double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
 
-  // The members below describe the simulated device.
+  // The members below describe the simulated device, if their comment does not name another use.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// 0: exact encoders. The haptic loop also uses this value, to choose its velocity filter.
   int encoder_counts_per_revolution = 0;
@@ -77,10 +80,10 @@ struct DeviceDescription {
 /// The device of the paper. It is equal to runtime/device/four_legs.json.
 DeviceDescription default_device_description();
 
-/// Reads a description from JSON text. `source` stands for the text in messages. Errors:
-/// kRefused if the text is not JSON, if a key is unknown, repeated or missing, if a type is
-/// wrong, if a number is outside the schema's range, or if an entry of "assumed" does not name a
-/// value of the document.
+/// Reads a description from JSON text. `source`: the name that messages give to the text, for
+/// example its file. Errors: kRefused if the text is not JSON, if a key is unknown, repeated or
+/// missing, if a type is wrong, or if a number is outside the schema's range. The key "assumed" lists
+/// the values that are guesses; kRefused also if an entry of it does not name a value of the document.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

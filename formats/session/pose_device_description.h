@@ -29,8 +29,8 @@ struct PoseDeviceDescription {
   double rotation_damping_Nm_s_per_rad = 0;
   double position_resolution_m = 0;    ///< 0: exact positions
   double rotation_resolution_rad = 0;  ///< 0: exact orientations
-  /// Box of the positions that the handle can reach, in the device's frame. A session places the
-  /// middle of this box at the middle of the path of the scene's hand.
+  /// Box of the positions that the handle can reach, in the device's frame. A scene contains
+  /// the path of a simulated hand; a session places the middle of this box at the middle of that path.
   std::array<double, 3> workspace_min_m{}, workspace_max_m{};
   /// Rotation vector that turns the axes of the scene's frame {B} (z up) into the axes of the
   /// device's frame.
@@ -40,8 +40,8 @@ struct PoseDeviceDescription {
   friend bool operator==(const PoseDeviceDescription&, const PoseDeviceDescription&) = default;
 };
 
-/// Reads a description from JSON text. `source` stands for the text in messages. Errors: those of
-/// parse_device_description().
+/// Reads a description from JSON text. `source`: the name that messages give to the text, for
+/// example its file. Errors: those of parse_device_description().
 Result<PoseDeviceDescription> parse_pose_device_description(std::string_view json_text,
                                                             const std::string& source);
 

@@ -57,8 +57,10 @@ void add_input_options(CLI::App& app, Arguments& a) {
                        ->check(option_range(0, 1'000'000'000).description(""));
   group.flag("--any-modality", a.any_modality,
              "accept DICOM images other than CT; their values are not HU");
-  a.axis_given = group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
-                              "slice direction of a volume; default: as stored, NIfTI: axial");
+  a.axis_given =
+      group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
+                   "slice direction of a volume (transverse is another word for axial); default:\n"
+                   "axial for a NIfTI file, as stored for all other volumes");
   group.value("--hu", a.hu, "CT",
               "CT with the same voxels as the label map, for the labels' mean HU");
 }
@@ -73,8 +75,10 @@ void add_material_options(CLI::App& app, Arguments& a) {
   a.threshold_given = group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                                    "lowest HU of the material (226 dense bone, 180 bone of low\n"
                                    "density, -300 skin); for images a grey level of 0..255");
-  a.equalize_given = group.number("--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-                                  "equalise the histogram, then apply this threshold of 0..255");
+  a.equalize_given =
+      group.number("--equalize", a.equalize, "LEVEL", 0.0, 255.0,
+                   "instead of --threshold: equalise the histogram, then apply a threshold of\n"
+                   "0..255; only if the option is given");
   a.labels_given = group
                        .value("--labels", a.labels, "L",
                               "labels of a label map, one material each: L, A-B, several, or all;\n"
@@ -95,10 +99,10 @@ void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
   group.value("--fill", a.fill, "MM2",
               "fill regions that bone encloses in at least two of the axial, coronal\n"
-              "and sagittal planes, up to this area (mm^2), or the word all for any\n"
-              "area; canals stay open");
+              "and sagittal planes, so canals stay open. MM2 is the largest area of a\n"
+              "region in such a plane that is filled; the word all sets no limit");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
-               "with --fill: gaps in bone up to twice this width count as closed, mm");
+               "with --fill: close gaps in bone whose width is at most twice this length, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
                "drop smaller connected components, mm^3; done before --fill");
   group
@@ -110,8 +114,8 @@ void add_solid_options(CLI::App& app, Arguments& a) {
                "keep the N largest connected components; 0 keeps all");
   group
       .value("--seed", a.seeds, "X,Y,Z",
-             "keep the material connected to this point (LPS, mm); with several, keep\n"
-             "the part around the first: the others mark neighbours to cut off")
+             "keep the material connected to this point (LPS, mm). Further points mark\n"
+             "neighbouring parts, which are cut off from the part around the first point")
       ->allow_extra_args(false);
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep the material within 1.5 mm of these labels");
@@ -149,11 +153,11 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   group.value("-o,--output", a.output, "FILE", output);
   group.flag("--no-hu", a.no_hu, "leave HU out of the asset");
   group.flag("--surface", a.surface, "add a closed surface for display; see export --surface");
-  a.surface_triangles_given =
-      group.number("--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-                   "at most N triangles of the surface, exceeded only if it would otherwise\n"
-                   "intersect itself; without this option about 50000, and more if it would\n"
-                   "be too far from the material");
+  a.surface_triangles_given = group.number(
+      "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
+      "largest number of triangles of the surface. It is exceeded only if the surface\n"
+      "would otherwise intersect itself. Without this option, 50000 is a target, and\n"
+      "is also exceeded where the surface would be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
   group.flag("--quiet", a.quiet, "print errors only");
 }

@@ -362,7 +362,8 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("--jobs", a.jobs, "concurrent scans, each in its own process; 0: all cores")
       ->capture_default_str()
       ->check(option_range(0, 1024));
-  app.add_option("--shard", a.shard, "I/N: work on every Nth scan, beginning with scan I, from 0");
+  app.add_option("--shard", a.shard,
+                 "I/N: work on every Nth scan, beginning with scan I; the first scan is number 0");
   app.add_option("--only", a.only,
                  "work on the scans named in this file, one per line; -: standard input");
   app.add_flag("--dry-run", a.dry_run, "print which scans are stale, and why; write nothing");
@@ -379,8 +380,8 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
                "did not try again");
   app.add_option(
       "--run-program", a.run_program,
-      "path of trocar-run, which makes the products 'scene' and 'check' (default: the one "
-      "beside this program, else the one in PATH)");
+      "path of trocar-run. It makes the scene and its check if the collection asks for these "
+      "products beside the asset (default: the one beside this program, else the one in PATH)");
   app.add_flag("--rehash", a.rehash,
                "read all inputs, also those with unchanged size, time and inode");
   app.add_flag("--verify", a.verify,

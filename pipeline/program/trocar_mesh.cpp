@@ -129,7 +129,9 @@ struct CommandLine {
     add_batch_options(add("batch", "make the assets of a collection that are missing or stale"),
                       batch);
     add_review_options(
-        add("review", "show all assets of a store, and how they differ from another's"), review);
+        add("review",
+            "show all assets of a store, and how they differ from those of another store"),
+        review);
     add_receive_options(add("receive", "take studies that an archive sends by DICOM"), receive);
     add_fetch_options(add("fetch", "get a study from an archive"), fetch);
     add_help_for_diagnostics(app);

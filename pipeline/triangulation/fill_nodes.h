@@ -9,18 +9,20 @@
 
 namespace trocar::pipeline {
 
-/// A point that may fill a large triangle.
+/// A point at which a vertex may be inserted to divide a triangle that is too large.
 struct FillNode {
   std::uint32_t triangle;  ///< the triangle that contains the point
   LatticePoint p;
 };
 
-/// Lists points of a lattice of equilateral triangles with the area doubled_area / 2 (lattice steps
-/// squared). The points are those that lie in triangles of the mesh that are larger than the
-/// equilateral ones, or on their sides. A point on a side of two triangles may appear twice.
-/// `triangles` is the approximate number of equilateral triangles. It bounds the running time, so
-/// for some outlines not all points are found. If the mesh is moved, the points move with it.
-/// Precondition: the edges of the equilateral triangles have at least 2 steps.
+/// Lists points of a regular grid of equilateral triangles that covers the mesh. Each equilateral
+/// triangle has the area doubled_area / 2, in lattice steps squared. A grid point is listed if it
+/// lies in a triangle of the mesh that is larger than this area, or on a side of such a triangle. A
+/// point on a side of two triangles may appear twice. `triangles` is the caller's estimate of how
+/// many equilateral triangles fill the mesh. The search ends after an amount of work proportional
+/// to this estimate plus the number of listed points; for some outlines it then has not found all
+/// points. If the mesh is moved, the points move with it. Precondition: the edges of the equilateral
+/// triangles have at least 2 steps.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);
 

@@ -10,34 +10,35 @@
 
 namespace trocar::pipeline {
 
-/// A triangle with an angle below the wanted one, and the small input angle at which it lies.
+/// A triangle with an angle below the wanted one. It lies at an input angle below 60 degrees if the
+/// vertex of that angle is a corner of the triangle, or if the triangle's shortest edge joins the
+/// two segments that meet there.
 struct SharpTriangle {
   std::uint32_t triangle = 0;
   double angle_deg = 0;
-  double input_angle_deg = 360;  ///< smallest input angle below 60 at which it lies, or 360
-  LatticePoint input_corner;     ///< the vertex of that input angle, if there is one
+  /// The smallest input angle below 60 degrees at which the triangle lies; 360 stands for none.
+  double input_angle_deg = 360;
+  LatticePoint input_corner;  ///< the vertex of that input angle, if there is one
 };
 
 struct MeshQuality {
   double min_angle_deg = 0;  ///< 0 for an empty mesh
   double max_area_mm2 = 0;
   std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
-  /// Number of triangles below the wanted angle that lie at an input angle below 60 degrees. This
-  /// means that a corner of the triangle is an input vertex with such an angle, or that the
-  /// shortest edge of the triangle joins two input segments that meet at such an angle. No mesh can
-  /// avoid such triangles there, except by having more of them elsewhere.
+      /// Number of triangles below the wanted angle that lie at an input angle below 60 degrees (see
+  /// SharpTriangle). A mesh without such triangles there would have more of them elsewhere.
   std::uint32_t below_at_small_input_angle = 0;
-  /// Number of triangles below the wanted angle that do not lie at an input angle below the wanted
-  /// angle plus kLatticeAllowance_deg. The input allows the wanted angle there, but refinement did
-  /// not reach it. Zero unless refinement stopped at its vertex budget or was limited by the
-  /// lattice step.
+  /// Number of triangles that miss the wanted angle although the outline there is not the reason:
+  /// each input angle at which they lie is at least the wanted angle plus kLatticeAllowance_deg, an
+  /// allowance for rounding to the lattice. The number is zero unless refinement stopped at its
+  /// largest number of vertices or was limited by the lattice step.
   std::uint32_t below_unexplained = 0;
   std::vector<SharpTriangle> sharp;  ///< all triangles below the wanted angle
-  /// Number of edges whose membrane stiffness (the sum of the cotangents of the opposite angles) is
-  /// negative, decided in exact integers. Inside the material, a Delaunay mesh has no such edges.
-  /// On the outline, they are the edges that the apex of their triangle encroaches upon. They
-  /// remain where an input angle of a few degrees, or an edge of a few steps, leaves no other
-  /// lattice point.
+      /// Number of edges that would have a negative stiffness in a spring network. The stiffness of an
+  /// edge is the sum of the cotangents of the angles opposite to it; its sign is computed exactly.
+  /// Inside the material, a Delaunay mesh has no such edges. On the outline, they are the edges with
+  /// an obtuse angle opposite to them. They remain where an input angle of a few degrees, or an edge
+  /// of a few steps, leaves no lattice point at which a further vertex could be inserted.
   std::uint32_t negative_stiffness_edges = 0;
 };
 

@@ -33,8 +33,8 @@ inline constexpr std::int64_t kMinEdge_steps = 4;
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
 // Edges shorter than this can be split only a few times before they reach kMinEdge_steps, so each
-// split decides which angles remain. With half of this length, grids of holes of 1 to 40 steps had
-// more sharp angles.
+// split decides which angles remain. The value is the result of a trial on outlines with a grid of
+// holes, 1 to 40 steps wide: with half of this length, their meshes had more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
 // An edge of the outline. It becomes stale when its triangle's generation changes.
@@ -109,8 +109,8 @@ class OutlineSplitter {
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // A shell is a circle around a corner. Across a small input angle, a vertex on the same shell
-    // as a or b encroaches only because of rounding.
+    // A shell is a circle around a corner. If the apex lies on the other side of a small input angle
+    // and on the same shell as a or b, it would not encroach without rounding, so it is not counted.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
@@ -158,8 +158,8 @@ class OutlineSplitter {
     return !insertion_.evaluate<PointKind::kSplit>(out, 0).is_turned;
   }
 
-  // An input segment, and the largest distance from it that the points of its splits may have. Each
-  // split is rounded inwards, so repeated splits move away from the segment.
+  // An input segment, and the largest distance from it that the points of its splits may have. Most
+  // splits are rounded to the material's side, so repeated splits move away from the segment.
   struct Segment {
     LatticePoint from, to;
     double length2, max_area2;
@@ -181,9 +181,9 @@ class OutlineSplitter {
   }
 
   // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
-  // way from a to b. Returns false if there is none. Of the four lattice points around the position
-  // at this fraction, the function chooses the nearest one on the material's side or, if that keeps
-  // the area of the loop better, the nearest one on the void's side.
+  // way from a to b. Returns false if there is none. Four lattice points surround the exact
+  // position. The function chooses the nearest of those on the material's side. If the loop has lost
+  // area by earlier splits, it may choose the nearest of those on the void's side instead.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
@@ -250,12 +250,13 @@ class OutlineSplitter {
       while (!evaluate_at(kSplits[k])) {
         if (++k == kSplits.size()) return false;
       }
-      // If the apex is nearer to the edge than half the edge's length, the halves will be split
-      // again. The flaws are then not final, as long as enough splits are left.
+      // best_.flaws counts the bad triangles that the split would make. If the apex is nearer to the
+      // edge than half the edge's length, the halves will be split again. These triangles will then
+      // change, as long as enough splits are left.
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {
-        // The other positions are compared on the material's side.
+        // At the other fractions, only the point on the material's side is tried.
         Positions positions;
         Four is_allowed_position{};
         positions.fill(best_.p);

@@ -29,15 +29,15 @@ struct Sheet {
   std::uint32_t cuts = 0;                    ///< number of holes cut into `mesh` during the session
   std::shared_ptr<const SliceField> field;   ///< only with the force law `cutting`; else null
   std::shared_ptr<const EdgeDistance> edge;  ///< only with the force law `cutting`; else null
-  /// HU of each vertex of the mesh without holes, in the order of the vertices; null: the asset has
-  /// no HU at vertices.
+      /// HU of each vertex of the mesh as loaded, before any hole was cut, in the order of the vertices;
+  /// null: the asset has no HU at vertices.
   std::shared_ptr<const std::vector<float>> hu;
 };
 
 /// If the scene has a `body` (a bone volume made of a range of slices), replaces the scene's slices
 /// by the slices of this range that have material, at their true spacing. `name`: the asset's name,
 /// which messages contain. Errors: kRefused if fewer than two slices have material, if two
-/// neighbouring slices are not parallel or less than 0.1 mm apart, or if a slice would lie more
+/// neighbouring slices are less than 0.1 mm apart or are not parallel, or if a slice would lie more
 /// than 1 m below the device's origin.
 Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name);
 
@@ -50,8 +50,8 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
                                                                const Asset& asset,
                                                                const std::string& name);
 
-/// Returns the plate's pose at which the plate is level and the tip is on the sheet, at the scene's
-/// anchor point (Placement::at_m).
+/// Returns the plate's pose at which the plate is level and the tip is on the sheet, at the point
+/// where the scene places the anchor of its slices (Placement::at_m, in {B}).
 Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept;
 
 /// Spare capacity of a placed sheet, for the vertices and triangles that cutting holes adds. The

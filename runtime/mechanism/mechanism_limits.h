@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Safety limits of the four-legged device's encoders, pose and motors. Exceeding a limit is a named fault, which
-// stops the loop. The haptic thread calls these functions. They have no state of their own.
+// Safety limits of the four-legged device's encoders, pose and motors. A check that finds a limit
+// exceeded returns a named fault, after which the loop renders no torques. The limits of items 2 to 4
+// are kept by reducing torques, without a fault. The haptic thread calls these functions. They have
+// no state of their own.
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):
@@ -8,19 +10,20 @@
 //     quantity, the quantity's value and the limit. A value that is not finite is beyond every
 //     limit. A limit of nan always trips, and so does a negative limit of a quantity that
 //     cannot be negative.
-//  2. The thermal state of a motor is the i2t model of motor.h. It determines the torque available from the
-//     motor. As the motor warms up, this torque falls smoothly from the peak to the continuous torque. The wrench
-//     is scaled down along its own direction, and no motor exceeds its thermal limit. This is not a fault,
-//     because a force that falls slowly is less surprising than one that vanishes. The fault kMotorOverload is
-//     raised if a thermal limit was exceeded (because torques other than those of item 4
-//     were written). It is also raised if, during `overload_time_max_s`, in every tick a
-//     motor was too warm for its peak torque and less than `overload_scale_min` of the
-//     wanted wrench was rendered.
+//  2. The heat of a motor is computed by the model of motor.h, which sums the squared current over
+//     time. As the motor warms up, the torque that is available from it falls smoothly from the peak
+//     to the continuous torque. The wrench is scaled down along its own direction so that no motor
+//     exceeds its thermal limit. This is not a fault, because a force that falls slowly is less
+//     surprising than one that vanishes. The fault kMotorOverload is raised in two cases. The first
+//     is a motor beyond its thermal limit, which can happen only if torques other than those of
+//     item 4 were written. The second is a long overload: for `overload_time_max_s` without a break,
+//     some motor was too warm for its peak torque, and less than `overload_scale_min` of the wanted
+//     wrench was rendered.
 //  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step from the last
 //     torques is shortened by one factor, so that the change of the wrench keeps its direction. The
 //     rise of a torque is the growth of its magnitude or, if the torque changes its sign, its new
-//     magnitude. A fall towards zero, as at a puncture, is not limited. Exception: if the largest
-//     magnitude of all motors' torques grows, every change of a torque counts as a rise.
+//     magnitude. A fall towards zero, as at a puncture, is not limited. But in a tick in which the
+//     largest of the eight magnitudes grows, every change of a torque counts as a rise.
 //  4. The torques that limit_torques() returns are within every motor's limit. If a torque still
 //     exceeds its motor's limit after item 3, all torques are scaled down by one factor.
 #pragma once
@@ -34,18 +37,22 @@ namespace trocar::runtime {
 
 struct MechanismLimits {
   double encoder_rate_max_rad_per_s = 60;  ///< rate of any encoder between two ticks
-  double pose_residual_max_m = 0.5e-3;     ///< residual of the pose's fit to the upper chains
-  double theta4_residual_max_rad = 0.01;   ///< |measured theta4 - theta4 of the fitted pose|
+  double pose_residual_max_m =
+      0.5e-3;  ///< residual of fitting the pose to the upper links of the legs
+  double theta4_residual_max_rad =
+      0.01;  ///< |measured theta4 - theta4 that follows from the fitted pose|
   double inverse_condition_min =
       0.02;  ///< inverse condition of the Jacobian, with lengths divided by 0.05 m
-  /// Smallest allowed Singularity::nearest_branch_m. It is at least the error that a pose may have
-  /// (pose_residual_max_m), so that a leg cannot change its branch undetected. The smallest value among 100,000
-  /// poses of the stated workspace is 0.749 mm (tests/runtime/mechanism/mechanism_limits_test.cpp).
+  /// Smallest allowed Singularity::nearest_branch_m, the distance to a pose in which a leg can change
+  /// to its other solution of the inverse kinematics (its other branch). It must not be smaller than
+  /// the error that a pose may have (pose_residual_max_m), because then a leg could change its branch
+  /// undetected. The smallest value among 100,000 poses of the stated workspace is 0.749 mm
+  /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
   double torque_max_Nm = 0;  ///< torque of each motor; 0: the torque that its thermal state allows
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
-  /// Longest time for which item 3 may shorten steps. A tick in which no torque changes by more
-  /// than half of the rate limit resets this time to zero.
+      /// Longest time for which item 3 may shorten steps. The time is counted in MotorState::rise_s. A
+  /// tick in which no torque changes by more than half of what the rate limit allows resets it.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< factor of item 2
   double overload_time_max_s = 1;   ///< time of item 2
@@ -82,8 +89,9 @@ MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, doubl
                        bool& shortened) noexcept;
 
 /// Applies items 3 and 4: changes `wanted_Nm` to the torques that may be written. Returns
-/// kTorqueLimit if a wanted torque exceeds its limit, kTorqueRate if item 3 has shortened steps for
-/// too long, kTorqueNotFinite, or none. Precondition: all values of `limit_Nm` are positive, for
+/// kTorqueLimit if a wanted torque exceeds its limit (the caller should have scaled the wrench),
+/// kTorqueRate if item 3 has shortened steps for too long, kTorqueNotFinite if a wanted torque is
+/// not finite, or none. Precondition: all values of `limit_Nm` are positive, for
 /// example those of available_torque().
 FaultDetail limit_torques(const MechanismLimits& limits, const MotorVector& limit_Nm,
                           const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,

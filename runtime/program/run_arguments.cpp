@@ -54,8 +54,8 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
                  "publish the session in shared memory and take commands from other programs;\n"
                  "the file of this name is a symbolic link to that memory while the session runs");
   session.flag("--xray", a.xray,
-               "with --live: let those programs ask for X-ray shots and fluoroscopy, and count\n"
-               "them in recording, summary and report");
+               "with --live: compute X-ray pictures when such a program asks for a shot or for\n"
+               "fluoroscopy, and count them in recording, summary and report");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -65,8 +65,9 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option("--summary", a.summary, "write a summary of the session, or of --test: JSON");
   recording.option(
       "--session-report", a.session_report,
-      "write a report for the debriefing, NAME.html, and the same figures, NAME.json and\n"
-      "NAME.figures.csv: path, forces, break-throughs, walls, tremor, the scene's goals");
+      "write a report for the debriefing: the page NAME.html, and its figures as NAME.json\n"
+      "and NAME.figures.csv. It has the path, the forces, the depth of break-throughs,\n"
+      "breaches of the bone's wall, tremor, and whether the scene's goals were reached");
   recording.option(
       "--trainee", a.trainee.code,
       "code of the trainee, for recording, summary and report: 1 to 32 letters, digits,\n"
@@ -88,9 +89,9 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "what to do after a fault. never: end the session; auto: recover; signal:\n"
                 "recover on SIGUSR1 (default: never)");
   safety.option("--energy-limit", a.energy_limit_J,
-                "energy in J that the hand may receive within 0.1 s in addition to the energy\n"
-                "that tissue and coupling stored at the beginning of that time; if it receives\n"
-                "more, the fault energy_limit is raised (default: 0.05)");
+                "energy in J that the device may give to the hand within 0.1 s, beyond what the\n"
+                "tissue and the spring that couples it to the tool had stored at the start. More\n"
+                "than that raises the fault energy_limit (default: 0.05)");
   safety.option("--stiffness-limit", a.stiffness_limit_N_per_m,
                 "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
                 "with the force law cutting (default: that of the device's description)");
@@ -98,18 +99,18 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                 "for devices that measure their own pose: largest force that is sent to the\n"
                 "device, 0.01 to 1000 N (default: its description's)");
   safety.option("--force-scale", a.force_scale,
-                "factor on the tissue's forces, 0.001 to 10, instead of the scene's (default for\n"
-                "a device that is weaker than the scene's tissue: the factor with which it can\n"
-                "render the strongest slice)");
+                "factor on the forces of the tissue, 0.001 to 10; it replaces the factor of the\n"
+                "scene. Without this option, a device that is too weak for the strongest slice\n"
+                "of the scene gets the factor at which it can just render this slice");
   safety.option("--late-ticks-in-row", a.late_ticks_in_row,
                 "raise a fault after this many consecutive missed deadlines; 0: never\n"
                 "(default: 3 for a device with motors; a simulated device is not harmed by late\n"
                 "ticks, so they are only counted)");
   app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
   safety.option("--black-box", a.black_box,
-                "folder for black boxes, the recordings of the 4 s until torques are zero after a\n"
-                "fault (default: the folder of --record, or else the current folder, or else that\n"
-                "for temporary files)");
+                "folder for black boxes. A black box is the recording of the last 4 s before a\n"
+                "fault has set the torques to zero (default: the folder of --record, or else the\n"
+                "current folder, or else that for temporary files)");
 
   Group diagnostics(app, kDiagnostics);
   diagnostics.option("--meshes", a.meshes, "write the sheets before and after the punctures: JSON");
@@ -225,9 +226,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   Group scene(app, "Scene");
   scene.option("--asset", a.asset, "an asset (.glb) instead of the scene's");
   scene.option("--force-law", a.force_law, force_law_names() + ", instead of the scene's");
-  scene.option(
-      "--procedure", a.procedure,
-      procedure_names() + ":\nits tool, soft layers and resistance instead of the scene's");
+  scene.option("--procedure", a.procedure,
+               procedure_names() +
+                   ":\ntool, soft layers and resistance of this procedure, instead of the scene's");
   scene.option("--strength", a.strength,
                "with --procedure: low, median or high value of each published range\n"
                "(default: median)");
@@ -235,8 +236,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
              "run no session; print the values of --procedure, or of all procedures, with\n"
              "their ranges and sources");
   scene.flag("--check", a.check,
-             "run no session; print what the scene needs and where the tip can go, do a dry\n"
-             "run with the simulated device, and warn of faults and of slices never touched");
+             "run no session; print the torques and the workspace that the scene needs, and do a\n"
+             "dry run with the simulated device. Warn of faults, and of slices that the tool\n"
+             "never touches");
   scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
   scene.option("--new-scene", a.new_scene,
                "run no session; propose a scene for this asset (.glb) and write it to -o");
@@ -245,8 +247,8 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "with --new-scene: a point X,Y,Z of the needle's line, at or before the bone, in mm in the\n"
       "patient's frame, DICOM's LPS (default: where the bone is thickest)");
   scene.option("--target", a.target,
-               "with --entry: the point X,Y,Z that the needle must reach (default: the needle\n"
-               "goes straight down)");
+               "with --entry: the point X,Y,Z that the needle must reach, in the same frame\n"
+               "(default: the needle goes across the slices, straight down for the hand)");
   scene.flag("--live-hand", a.live_hand,
              "with --new-scene: a scene whose hand you move yourself in trocar-console");
   scene.option(
@@ -256,12 +258,13 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   Group device(app, "Device");
   device.option("--device", a.device,
                 device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
-  device.flag("--simulated", a.simulated,
-              "say that the device process simulates its device: late ticks are then no fault,\n"
-              "and with udp: and pose: data may be missing for 250 ms instead of 10 ms (unless\n"
-              "--late-ticks-in-row is given). Without this option the device is taken to have\n"
-              "motors, and contact is half as stiff, because the mass in its description may be\n"
-              "wrong");
+  device.flag(
+      "--simulated", a.simulated,
+      "say that the device process only simulates a device. Late ticks are then no\n"
+      "fault, and with udp: and pose: data may be missing for 250 ms instead of 10 ms;\n"
+      "--late-ticks-in-row above 0 cancels both. Without --simulated, the device is expected to\n"
+      "have motors, and contact is rendered with half the stiffness that its description\n"
+      "permits, because the mass stated there may be wrong");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
               "and say whether a session at --rate would run without faults");

@@ -76,7 +76,8 @@ void declare(CLI::App& app, Arguments& arguments) {
       "show the session to 3D Slicer and other clients of OpenIGTLink: [ADDRESS:]PORT, for\n"
       "instance 18944. The default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets\n"
       "other machines watch. Clients cannot command");
-  app.add_option("--recording", arguments.recording, "play this recording instead; needs --scene");
+  app.add_option("--recording", arguments.recording,
+                 "play this recording and start no sessions; needs --scene");
   app.add_option("--stiffness-limit", arguments.stiffness_limit_N_per_m,
                  "largest stiffness in N/m that the device may render in any session")
       ->check(option_range(10.0, 1e8));

@@ -52,8 +52,8 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
       ->capture_default_str()
       ->check(option_range(0.0, 1e6));
   app.add_option("--then", a.then,
-                 "add the scans of each complete study to this collection, and make\n"
-                 "their assets in this store")
+                 "add the scans of each complete study to the file COLLECTION, and make\n"
+                 "their assets in the folder STORE")
       ->expected(2)
       ->type_name("COLLECTION STORE");
   app.add_option("--max-associations", a.max_associations,
