@@ -64,12 +64,10 @@ expected_time() {
 }
 
 # configure_and_build [TARGET...]: the preset $preset; cmake and ninja skip what is up to date. Sources are compiled in batches
-# (CMake's unity build), which takes half the time of one by one; TROCAR_UNITY=OFF compiles them one by one, and with
-# TROCAR_TESTS_IN_BATCHES=ON only the sources of the programs. With TROCAR_WERROR=ON, as .ci/run sets it, warnings are errors.
-# TROCAR_BENCHES=OFF leaves out the benchmarks.
+# (CMake's unity build), which takes half the time of one by one; TROCAR_UNITY=OFF compiles them one by one. With TROCAR_WERROR=ON,
+# as .ci/run sets it, warnings are errors. TROCAR_BENCHES=OFF leaves out the benchmarks.
 configure_and_build() {
-  local options=("-DCMAKE_UNITY_BUILD=${TROCAR_UNITY:-ON}" "-DTROCAR_BUILD_BENCHES=${TROCAR_BENCHES:-ON}"
-    "-DTROCAR_TESTS_IN_BATCHES=${TROCAR_TESTS_IN_BATCHES:-OFF}") targets=() steps
+  local options=("-DCMAKE_UNITY_BUILD=${TROCAR_UNITY:-ON}" "-DTROCAR_BUILD_BENCHES=${TROCAR_BENCHES:-ON}") targets=() steps
   [[ -z ${TROCAR_WERROR:-} ]] || options+=("-DTROCAR_WERROR=$TROCAR_WERROR")
   quietly "$build/configure.log" cmake -S "$root" -B "$build" --preset "$preset" "${options[@]}" ||
     die 1 "the build could not be configured"

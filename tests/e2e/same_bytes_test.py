@@ -3,9 +3,9 @@
 the programs of another build, if TROCAR_OTHER_BIN names its folder. Scans: the sample as PNG, DICOM and NIfTI; L3 (folder
 TROCAR_REAL_CT) and the head CT (file TROCAR_HEAD_CT) if available. With clang, for example:
 
-    cmake -S . -B build/clang -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=clang++-14
-    ninja -C build/clang trocar-mesh
-    TROCAR_OTHER_BIN=$PWD/build/clang/bin ctest --test-dir build/release -R same_bytes -V"""
+    cmake -S . -B build/other -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=clang++-14
+    ninja -C build/other trocar-mesh
+    TROCAR_OTHER_BIN=$PWD/build/other/bin ctest --test-dir build/release -R same_bytes -V"""
 import hashlib
 import os
 import pathlib
