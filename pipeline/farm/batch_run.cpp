@@ -6,6 +6,7 @@
 #include <csignal>
 #include <deque>
 #include <memory>
+#include <set>
 #include <unordered_map>
 
 #include "formats/base/json_text.h"
@@ -257,6 +258,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
   out.settings_ = std::move(settings);
   std::set<std::string> unknown = out.settings_.only.value_or(std::set<std::string>());
   std::unordered_map<std::string, const Parameters*> known;
+  std::set<std::string> checked;  // parameters of surfaces
   for (std::size_t k = 0; k < collection.scans.size(); ++k) {
     const CollectionScan& scan = collection.scans[k];
     // The parameters of all scans are checked, so that every shard refuses a wrong collection.
@@ -269,6 +271,14 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
         out.parameters_.push_back(std::make_unique<Parameters>(std::move(*read)));
         at->second = out.parameters_.back().get();
       }
+    }
+    for (const WantedProduct& product : scan.products) {
+      if (product.kind != ProductKind::kSurface || product.parameters.empty()) continue;
+      const json parameters = product_parameters(scan, product);
+      if (!checked.insert(json_text(parameters)).second) continue;
+      if (auto read = program.parameters(parameters);
+          !read && read.error().code == ExitCode::kUsage)
+        return usage("scan " + scan.name + ", product surface: " + read.error().message);
     }
     if (out.settings_.only) {
       unknown.erase(scan.name);

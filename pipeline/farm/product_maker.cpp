@@ -62,19 +62,11 @@ void add_options(const json& parameters, std::vector<std::string>& words) {
   }
 }
 
-// The options of the scan, overridden by those of the product.
-json options_of(const CollectionScan& scan, const WantedProduct& product) {
-  json out = scan.parameters;
-  if (product.kind == ProductKind::kSurface) out["surface"] = true;
-  out.update(product.parameters);
-  return out;
-}
-
 std::vector<std::string> mesh_words(const ProductWork& work, const WantedProduct& product,
                                     const fs::path& output) {
   std::vector<std::string> words = {work.programs.mesh};
   if (product.kind == ProductKind::kPreview) words.emplace_back("preview");
-  add_options(options_of(work.scan, product), words);
+  add_options(product_parameters(work.scan, product), words);
   if (!work.scan.series.empty()) words.push_back("--series=" + work.scan.series);
   words.insert(words.end(), {"--jobs=1", "--quiet", "-o", output.string(), "--"});
   for (const fs::path& input : work.inputs)
@@ -134,6 +126,13 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
 }
 
 }  // namespace
+
+json product_parameters(const CollectionScan& scan, const WantedProduct& product) {
+  json out = scan.parameters;
+  if (product.kind == ProductKind::kSurface) out["surface"] = true;
+  out.update(product.parameters);
+  return out;
+}
 
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry) {
   const auto before = std::exchange(entry.products, {});

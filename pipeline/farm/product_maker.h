@@ -26,6 +26,10 @@ struct ProductPrograms {
   }
 };
 
+/// The parameters with which `trocar-mesh` makes a preview or a surface: those of the scan,
+/// overridden by those of the product.
+nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduct& product);
+
 struct ProductWork {
   const CollectionScan& scan;
   const std::vector<std::filesystem::path>& inputs;

@@ -207,8 +207,8 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
   const auto done = farm::collect_garbage(*store, grace);
   if (!done) return done.error();
   if (!a.quiet && !a.as_json)
-    std::printf("%zu files removed, %.1f MB; %zu kept\n", done->removed,
-                static_cast<double>(done->bytes) / 1e6, done->kept);
+    std::printf("%zu files removed, %.1f MB; %zu kept, also all younger than %g min (--grace)\n",
+                done->removed, static_cast<double>(done->bytes) / 1e6, done->kept, a.grace_minutes);
   return json{{"removed", done->removed}, {"bytes", done->bytes}, {"kept", done->kept}};
 }
 
@@ -224,7 +224,8 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
       std::printf(", %zu known failure%s%s", s.known.size(), s.known.size() == 1 ? "" : "s",
                   a.strict ? "" : " (--dry-run lists them)");
     if (s.left > 0) std::printf(", %zu left", s.left);
-    if (s.products_made > 0) std::printf("; %zu products made", s.products_made);
+    if (s.products_made > 0)
+      std::printf("; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
     std::printf("; %.1f s\n", s.seconds);
   }
 }

@@ -23,6 +23,9 @@ std::string collection_of(const json& list, const fs::path& folder,
   std::error_code error;
   const json collection = farm::first_collection(list, folder, fs::current_path(error));
   for (const json& scan : list["scans"]) {
+    if (scan["usable"] == false && !scan.value("localiser", false))
+      warnings.push_back({"not_in_collection", scan["path"].get<std::string>(),
+                          "cannot be used: " + scan["problem"].get<std::string>()});
     if (scan["kind"] == "images" && scan["usable"] == true)
       warnings.push_back({"needs_parameters", scan["path"].get<std::string>(),
                           "images need the parameters spacing, and equalize or threshold"});

@@ -74,6 +74,12 @@ def test_all_products_and_only_the_changed_one(tmp_path, scans):
     assert {name for name in FILES if before[name] != after[name]} == {"surface"}, (before, after)
     assert [row["scan"] for row in journal(store)[lines:]] == ["a"] or len(journal(store)) == lines + 1
 
+    # A misspelt parameter is wrong usage, as it is for a scan, and the store keeps what it has.
+    write(collection, scans, [*ALL[:2], {"product": "surface", "parameters": {"surface-triangle": 1000}}, ALL[3]])
+    said = run(MESH, "batch", collection, "-o", store, expect=2).stderr
+    assert "scan b, product surface: parameter surface-triangle: no such option, did you mean surface-triangles?" in said, said
+    assert targets(store) == after
+
     # As it was before: found in the store.
     del scans[0]["products"]
     write(collection, scans, ALL)

@@ -199,7 +199,10 @@ def part_results():
     expect_counts(result, 170, 0, 20, 0, "another file beside a series", known=10)
 
     # A first collection.
-    listed = run(MESH, "list", "scans/phantom", "--manifest", cwd=WORK).stdout
+    (folder / "phantom/noise.nii.gz").write_bytes(b"no NIfTI file" * 100)
+    done = run(MESH, "list", "scans/phantom", "--manifest", cwd=WORK)
+    listed = done.stdout
+    assert "noise" not in listed and re.search(r"not_in_collection.*noise\.nii\.gz.*cannot be used: ", done.stderr), done.stderr
     schema.validate(json.loads(listed))
     (WORK / "listed.json").write_text(listed)
     expect_counts(batch(WORK / "listed.json", WORK / "listed_store", expect=3), 0, 2, 0, 1, "list --manifest: images need a spacing")

@@ -189,6 +189,47 @@ def test_held(folder):
         finish_all(told, one)
 
 
+def test_ended_tasks_of_an_earlier_run(folder):
+    """Slurm lists ended tasks for some minutes. Those of an earlier run on the store are not taken for tasks of this one."""
+    told, one, _ = a_round(folder, 2)
+    told.table["9_7"] = slurm.Task("9", 7, "COMPLETED", "None", f"{folder.prefix}0-0")  # as an earlier version named it
+    with RunFolder(folder.path.with_name("store2")) as other:
+        other.prefix, earlier = folder.prefix, other.own_prefix
+    told.table["9_0"] = slurm.Task("9", 0, "TIMEOUT", "None", f"{folder.prefix}{earlier.split('-')[-2]}-0-0")
+    finish_all(told, one)
+    assert [chunk.end for chunk in one.chunks.values()] == [watch.DONE] * 2, one.chunks
+
+
+class Stale(Program):
+    """A program whose scans stay stale."""
+    store = "store"
+
+    def state(self, *_):
+        return program.State(4, {f"s{k}": "" for k in range(4)}, {}, 0)
+
+
+def test_tasks_that_do_nothing(folder, monkeypatch):
+    """If no task of the first round writes to the journal, the run ends and says why. It does not submit tasks for ever."""
+    said = []
+    told = Cluster(folder)
+    monkeypatch.setattr(farm_run.time, "sleep", lambda _: [told.finish(key, None, "FAILED") for key in told.active()])
+    monkeypatch.setattr(watch, "GRACE_POLLS", 0)
+    one = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, 0, said.append)
+    one.slots = 1
+    (folder.path / "log.0.1").write_text("trocar-mesh: /all.json: Not a directory\n")
+    progress = farm_run.Progress(journal.Journal(folder.store), 4, said.append)
+    with pytest.raises(FarmError, match="no task of the first round has done anything: .*/all.json: Not a directory"):
+        one.make([f"s{k}" for k in range(4)], folder, progress, [])
+    assert len(one.rounds) == 1, one.rounds
+
+
+def test_where_no_store_can_be(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FarmError, match="file: is no folder"):
+        RunFolder(tmp_path / "file").__enter__()
+    assert not (tmp_path / "file.farm").exists()
+
+
 def test_refused(folder):
     told, one, _ = a_round(folder, 2)
     told.refuses = True
@@ -222,7 +263,7 @@ def test_arithmetic(folder):
 
 
 # One writer of this file system waits for its own syncs; sixteen share them.
-CONSTANTS = {"scan_s": 1.0, "input_bytes": 1e6, "asset_bytes": 1e4, "beside_bytes": 1e3, "made_share": 0.9, "read_bytes_per_s.1": 1e8, "read_bytes_per_s.4": 1e8,
+CONSTANTS = {"scan_s": 1.0, "input_bytes": 1e6, "asset_bytes": 1e4, "beside_bytes": 1e3, "product_bytes": 2e5, "product_files": 3, "made_share": 0.9, "read_bytes_per_s.1": 1e8, "read_bytes_per_s.4": 1e8,
              "files_per_s.1": 527, "files_per_s.4": 869, "files_per_s.16": 3700, "start_s": 0.1, "entry_s": 1e-6, "look_s": 1e-5, "dispatch_s": 1.0,
              "controller_s": 0.01, "cluster_s": 3.0}
 
@@ -231,6 +272,7 @@ def test_plan():
     small = plan.work_out(6000, 10, 1, 60, CONSTANTS)
     assert small["chunks"] == 100 and abs(small["task_s"] - 61.106) < 1e-9, small
     assert abs(small["seconds"] - (10 * 61.106 + 3 * (0.1 + 6000 * 1.1e-5))) < 1e-6, small["seconds"]
+    assert small["product_bytes"] == 5400 * 2e5 and small["files"] == 5400 * 12 + 600, small
     assert small["asset_bytes"] == 5400 * 1e4 and small["read_bytes"] == 2 * 6000 * 1e6, small
     assert small["limits"][0]["what"] == "reading inputs" and small["limits"][0]["slots"] == 50, small["limits"]
     large = plan.work_out(6000, 1000, 1, 60, CONSTANTS)
@@ -284,7 +326,7 @@ def test_each_scan_is_in_one_class():
     assert "memory of a scan: at most 5 MB" in summary.text(numbers)
     assert numbers["failed"][-1] == {"scan": "s9", "reason": "its process was killed by signal 9 (SIGKILL)"}
     assert numbers["not_finished"] == [{"scan": "s10", "reason": "time limit"}]
-    assert summary.text(numbers).splitlines()[0] == "330 scans: 9 unchanged, 309 made, 10 failed, 1 known failure, 1 not finished"
+    assert summary.text(numbers).splitlines()[0] == "330 scans: 9 unchanged, 309 made, 10 failed, 1 known failure (trocar-mesh batch --dry-run lists them), 1 not finished"
     again = summary_of(state(330, {"s10": ""}, after.known), state(330, {}, after.known), {}, [])
     assert (again["unchanged"], again["done"], len(again["failed"]), len(again["known_failures"])) == (319, 1, 0, 10)
 

@@ -84,7 +84,7 @@ def test_farm(usr, work):
     said = run(farm, "collection.json", "-o", "store", cwd=work, env={**os.environ, "PATH": f"{usr / 'bin'}:/usr/bin:/bin"}).stdout
     assert said.startswith("0 scans"), said
     wrong = run(farm, "collection.json", expect=2).stderr
-    assert wrong.startswith("farm: a run wants COLLECTION.json"), wrong
+    assert wrong == "trocar-farm: a run wants COLLECTION.json and -o STORE; -o STORE is missing\n", wrong
 
 
 def test_man_pages(usr):

@@ -112,6 +112,9 @@ class Measurement:
         if slices and triangles:
             self.keep("slice_s", "time of a slice", sum(entry.seconds for entry in made.values()) / slices, "s", source)
             self.keep("triangle_bytes", "asset, of a triangle", sum(entry.bytes for entry in made.values()) / triangles, "bytes", source)
+        products = [file.stat().st_size for name in made for file in (store / "products" / name).rglob("*") if file.is_file()]
+        self.keep("product_bytes", "products of a scan", sum(products) / count, "bytes", source)
+        self.keep("product_files", "files of them", len(products) / count, "", source)
         beside = sum(file.stat().st_size for folder in ("actions", "scans", "reports") for file in (store / folder).rglob("*") if file.is_file())
         kept = sum(1 for _ in (store / "scans").glob("*.json")) or 1
         self.keep("beside_bytes", "report, action and index entry", beside / kept, "bytes", f"files of {store}" if store == self.store else source)

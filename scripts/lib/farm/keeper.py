@@ -112,9 +112,11 @@ class Keeper:
         for file in (f"slurmd.{dead}.log", "start.log", "slurmctld.log"):
             lines = [line for line in (self.folder / "log" / file).read_text(errors="replace").splitlines() if line.strip()] \
                 if (self.folder / "log" / file).exists() else []
-            errors = [line for line in lines if "rror" in line or "atal" in line]
+            errors = [re.sub(r"^\[[^]]*\] ", "", line) for line in lines if "rror" in line or "atal" in line]
             if errors:
-                return errors[-1] + (ONLY_LO if any(sign in errors[-1] for sign in NO_ADDRESSES) else "")
+                # The first error is the cause, and the last one what followed from it.
+                said = "; ".join(dict.fromkeys((errors[0], errors[-1])))
+                return said + (ONLY_LO if any(sign in said for sign in NO_ADDRESSES) else "")
         return f"no answer within {START_S} s"
 
     def watch(self):

@@ -13,6 +13,7 @@ import metrics
 import plan
 import program
 import run
+import slurm
 import summary
 import watch
 from cluster import NODES_MAX, LocalCluster
@@ -23,7 +24,7 @@ OWN_POLL_S, POLL_S = 0.5, 3
 
 
 def say(message):
-    print(f"farm: {message}", file=sys.stderr, flush=True)
+    print(f"{os.path.basename(NAME)}: {message}", file=sys.stderr, flush=True)
 
 
 class Parser(argparse.ArgumentParser):
@@ -64,7 +65,7 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("-o", dest="store", metavar="STORE", help="the store's folder")
     parser.add_argument("--local-cluster", type=number(int, 1, NODES_MAX), metavar="N", dest="local",
                         help="start munged, slurmctld and N slurmd here, and take them down at the end")
-    parser.add_argument("--program", metavar="PATH", help="trocar-mesh on the nodes (the one built here, else that of PATH)")
+    parser.add_argument("--program", metavar="PATH", help="trocar-mesh on the nodes (default: the one built in this clone, if there is one, else that of PATH)")
     parser.add_argument("--chunk", type=number(float, 1, 86400), default=60, metavar="S", help="work of a task, seconds (60)")
     parser.add_argument("--jobs", type=number(int, 1, 1024), default=1, metavar="N", help="processors and threads of a task (1)")
     parser.add_argument("--throttle", type=number(int, 1, 1 << 20), default=0, metavar="K", help="run at most K tasks at once (no limit)")
@@ -89,9 +90,14 @@ did not answer: run it again; 1 a bug.""")
         if given.collection or bool(given.nodes) == bool(given.local):
             raise FarmError(USAGE, "--plan COLLECTION.json wants --nodes N or --local-cluster N, and no other collection")
     elif bool(given.collection) != bool(given.store):
-        raise FarmError(USAGE, "a run wants COLLECTION.json and -o STORE")
+        raise FarmError(USAGE, f"a run wants COLLECTION.json and -o STORE; {'-o STORE' if given.collection else 'COLLECTION.json'} is missing")
     elif not given.collection and not given.local:
         raise FarmError(USAGE, f"give COLLECTION.json and -o STORE, --local-cluster N or --plan; {NAME} --help")
+    for name in ("nodes", "scans") if not given.plan else ():
+        if getattr(given, name):
+            raise FarmError(USAGE, f"--{name} is only for --plan")
+    if given.metrics and not pathlib.Path(given.metrics).absolute().parent.is_dir():
+        raise FarmError(WRITE, f"{given.metrics}: there is no folder {pathlib.Path(given.metrics).absolute().parent}")
     return given
 
 
@@ -101,6 +107,7 @@ def farm(given):
     options = watch.Options(given.partition, given.throttle, given.jobs, OWN_POLL_S if own else POLL_S, given.patience,
                             [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)],
                             [*(["--retry"] if given.retry else []), *(["--max-failures", str(given.max_failures)] if given.max_failures else [])])
+    slurm.answer_s = min(slurm.answer_s, given.patience)
     numbers = run.Run(tool, options, own, given.chunk, given.limit, given.max_failures, say).all()
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
     if given.metrics:

@@ -71,7 +71,8 @@ def work_out(scans, nodes, slots_a_node, chunk_s, of, processors=0):
         "scans": scans, "nodes": nodes, "slots": slots, "useful_slots": useful, "chunks": chunks, "work_s": work_s, "task_s": task_s,
         "chunk_cost_s": cost_s, "chunk_cost_share": cost_s / task_s, "looks_s": looks_s, "start_s": start_s, "seconds": seconds,
         "own_cost_share": 1 - work_s / useful / seconds, "asset_bytes": made * of["asset_bytes"],
-        "beside_bytes": scans * of["beside_bytes"], "files": round(made * 6 + (scans - made)), "read_bytes": constants.READS_PER_SCAN * scans * of["input_bytes"],
+        "product_bytes": made * of["product_bytes"],
+        "beside_bytes": scans * of["beside_bytes"], "files": round(made * (6 + 2 * of["product_files"]) + (scans - made)), "read_bytes": constants.READS_PER_SCAN * scans * of["input_bytes"],
         "limits": limits,
     }
 
@@ -104,8 +105,8 @@ def text(plan):
         f"{plan['scans']} scans on {plan['nodes']} nodes, {plan['slots']} slots: {duration(plan['seconds'])}; {plan['chunks']} chunks",
         f"  work {duration(plan['work_s'])} on one slot; the farm's own cost {100 * plan['own_cost_share']:.1f} %: {plan['chunk_cost_s']:.2f} s a chunk, "
         f"{duration(plan['looks_s'])} for checking all scans {CHECKS} times",
-        f"  written {size(plan['asset_bytes'])} of assets and {size(plan['beside_bytes'])} beside them, {plan['files']} files and links; "
-        f"read {size(plan['read_bytes'])}",
+        f"  written {size(plan['asset_bytes'])} of assets, {size(plan['product_bytes'])} of products and {size(plan['beside_bytes'])} of other files, "
+        f"{plan['files']} files and links; read {size(plan['read_bytes'])}",
     ]
     if plan["chunk_cost_share"] > COST_MAX:
         lines.append(f"  --chunk {10 * math.ceil(plan['chunk_cost_s'] / COST_WANTED / 10)} would make a chunk's cost {100 * COST_WANTED:.0f} %")

@@ -55,5 +55,5 @@ def find(path, root):
     built = root / "build" / "release" / "bin" / "trocar-mesh"
     found = path or (str(built) if built.exists() else shutil.which("trocar-mesh"))
     if not found or not os.access(found, os.X_OK):
-        raise FarmError(USAGE, f"--program {found or 'trocar-mesh'}: not found; build it, or give its path on the nodes")
+        raise FarmError(USAGE, f"--program {found or 'trocar-mesh'}: not found; install or build it, or give its path on the nodes")
     return os.path.abspath(found)

@@ -13,6 +13,7 @@ import journal
 import slurm
 import summary
 import watch
+from errors import USAGE, WRITE, FarmError
 from repair import Repair
 from run_folder import RunFolder
 
@@ -20,6 +21,7 @@ TRIES = 3
 MEASURING_SCANS = 3  # scans for each slot, if the journal is empty
 SMALLER = 10  # factor by which chunks of a further try are smaller
 JOURNAL_S = 3  # interval of reading it; it has a file for each task
+LINE_S = 60  # interval of lines about the progress, if they do not go to a terminal
 LAST_S = 10  # time for tasks that Slurm has started twice to end by themselves
 LIMIT_MIN_MINUTES = 5
 LIMIT_TIMES = 10  # factor over the estimate of the longest chunk
@@ -31,11 +33,12 @@ def limit_minutes(chunk_s):
 
 
 class Progress:
-    """Collects the journal's entries of this run, and shows on a terminal how many scans have one, the rate and the time left."""
+    """Collects the journal's entries of this run, and shows how many scans have one, the rate and the time left: on a terminal in one
+    line that changes, elsewhere in a line each minute."""
 
-    def __init__(self, log, total):
-        self.log, self.total, self.entries = log, total, []
-        self.start = time.monotonic()
+    def __init__(self, log, total, say):
+        self.log, self.total, self.say, self.entries = log, total, say, []
+        self.start = self.last_line = time.monotonic()
         self.last = 0.0
         self.shown = sys.stderr.isatty()
 
@@ -45,10 +48,14 @@ class Progress:
             return
         self.last = now
         self.collect()
+        made, spent = len({entry.scan for entry in self.entries}), max(now - self.start, 1e-3)
+        left = f", {spent / made * (self.total - made):.0f} s left" if made else ""
+        line = f"{made} of {self.total} scans, {made / spent:.2f} scans/s{left}"
         if self.shown:
-            made, spent = len({entry.scan for entry in self.entries}), now - self.start
-            left = f", {spent / made * (self.total - made):.0f} s left" if made else ""
-            print(f"\r  {made} of {self.total} scans, {made / spent:.2f} scans/s{left}   ", end="", file=sys.stderr)
+            print(f"\r  {line}   ", end="", file=sys.stderr)
+        elif now - self.last_line >= LINE_S:
+            self.last_line = now
+            self.say(line)
 
     def collect(self):
         self.entries += self.log.new_entries()
@@ -78,7 +85,7 @@ class Run:
         before = after = self.program.state(*self.options.batch)
         log = journal.Journal(self.program.store)
         known = log.new_entries()
-        progress = Progress(log, len(before.stale))
+        progress = Progress(log, len(before.stale), self.say)
         if before.stale:
             with RunFolder(self.program.store) as folder:
                 with self.own or contextlib.nullcontext():
@@ -94,6 +101,9 @@ class Run:
             self.say(f"{earlier} tasks of an earlier run on this store are cancelled")
         patience_s = 0
         try:
+            largest = slurm.largest_node(self.options.partition)
+            if self.options.jobs > largest:
+                raise FarmError(USAGE, f"--jobs {self.options.jobs}: no node has more than {largest} processor{'s' if largest > 1 else ''}")
             self.slots = max(1, slurm.processors(self.options.partition) // self.options.jobs)
             if self.options.throttle:
                 self.slots = min(self.slots, self.options.throttle)
@@ -108,7 +118,7 @@ class Run:
     def make(self, todo, folder, progress, known):
         tries = 0
         while todo and tries < TRIES:
-            measuring = not known and not progress.entries and len(todo) > MEASURING_SCANS * self.slots
+            measuring = not known and not self.rounds and len(todo) > MEASURING_SCANS * self.slots
             estimates = journal.estimates(known + progress.entries, todo, self.chunk_s)
             if measuring:
                 cut = [todo[k * len(todo) // self.slots:][:MEASURING_SCANS] for k in range(self.slots)]
@@ -122,6 +132,8 @@ class Run:
             self.resubmitted += one.resubmitted
             self.rounds.append({"chunks": len(cut), "measuring": measuring, "estimated_s": round(sum(estimates.values()), 1),
                                 "time_limit_min": minutes, "ended": ends(one.chunks)})
+            if len(self.rounds) == 1 and not progress.entries and all(chunk.end not in (watch.DONE, watch.TIMEOUT) for chunk in one.chunks.values()):
+                raise FarmError(WRITE, f"no task of the first round has done anything: {next(iter(one.chunks.values())).end}")
             if self.has_enough_failures(progress):
                 self.unfinished = {name: f"not tried, because of --max-failures {self.max_failures}" for name in todo}
                 return

@@ -5,6 +5,7 @@ import fcntl
 import hashlib
 import os
 import pathlib
+import secrets
 import shutil
 
 from errors import NAME, USAGE, WRITE, FarmError
@@ -12,17 +13,22 @@ from errors import NAME, USAGE, WRITE, FarmError
 
 class RunFolder:
     def __init__(self, store):
+        self.store = pathlib.Path(store)
         self.path = pathlib.Path(str(store) + ".farm")
-        # Every run on this store has the same prefix, so that its tasks are found again.
+        # The names of this store's jobs begin with the same prefix in every run, so that the tasks of an interrupted run are found again.
+        # Those of this run also have a number of its own, because Slurm lists the ended tasks of earlier runs for some minutes.
         self.prefix = "trocar-" + hashlib.sha256(str(store).encode()).hexdigest()[:10] + "-"
+        self.own_prefix = self.prefix + secrets.token_hex(4) + "-"
         self.lock = None
 
     def __enter__(self):
+        if self.store.exists() and not (self.store.is_dir() and os.access(self.store, os.W_OK | os.X_OK)):
+            raise FarmError(WRITE, f"{self.store}: is {'not writable' if self.store.is_dir() else 'no folder'}")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self.lock = open(self.path / "lock", "w")
         except OSError as error:
-            raise FarmError(WRITE, f"{self.path}: {error.strerror}") from None
+            raise FarmError(WRITE, f"{self.path}, which the run needs beside the store: {error.strerror}") from None
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

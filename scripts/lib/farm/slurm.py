@@ -8,7 +8,7 @@ import subprocess
 
 from errors import GET_SLURM, USAGE, WRITE, FarmError
 
-ANSWER_S = 30  # slurmctld answers within its MessageTimeout, or not at all
+answer_s = 30  # slurmctld answers within its MessageTimeout, or not at all
 # States of `squeue -t all` in which a task still waits or runs. A COMPLETING task has ended.
 ACTIVE = {"PENDING", "CONFIGURING", "RUNNING", "SUSPENDED", "STOPPED", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "RESIZING", "SIGNALING",
           "SPECIAL_EXIT", "STAGE_OUT"}
@@ -48,9 +48,9 @@ class Node:
 def ask(*command, text=None):
     try:
         done = subprocess.run([str(word) for word in command], input=text, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                              timeout=ANSWER_S, check=False, text=True)
+                              timeout=answer_s, check=False, text=True)
     except subprocess.TimeoutExpired:
-        raise NoAnswer(f"{command[0]}: no answer within {ANSWER_S} s") from None
+        raise NoAnswer(f"{command[0]}: no answer within {answer_s:g} s") from None
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines()
         raise NoAnswer(lines[-1] if lines else f"{command[0]} ended with {done.returncode}")
@@ -86,6 +86,12 @@ def processors(partition):
         if len(numbers) == 4 and all(n.isdigit() for n in numbers):
             total += int(numbers[3]) - int(numbers[2])
     return max(1, total)
+
+
+def largest_node(partition):
+    """The largest number of processors of a node."""
+    said = ask("sinfo", "-h", "-N", "-o", "%c", *(("-p", partition) if partition else ()))
+    return max((int(word.rstrip("+")) for word in said.split() if word.rstrip("+").isdigit()), default=1)
 
 
 def nodes(partition):

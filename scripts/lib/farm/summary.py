@@ -61,8 +61,9 @@ def rows(reasons):
 
 def text(numbers):
     known = len(numbers["known_failures"])
-    lines = [f"{numbers['scans']} scans: {numbers['unchanged']} unchanged, {numbers['done']} made, {len(numbers['failed'])} failed, "
-             f"{known} known failure{'' if known == 1 else 's'}, {len(numbers['not_finished'])} not finished"]
+    lines = [f"{numbers['scans']} scan{'' if numbers['scans'] == 1 else 's'}: {numbers['unchanged']} unchanged, {numbers['done']} made, {len(numbers['failed'])} failed, "
+             f"{known} known failure{'' if known == 1 else 's'}{' (trocar-mesh batch --dry-run lists them)' if known else ''}, "
+             f"{len(numbers['not_finished'])} not finished"]
     if numbers["stale_at_start"]:
         lines.append(f"{numbers['seconds']:.1f} s on {numbers['slots']} slots, {numbers['scans_per_s']:.2f} scans/s, "
                      f"{numbers['bytes'] / 1e6:.1f} MB; slots busy {100 * numbers['busy_share']:.0f} % of the time")

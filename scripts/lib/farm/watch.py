@@ -43,7 +43,7 @@ class Round:
     def __init__(self, program, run, options, repair, say, number, cut, minutes):
         self.program, self.run, self.options, self.repair, self.say = program, run, options, repair, say
         self.number, self.minutes = number, minutes
-        self.job_name = f"{run.prefix}{number}-"
+        self.job_name = f"{run.own_prefix}{number}-"
         self.chunks = {k: Chunk(names) for k, names in enumerate(cut, 1)}
         self.waiting = list(self.chunks)
         self.limits = None
