@@ -74,10 +74,10 @@ class Keeper:
     def prepare(self):
         for name in ("state", "log", "munge", "run", *(f"spool.{node}" for node in node_names(self.nodes))):
             (self.folder / name).mkdir(mode=0o755, exist_ok=True)
-        # Nothing is limited here, and containers may have no cgroups, without which slurmd does not start since version 23.
+        # Nothing is limited here, and containers may have no cgroups. By default slurmd looks for them and does not start without. Until
+        # version 22 the old plugin does not look for them as long as nothing is limited; since version 23 the plugin can be left out.
         version = re.search(r"(\d+)\.", self.ask("slurmd", "-V"))
-        if version and int(version[1]) >= 23:
-            (self.folder / "cgroup.conf").write_text("CgroupPlugin=disabled\n")
+        (self.folder / "cgroup.conf").write_text(f"CgroupPlugin={'disabled' if version and int(version[1]) >= 23 else 'cgroup/v1'}\n")
         key = self.folder / "munge" / "key"
         key.touch(mode=0o600)
         key.write_bytes(os.urandom(1024))

@@ -68,7 +68,7 @@ def work_out(scans, nodes, slots_a_node, chunk_s, of, processors=0):
     start_s = of["cluster_s"] if processors else 0
     seconds = start_s + waves_s + looks_s
     return {
-        "scans": scans, "nodes": nodes, "slots": slots, "useful_slots": useful, "chunks": chunks, "work_s": work_s, "task_s": task_s,
+        "scans": scans, "nodes": nodes, "chunk_s": chunk_s, "slots": slots, "useful_slots": useful, "chunks": chunks, "work_s": work_s, "task_s": task_s,
         "chunk_cost_s": cost_s, "chunk_cost_share": cost_s / task_s, "looks_s": looks_s, "start_s": start_s, "seconds": seconds,
         "own_cost_share": 1 - work_s / useful / seconds, "asset_bytes": made * of["asset_bytes"],
         "product_bytes": made * of["product_bytes"],
@@ -108,8 +108,9 @@ def text(plan):
         f"  written {size(plan['asset_bytes'])} of assets, {size(plan['product_bytes'])} of products and {size(plan['beside_bytes'])} of other files, "
         f"{plan['files']} files and links; read {size(plan['read_bytes'])}",
     ]
-    if plan["chunk_cost_share"] > COST_MAX:
-        lines.append(f"  --chunk {10 * math.ceil(plan['chunk_cost_s'] / COST_WANTED / 10)} would make a chunk's cost {100 * COST_WANTED:.0f} %")
+    proposed_s = 10 * math.ceil(plan["chunk_cost_s"] / COST_WANTED / 10)
+    if plan["chunk_cost_share"] > COST_MAX and proposed_s > plan["chunk_s"]:
+        lines.append(f"  --chunk {proposed_s} would make a chunk's cost {100 * COST_WANTED:.0f} %")
     if first:
         lines.append(f"saturates first: {first['what']}, at {first['slots']} slots"
                      + (f"; {plan['slots']} slots are no faster than {plan['useful_slots']}" if plan["useful_slots"] < plan["slots"] else ""))

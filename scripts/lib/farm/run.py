@@ -86,10 +86,14 @@ class Run:
         log = journal.Journal(self.program.store)
         known = log.new_entries()
         progress = Progress(log, len(before.stale), self.say)
-        if before.stale:
-            with RunFolder(self.program.store) as folder:
-                with self.own or contextlib.nullcontext():
-                    self.on_cluster(list(before.stale), folder, progress, known)
+        folder = RunFolder(self.program.store)
+        if before.stale or folder.is_left:
+            with folder:
+                if folder.is_left and before.known:
+                    self.say("an earlier run on this store was killed; the scans that failed in it count as known failures")
+                if before.stale:
+                    with self.own or contextlib.nullcontext():
+                        self.on_cluster(list(before.stale), folder, progress, known)
                 if self.own and (self.repair.count or self.resubmitted):
                     self.program.tidy()
             after = self.program.state()
