@@ -69,12 +69,11 @@ void declare(CLI::App& app, Arguments& a) {
       "real: wall clock; lock-step: each command of trocar-run advances time by one tick, for\n"
       "trocar-run --clock virtual (default: real)");
   app.add_option("--rate", a.rate_Hz, "rate of the drive, 100 to 10000 Hz (default: 4000)");
-  app.add_option(
-      "--watchdog", a.watchdog_s,
-      "time without a command after which torques are zero, 0.01 to 0.5 s (default:\n"
-      "0.01); a value below 2.5 ticks of trocar-run is raised to that. On a\n"
-      "machine with other work, which may stall, 0.25 s avoids watchdog stops; trocar-run\n"
-      "then needs --simulated, so that it tolerates the stalls as well");
+  app.add_option("--watchdog", a.watchdog_s,
+                 "time without a command after which torques are zero, 0.01 to 0.5 s (default:\n"
+                 "0.01); a value below 2.5 ticks of trocar-run is raised to that. A\n"
+                 "machine with other work stalls now and then: give 0.25 there, and trocar-run\n"
+                 "the option --simulated");
   app.add_option(
       "--model", a.model,
       "light: a plate with viscous friction; full: also links, rotors, dry friction and\n"
