@@ -10,8 +10,8 @@
 // The HU include the scanner's in-plane blur (point spread), as a formula. At the signed distance d
 // from a surface, the fraction Phi(-d / sigma) of the HU is that of the inner tissue, and the rest
 // that of the outer one. Phi is the cumulative normal distribution, and sigma is
-// PhantomOptions::edge_sigma_mm. This is exact for a flat surface, and a close approximation if the radius of
-// curvature is larger than sigma.
+// PhantomOptions::edge_sigma_mm. This is exact for a flat surface, and a close approximation if the
+// radius of curvature is larger than sigma.
 #pragma once
 
 #include <cstdint>
@@ -50,8 +50,8 @@ Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
 Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
 
 /// The bone at a point of the scan frame (vertebra.h): the thickness of the cortical shell, and the
-/// signed distance from the bone's outer surface. The distance is negative inside, and changes by at
-/// most 1 mm per mm.
+/// signed distance from the bone's outer surface. The distance is negative inside, and changes by
+/// at most 1 mm per mm.
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
 
 /// sample_bone(phantom, p_scan).distance_mm.

@@ -101,7 +101,7 @@ int run_command_line(int argc, const char* const* argv) {
   CLI::App app{
       "Writes a synthetic CT of a lumbar vertebra to OUTDIR, in three formats: png/ (grey\n"
       "pictures with three equal channels of 8 bits), dicom/ (a CT series) and sample.nii.gz.\n"
-      "Also writes sample.json: seed, geometry, HU of the tissues and noise of the scan.",
+      "Also writes sample.json: seed, geometry, HU of the bone and noise of the scan.",
       kName};
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

@@ -79,8 +79,8 @@ struct Asset {
   /// identifies the scan.
   std::string input_digest = {};
   std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
-      /// Digest of the input with the user's key, hexadecimal; empty without a key. slice_stack.h defines
-  /// the digest.
+  /// Digest of the input with the user's key, hexadecimal; empty without a key. slice_stack.h
+  /// defines the digest.
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
   HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if unknown

@@ -21,9 +21,10 @@ namespace trocar {
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
 /// Computes AssetSlice::hu, the HU at a slice's vertices, where it is empty. The values come from
-/// Asset::hu, the volume of HU. Viewers can then colour the meshes. The value at a vertex is the mean HU of the triangles around the vertex, weighted by
-/// area. (The HU at the vertex itself would mix with those of the surroundings, because most
-/// vertices lie on the outline.) Call this function before weld_materials().
+/// Asset::hu, the volume of HU. Viewers can then colour the meshes. The value at a vertex is the
+/// mean HU of the triangles around the vertex, weighted by area. (The HU at the vertex itself would
+/// mix with those of the surroundings, because most vertices lie on the outline.) Call this
+/// function before weld_materials().
 void add_hu_at_vertices(Asset& asset);
 
 }  // namespace trocar

@@ -63,7 +63,8 @@ class [[nodiscard]] Result<void> {
   std::optional<Error> error_;
 };
 
-// One function for each kind of error that many files make. refused_for_now() also sets is_temporary.
+// One function for each kind of error that many files make. refused_for_now() also sets
+// is_temporary.
 
 inline Error refused(std::string message) {
   return {ExitCode::kRefused, std::move(message)};

@@ -16,10 +16,10 @@
 namespace trocar {
 
 /// Lengths are in metres and angles in radians. The frame {B} has its origin at the centre of the
-/// base, and z points up. Leg number k, from 1 to 4, is at the azimuth (k - 1) * 90 degrees; its frame
-/// is {B} turned by this angle. The symbols are those of the paper. Each leg has two motors: theta1
-/// turns the upper motor's link, which ends at the elbow E, and theta4 the lower motor's link, which
-/// ends at F. runtime/mechanism/README.md has the joints in order.
+/// base, and z points up. Leg number k, from 1 to 4, is at the azimuth (k - 1) * 90 degrees; its
+/// frame is {B} turned by this angle. The symbols are those of the paper. Each leg has two motors:
+/// theta1 turns the upper motor's link, which ends at the elbow E, and theta4 the lower motor's
+/// link, which ends at F. runtime/mechanism/README.md has the joints in order.
 struct DeviceGeometry {
   double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E
   double l2_m = 0;    ///< distance from the elbow E to the plate's ball joint C
@@ -32,8 +32,9 @@ struct DeviceGeometry {
   double H_B_m = 0;   ///< vertical distance from the axes of theta1 down to the lower motors' links
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
-      /// The sign, 1 or -1, of the arc cosine in theta1 and in theta4 (runtime/mechanism/kinematics.cpp).
-  /// Both angles have two solutions for each pose of the plate. The sign selects the device's own.
+  /// The sign, 1 or -1, of the arc cosine in theta1 and in theta4
+  /// (runtime/mechanism/kinematics.cpp). Both angles have two solutions for each pose of the plate.
+  /// The sign selects the device's own.
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -82,8 +83,9 @@ DeviceDescription default_device_description();
 
 /// Reads a description from JSON text. `source`: the name that messages give to the text, for
 /// example its file. Errors: kRefused if the text is not JSON, if a key is unknown, repeated or
-/// missing, if a type is wrong, or if a number is outside the schema's range. The key "assumed" lists
-/// the values that are guesses; kRefused also if an entry of it does not name a value of the document.
+/// missing, if a type is wrong, or if a number is outside the schema's range. The key "assumed"
+/// lists the values that are guesses; kRefused also if an entry of it does not name a value of the
+/// document.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

@@ -29,8 +29,8 @@ struct PoseDeviceDescription {
   double rotation_damping_Nm_s_per_rad = 0;
   double position_resolution_m = 0;    ///< 0: exact positions
   double rotation_resolution_rad = 0;  ///< 0: exact orientations
-  /// Box of the positions that the handle can reach, in the device's frame. A scene contains
-  /// the path of a simulated hand; a session places the middle of this box at the middle of that path.
+  /// Box of the positions that the handle can reach, in the device's frame. A scene contains the
+  /// path of a simulated hand; a session places the middle of this box at the middle of that path.
   std::array<double, 3> workspace_min_m{}, workspace_max_m{};
   /// Rotation vector that turns the axes of the scene's frame {B} (z up) into the axes of the
   /// device's frame.

@@ -259,18 +259,18 @@ class Worker {
       }
     }
     failpoint("opened");
-    auto product = opened_->mesh();
+    auto outputs = opened_->mesh();
     failpoint("meshed");
     if (auto ok = check_unchanged(); !ok) return ok.error();
-    if (!product) return product.error();
+    if (!outputs) return outputs.error();
     opened_.reset();
-    warnings_ = std::move(product->warnings);
+    warnings_ = std::move(outputs->warnings);
     Outputs out;
     const auto no_proof = [](std::span<const std::uint8_t>) { return Result<void>(); };
-    auto report = store_.put_content(bytes_of(product->report), no_proof);
+    auto report = store_.put_content(bytes_of(outputs->report), no_proof);
     if (!report) return report.error();
     out.report = *report;
-    auto asset = store_.put_content(product->asset, [this](std::span<const std::uint8_t> glb) {
+    auto asset = store_.put_content(outputs->asset, [this](std::span<const std::uint8_t> glb) {
       return check_asset(glb, scan_.name);
     });
     if (!asset) return asset.error();

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 // An initial collection of the scans that `list` found in `folder`, as text. Adds warnings about
-// images, because their parameters are missing.
+// images, because their parameters are missing, and about scans that cannot be used.
 std::string collection_of(const json& list, const fs::path& folder,
                           std::vector<Warning>& warnings) {
   std::error_code error;

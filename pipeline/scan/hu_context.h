@@ -17,10 +17,10 @@ double default_context_mm(const SlicePlane& plane, int width, int height);
 /// Encodes the HU of slices `first` to `last` on a coarse grid. Along each axis the pitch is a
 /// multiple of the spacing of the scan. It is the largest multiple up to 1.05 * pitch_mm, but at
 /// least the spacing of the scan. (A coarser grid would lose edges of bone in an X-ray picture.)
-/// Only planes that would have more than 4096 samples a side are coarser than that. A sample is the mean over a block
-/// of pixels and over the neighbouring slices, with weights that fall to zero at the next planes of
-/// the grid. The image is cropped by options.crop. The result does not depend on the number of
-/// threads. Errors: those of stack.read().
+/// Only planes that would have more than 4096 samples a side are coarser than that. A sample is the
+/// mean over a block of pixels and over the neighbouring slices, with weights that fall to zero at
+/// the next planes of the grid. The image is cropped by options.crop. The result does not depend on
+/// the number of threads. Errors: those of stack.read().
 Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int last,
                                        double pitch_mm, const MeshOptions& options);
 

@@ -20,9 +20,9 @@ struct FillNode {
 /// lies in a triangle of the mesh that is larger than this area, or on a side of such a triangle. A
 /// point on a side of two triangles may appear twice. `triangles` is the caller's estimate of how
 /// many equilateral triangles fill the mesh. The search ends after an amount of work proportional
-/// to this estimate plus the number of listed points; for some outlines it then has not found all
-/// points. If the mesh is moved, the points move with it. Precondition: the edges of the equilateral
-/// triangles have at least 2 steps.
+/// to this estimate plus the numbers of the mesh's vertices and of the listed points. For some
+/// outlines it then has not found all points. If the mesh is moved, the points move with it.
+/// Precondition: the edges of the equilateral triangles have at least 2 steps.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);
 

@@ -109,8 +109,9 @@ class OutlineSplitter {
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // A shell is a circle around a corner. If the apex lies on the other side of a small input angle
-    // and on the same shell as a or b, it would not encroach without rounding, so it is not counted.
+    // A shell is a circle around a corner. If the apex lies on the other side of a small input
+    // angle and on the same shell as a or b, it would not encroach without rounding, so it is not
+    // counted.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
@@ -158,8 +159,9 @@ class OutlineSplitter {
     return !insertion_.evaluate<PointKind::kSplit>(out, 0).is_turned;
   }
 
-  // An input segment, and the largest distance from it that the points of its splits may have. Most
-  // splits are rounded to the material's side, so repeated splits move away from the segment.
+  // An input segment, and the largest distance from it that the points of its splits may have.
+  // Splits are rounded to lattice points, so points of repeated splits can move away from the
+  // segment.
   struct Segment {
     LatticePoint from, to;
     double length2, max_area2;
@@ -182,8 +184,9 @@ class OutlineSplitter {
 
   // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
   // way from a to b. Returns false if there is none. Four lattice points surround the exact
-  // position. The function chooses the nearest of those on the material's side. If the loop has lost
-  // area by earlier splits, it may choose the nearest of those on the void's side instead.
+  // position. The function chooses the nearest of those on the material's side. It chooses the
+  // nearest of those on the void's side if that keeps the area of the loop better, or if there is
+  // no usable point on the material's side.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
@@ -250,9 +253,9 @@ class OutlineSplitter {
       while (!evaluate_at(kSplits[k])) {
         if (++k == kSplits.size()) return false;
       }
-      // best_.flaws counts the bad triangles that the split would make. If the apex is nearer to the
-      // edge than half the edge's length, the halves will be split again. These triangles will then
-      // change, as long as enough splits are left.
+      // best_.flaws counts the bad triangles that the split would make. If the apex is nearer to
+      // the edge than half the edge's length, the halves will be split again. These triangles will
+      // then change, as long as enough splits are left.
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {

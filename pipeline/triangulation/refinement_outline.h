@@ -36,11 +36,10 @@ class RefinementOutline {
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
-  /// Returns true if no other part of the outline can meet this segment, although rounded splits may
-  /// move the points of the segment and of that part: by up to one step to the void's side, and by up
-  /// to three to the material's side. Valid after
-  /// start_clearance(). The answer is computed when it is first needed, because most segments are
-  /// never split.
+  /// Returns true if no other part of the outline can meet this segment, although rounded splits
+  /// may move the points of the segment and of that part: by up to one step to the void's side, and
+  /// by up to three to the material's side. Valid after start_clearance(). The answer is computed
+  /// when it is first needed, because most segments are never split.
   bool has_clearance(std::uint32_t segment) {
     if (clearance_[segment] == Clearance::kUnknown) [[unlikely]]
       find_clearance(segment);
@@ -51,8 +50,8 @@ class RefinementOutline {
   std::int64_t& lost_of_loop(std::uint32_t segment) { return lost_[loop_[segment]]; }
 
   const std::vector<Refined::Segment>& segments() const { return segments_; }
-  /// The angle of an input vertex in the material, in degrees. An angle of 90 degrees or more plays no
-  /// role in refinement, and is returned as 360.
+  /// The angle of an input vertex in the material, in degrees. An angle of 90 degrees or more plays
+  /// no role in refinement, and is returned as 360.
   double angle_deg(std::uint32_t vertex) const { return angle_deg_[vertex]; }
 
   /// The corner at which two segments meet under an angle below 60 degrees in the material, or

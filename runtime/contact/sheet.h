@@ -29,8 +29,8 @@ struct Sheet {
   std::uint32_t cuts = 0;                    ///< number of holes cut into `mesh` during the session
   std::shared_ptr<const SliceField> field;   ///< only with the force law `cutting`; else null
   std::shared_ptr<const EdgeDistance> edge;  ///< only with the force law `cutting`; else null
-      /// HU of each vertex of the mesh as loaded, before any hole was cut, in the order of the vertices;
-  /// null: the asset has no HU at vertices.
+  /// HU of each vertex of the mesh as loaded, before any hole was cut, in the order of the
+  /// vertices; null: the asset has no HU at vertices.
   std::shared_ptr<const std::vector<float>> hu;
 };
 

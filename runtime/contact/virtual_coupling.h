@@ -9,8 +9,9 @@
 // The proxy has no mass, and has the plate's orientation. In each tick the proxy moves to the
 // position where the force of the coupling and the forces of the environment balance. The
 // environment consists of the sheet in contact, the friction on the shaft and the rims of the
-// holes. Its elements are linearised at the position that the proxy had in the last tick. Each element is linear within its
-// limits: the sheet cannot pull, and dry friction slides at its maximum.
+// holes. Its elements are linearised at the position that the proxy had in the last tick. Each
+// element is linear within its limits: the sheet cannot pull, and dry friction slides at its
+// maximum.
 //
 // Contract (tests/runtime/contact/virtual_coupling_test.cpp):
 //  1. If nothing acts on the proxy, the proxy coincides with the tool on the plate, and the

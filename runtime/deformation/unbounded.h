@@ -6,9 +6,9 @@
 // the tool is to feel on an undamaged sheet far from any edge. The result also serves as a reference
 // for the spring network, because it does not depend on a mesh.
 //
-// Let u = 1 on the tool's outline, n the normal pointing into the sheet, q = -du/dn the slope at the
-// outline, and G(r) = K0(r / lambda) / (2 pi), where K0 is the modified Bessel function of the second
-// kind. Green's third identity gives
+// Let u = 1 on the tool's outline, n the normal pointing into the sheet, q = -du/dn the slope at
+// the outline, and G(r) = K0(r / lambda) / (2 pi), where K0 is the modified Bessel function of the
+// second kind. Green's third identity gives
 //   integral of G q ds = c(x) - integral of dG/dn_y ds
 // for x on the outline, with c = 1/2 except at corners. The equation is solved by collocation with
 // constant q on panels, which are parts of the outline's edges. The panels get shorter towards the

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Safety limits of the four-legged device's encoders, pose and motors. A check that finds a limit
 // exceeded returns a named fault, after which the loop renders no torques. The limits of items 2 to 4
-// are kept by reducing torques, without a fault. The haptic thread calls these functions. They have
-// no state of their own.
+// are kept by reducing torques; a fault follows only if this lasts too long, or if a limit is exceeded
+// all the same. The haptic thread calls these functions. They have no state of their own.
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):
@@ -11,19 +11,19 @@
 //     limit. A limit of nan always trips, and so does a negative limit of a quantity that
 //     cannot be negative.
 //  2. The heat of a motor is computed by the model of motor.h, which sums the squared current over
-//     time. As the motor warms up, the torque that is available from it falls smoothly from the peak
-//     to the continuous torque. The wrench is scaled down along its own direction so that no motor
-//     exceeds its thermal limit. This is not a fault, because a force that falls slowly is less
-//     surprising than one that vanishes. The fault kMotorOverload is raised in two cases. The first
-//     is a motor beyond its thermal limit, which can happen only if torques other than those of
-//     item 4 were written. The second is a long overload: for `overload_time_max_s` without a break,
-//     some motor was too warm for its peak torque, and less than `overload_scale_min` of the wanted
-//     wrench was rendered.
-//  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step from the last
-//     torques is shortened by one factor, so that the change of the wrench keeps its direction. The
-//     rise of a torque is the growth of its magnitude or, if the torque changes its sign, its new
-//     magnitude. A fall towards zero, as at a puncture, is not limited. But in a tick in which the
-//     largest of the eight magnitudes grows, every change of a torque counts as a rise.
+//     time. As the motor warms up, the torque that is available from it falls smoothly from the
+//     peak to the continuous torque. The wrench is scaled down along its own direction so that no
+//     motor exceeds its thermal limit. This is not a fault, because a force that falls slowly is
+//     less surprising than one that vanishes. The fault kMotorOverload is raised in two cases. The
+//     first is a motor beyond its thermal limit, which can happen only if torques other than those
+//     of item 4 were written. The second is a long overload: for `overload_time_max_s` without a
+//     break, some motor was too warm for its peak torque, and less than `overload_scale_min` of the
+//     wanted wrench was rendered.
+//  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step
+//     from the last torques is shortened by one factor, so that the change of the wrench keeps its
+//     direction. The rise of a torque is the growth of its magnitude or, if the torque changes its
+//     sign, its new magnitude. A fall towards zero, as at a puncture, is not limited. But in
+//     a tick in which the largest of the eight magnitudes grows, a fall counts as a rise, too.
 //  4. The torques that limit_torques() returns are within every motor's limit. If a torque still
 //     exceeds its motor's limit after item 3, all torques are scaled down by one factor.
 #pragma once
@@ -43,15 +43,15 @@ struct MechanismLimits {
       0.01;  ///< |measured theta4 - theta4 that follows from the fitted pose|
   double inverse_condition_min =
       0.02;  ///< inverse condition of the Jacobian, with lengths divided by 0.05 m
-  /// Smallest allowed Singularity::nearest_branch_m, the distance to a pose in which a leg can change
-  /// to its other solution of the inverse kinematics (its other branch). It must not be smaller than
-  /// the error that a pose may have (pose_residual_max_m), because then a leg could change its branch
-  /// undetected. The smallest value among 100,000 poses of the stated workspace is 0.749 mm
-  /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
+  /// Smallest allowed Singularity::nearest_branch_m, the distance to a pose in which a leg can
+  /// change to its other solution of the inverse kinematics (its other branch). It must not be
+  /// smaller than the error that a pose may have (pose_residual_max_m), because then a leg could
+  /// change its branch undetected. The smallest value among 100,000 poses of the stated workspace
+  /// is 0.749 mm (tests/runtime/mechanism/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
   double torque_max_Nm = 0;  ///< torque of each motor; 0: the torque that its thermal state allows
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
-      /// Longest time for which item 3 may shorten steps. The time is counted in MotorState::rise_s. A
+  /// Longest time for which item 3 may shorten steps. The time is counted in MotorState::rise_s. A
   /// tick in which no torque changes by more than half of what the rate limit allows resets it.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< factor of item 2

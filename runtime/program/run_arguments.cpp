@@ -54,8 +54,8 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
                  "publish the session in shared memory and take commands from other programs;\n"
                  "the file of this name is a symbolic link to that memory while the session runs");
   session.flag("--xray", a.xray,
-               "with --live: compute X-ray pictures when such a program asks for a shot or for\n"
-               "fluoroscopy, and count them in recording, summary and report");
+               "with --live: let such a program ask for X-ray shots and fluoroscopy, and count\n"
+               "them in recording, summary and report");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -236,9 +236,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
              "run no session; print the values of --procedure, or of all procedures, with\n"
              "their ranges and sources");
   scene.flag("--check", a.check,
-             "run no session; print the torques and the workspace that the scene needs, and do a\n"
-             "dry run with the simulated device. Warn of faults, and of slices that the tool\n"
-             "never touches");
+             "run no session; print the torques that the scene needs and where the tip can go,\n"
+             "and do a dry run with the simulated device. Warn of faults, and of slices that\n"
+             "the tool never touches");
   scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
   scene.option("--new-scene", a.new_scene,
                "run no session; propose a scene for this asset (.glb) and write it to -o");

@@ -4,9 +4,9 @@
 //  - real: ticks follow the wall clock. Meshes and stiffness are used as soon as they are ready.
 //  - virtual: ticks follow each other without a pause. Meshes and stiffness are used a fixed number
 //    of ticks after their request, so that the same input gives the same recording.
-//  - replay: like virtual, but each mesh and each stiffness comes into use in the tick in which it did
-//    so in the recording (columns `cuts_published` and `response_*`). Requests for recovery, requests
-//    for X-ray pictures and faults from outside the loop also come from the recording.
+//  - replay: like virtual, but each mesh and each stiffness comes into use in the tick in which it
+//    did so in the recording (columns `cuts_published` and `response_*`). Requests for recovery,
+//    requests for X-ray pictures and faults from outside the loop also come from the recording.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 

@@ -23,8 +23,8 @@ class XrayCommands {
   static constexpr std::uint64_t kMaxWaiting = 16;
 
   /// Applies the commands given since the last call. Called once per tick period, also while the
-  /// session is paused and makes no ticks. During a pause all shots are dropped, also those that were
-  /// waiting. `now_ns`: CLOCK_MONOTONIC.
+  /// session is paused and makes no ticks. During a pause all shots are dropped, also those that
+  /// were waiting. `now_ns`: CLOCK_MONOTONIC.
   void apply(const TelemetryCommands& given, bool is_paused, std::int64_t now_ns) noexcept {
     waiting_ =
         is_paused ? 0 : std::min(waiting_ + std::min(given.xray_shots, kMaxWaiting), kMaxWaiting);
@@ -35,8 +35,8 @@ class XrayCommands {
     is_held_ = (word_ & 1) != 0 && now_ns - confirmed_ns_ < kHeld_ns;
   }
 
-  /// Returns RecordingRow::xray for the tick that follows this call of apply(), and takes one waiting
-  /// shot. Call it once for each tick.
+  /// Returns RecordingRow::xray for the tick that follows this call of apply(), and takes one
+  /// waiting shot. Call it once for each tick.
   std::uint8_t take() noexcept {
     const bool has_shot = waiting_ > 0;
     if (has_shot) --waiting_;

@@ -22,8 +22,8 @@ def packet(kind, key, session, sequence, time_ns, contents):
     return header + contents + mac(key, header + contents)
 
 
-def hello(key, host_nonce, period_s, fresh=True, time_ns=0, contents=ANGLES):
-    return packet(HELLO, key, 0, 1, time_ns, host_nonce + struct.pack("<dBB6x", period_s, fresh, contents))
+def hello(key, host_nonce, period_s, resets_world=True, time_ns=0, contents=ANGLES):
+    return packet(HELLO, key, 0, 1, time_ns, host_nonce + struct.pack("<dBB6x", period_s, resets_world, contents))
 
 
 def welcome(key, host_nonce, drive_nonce, period_s, clock, time_ns=0):
@@ -66,11 +66,11 @@ class Host:
     """One session with a drive over a connected datagram socket."""
     contents = ANGLES
 
-    def __init__(self, socket, key, period_s=1e-3, fresh=True, tries=20):
+    def __init__(self, socket, key, period_s=1e-3, resets_world=True, tries=20):
         self.socket, self.key, self.sequence, self.seen, self.sent = socket, key, 0, 0, []
         nonce = os.urandom(16)
         for _ in range(tries):
-            socket.send(hello(key, nonce, period_s, fresh, contents=self.contents))
+            socket.send(hello(key, nonce, period_s, resets_world, contents=self.contents))
             answer = self.receive(WELCOME, key)
             if answer is not None and answer[3][:16] == nonce:
                 break

@@ -247,7 +247,7 @@ def test_other_implementation(source, programs, work):
         except TimeoutError:
             pass
         # A restarted host gets a session again, in the same simulated world.
-        again = link.Host(simulator.socket(), simulator.key(), fresh=False)
+        again = link.Host(simulator.socket(), simulator.key(), resets_world=False)
         again.command(link.HOLD)
         state = again.state()
         assert state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is not served"

@@ -216,11 +216,19 @@ def test_tasks_that_do_nothing(folder, monkeypatch):
     monkeypatch.setattr(watch, "GRACE_POLLS", 0)
     one = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, 0, said.append)
     one.slots = 1
-    (folder.path / "log.0.1").write_text("trocar-mesh: /all.json: Not a directory\n")
+    for chunk in range(1, 5):
+        (folder.path / f"log.0.{chunk}").write_text("trocar-mesh: /all.json: Not a directory\n")
     progress = farm_run.Progress(journal.Journal(folder.store), 4, said.append)
     with pytest.raises(FarmError, match="no task of the first round has done anything: .*/all.json: Not a directory"):
         one.make([f"s{k}" for k in range(4)], folder, progress, [])
     assert len(one.rounds) == 1, one.rounds
+
+    # Tasks that were killed have said nothing. They are tried again in smaller chunks, and at last given up.
+    folder.clear()
+    killed = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, 0, said.append)
+    killed.slots = 1
+    killed.make([f"s{k}" for k in range(4)], folder, progress, [])
+    assert len(killed.rounds) == 1 + farm_run.TRIES and len(killed.unfinished) == 4, (killed.rounds, killed.unfinished)
 
 
 def test_where_no_store_can_be(tmp_path):

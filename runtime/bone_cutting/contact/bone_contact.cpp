@@ -144,7 +144,7 @@ class BoneContactTick {
     const Eigen::Vector3d at_m = axis_at(bone_.tool, tool_, sheets_[i]->z_m);
     const SliceField::Mean under =
         sheets_[i]->field->mean(sheets_[i]->transform, at_m.head<2>(), bone_.radius_m);
-    own.coverage = under.share;
+    own.uncut_coverage = under.share;
     own.is_presented = under.share >= kMostlyMaterial;
     own.hu = under.hu;
     own.has_hu = under.share > 0;
@@ -200,8 +200,8 @@ class BoneContactTick {
                         below_m + up_m + length_m <= bone_.shell_m + kRounding_m);
       const double nominal = bone_.slabs[k].friction_N_per_m;
       slab.friction_N_per_m =
-          own.coverage * (own.has_hu ? sheet.friction_N_per_m(own.hu, nominal) : nominal);
-      slab.viscous_N_s_per_m2 = own.coverage * bone_.slabs[k].viscous_N_s_per_m2;
+          own.uncut_coverage * (own.has_hu ? sheet.friction_N_per_m(own.hu, nominal) : nominal);
+      slab.viscous_N_s_per_m2 = own.uncut_coverage * bone_.slabs[k].viscous_N_s_per_m2;
       slab.strength_top_N = own.share * (is_shell ? shell_N : ends[0] + slope * down_m);
       slab.strength_bottom_N =
           own.share * (is_shell ? shell_N : ends[0] + slope * (down_m + length_m));

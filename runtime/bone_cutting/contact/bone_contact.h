@@ -31,15 +31,15 @@ namespace trocar::runtime {
 
 /// Memory of one sheet between ticks, on the haptic thread.
 struct SheetInContact {
-  LatticeOutline outline;            ///< tool's outline for which `coverage` and `hu` were computed
-  std::uint32_t cuts = 0;            ///< number of holes in the mesh when `share` was computed
+  LatticeOutline outline;  ///< tool's outline for which `uncut_coverage` and `hu` were computed
+  std::uint32_t cuts = 0;  ///< number of holes in the mesh when `share` was computed
   std::uint32_t cuts_requested = 0;  ///< number of requested holes at that time
   bool is_known = false;             ///< the values below have been computed
   bool has_hu = false;               ///< material lies under the tool, so `hu` is valid
   bool is_beside = false;            ///< the sheet's edges act as walls (contract 3)
   bool is_presented = false;  ///< at least half of the tool lies over material of the uncut sheet
   double share = 1;           ///< coverage: fraction of the outline over material not yet cut
-  double coverage = 1;        ///< coverage of the uncut sheet; factor on friction
+  double uncut_coverage = 1;  ///< coverage of the uncut sheet; factor on friction
   double hu = 0;              ///< mean HU of the material under the tool
   double strength_N = 0;      ///< strength before multiplication by `share`
   Eigen::Vector2d free_at_m =

@@ -74,7 +74,7 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("--partition", default="", metavar="NAME", help="Slurm's partition (its default)")
     parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word: --sbatch='--account=x --qos=y'")
     parser.add_argument("--patience", type=number(float, 1, 1e6), default=600, metavar="S",
-                        help="how long to wait for a cluster that does not answer, seconds (600)")
+                        help="how long to wait for a cluster that does not answer, and at most for one command of Slurm, seconds (600)")
     parser.add_argument("--retry", action="store_true", help="try known failures again")
     parser.add_argument("--strict", action="store_true", help="exit code 3 also if there are only known failures")
     parser.add_argument("--max-failures", type=number(int, 1, 10**9), default=0, metavar="N", help="end the run after N new failures (no limit)")
@@ -107,7 +107,7 @@ def farm(given):
     options = watch.Options(given.partition, given.throttle, given.jobs, OWN_POLL_S if own else POLL_S, given.patience,
                             [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)],
                             [*(["--retry"] if given.retry else []), *(["--max-failures", str(given.max_failures)] if given.max_failures else [])])
-    slurm.answer_s = min(slurm.answer_s, given.patience)
+    slurm.answer_s = min(slurm.answer_s, max(given.patience, 5))
     numbers = run.Run(tool, options, own, given.chunk, given.limit, given.max_failures, say).all()
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
     if given.metrics:

@@ -86,14 +86,12 @@ class Run:
         log = journal.Journal(self.program.store)
         known = log.new_entries()
         progress = Progress(log, len(before.stale), self.say)
-        folder = RunFolder(self.program.store)
-        if before.stale or folder.is_left:
-            with folder:
-                if folder.is_left and before.known:
+        if before.stale:
+            with RunFolder(self.program.store) as folder:
+                if folder.was_left and before.known:
                     self.say("an earlier run on this store was killed; the scans that failed in it count as known failures")
-                if before.stale:
-                    with self.own or contextlib.nullcontext():
-                        self.on_cluster(list(before.stale), folder, progress, known)
+                with self.own or contextlib.nullcontext():
+                    self.on_cluster(list(before.stale), folder, progress, known)
                 if self.own and (self.repair.count or self.resubmitted):
                     self.program.tidy()
             after = self.program.state()
@@ -106,7 +104,7 @@ class Run:
         patience_s = 0
         try:
             largest = slurm.largest_node(self.options.partition)
-            if self.options.jobs > largest:
+            if 0 < largest < self.options.jobs:
                 raise FarmError(USAGE, f"--jobs {self.options.jobs}: no node has more than {largest} processor{'s' if largest > 1 else ''}")
             self.slots = max(1, slurm.processors(self.options.partition) // self.options.jobs)
             if self.options.throttle:
@@ -136,7 +134,8 @@ class Run:
             self.resubmitted += one.resubmitted
             self.rounds.append({"chunks": len(cut), "measuring": measuring, "estimated_s": round(sum(estimates.values()), 1),
                                 "time_limit_min": minutes, "ended": ends(one.chunks)})
-            if len(self.rounds) == 1 and not progress.entries and all(chunk.end not in (watch.DONE, watch.TIMEOUT) for chunk in one.chunks.values()):
+            # A task that was killed has said nothing; smaller chunks may help there.
+            if len(self.rounds) == 1 and not progress.entries and all(chunk.said for chunk in one.chunks.values()):
                 raise FarmError(WRITE, f"no task of the first round has done anything: {next(iter(one.chunks.values())).end}")
             if self.has_enough_failures(progress):
                 self.unfinished = {name: f"not tried, because of --max-failures {self.max_failures}" for name in todo}

@@ -20,7 +20,7 @@ class RunFolder:
         self.prefix = "trocar-" + hashlib.sha256(str(store).encode()).hexdigest()[:10] + "-"
         self.own_prefix = self.prefix + secrets.token_hex(4) + "-"
         self.lock = None
-        self.is_left = any(self.path.glob("names.*"))  # by a run that was killed
+        self.was_left = False  # by a run that was killed
 
     def __enter__(self):
         if self.store.exists() and not (self.store.is_dir() and os.access(self.store, os.W_OK | os.X_OK)):
@@ -34,6 +34,7 @@ class RunFolder:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise FarmError(USAGE, f"{self.path}: another {NAME} works on this store") from None
+        self.was_left = any(self.path.glob("names.*"))
         self.clear()
         return self
 

@@ -89,9 +89,9 @@ def processors(partition):
 
 
 def largest_node(partition):
-    """The largest number of processors of a node."""
+    """The largest number of processors of a node; 0 if Slurm does not say it as a plain number."""
     said = ask("sinfo", "-h", "-N", "-o", "%c", *(("-p", partition) if partition else ()))
-    return max((int(word.rstrip("+")) for word in said.split() if word.rstrip("+").isdigit()), default=1)
+    return max((int(word.rstrip("+")) for word in said.split() if word.rstrip("+").isdigit()), default=0)
 
 
 def nodes(partition):

@@ -35,6 +35,7 @@ class Chunk:
     attempts: int = 0
     missing: int = 0  # polls in a row in which it neither waited nor ran
     end: str = ""  # DONE, TIMEOUT, or the reason for giving up
+    said: str = ""  # what the program said last, if the chunk was given up
 
 
 class Round:
@@ -109,8 +110,8 @@ class Round:
             elif chunk.missing > GRACE_POLLS:
                 chunk.missing = 0
                 if chunk.attempts >= ATTEMPTS:
-                    said = self.run.last_line(self.number, number).removeprefix("trocar-mesh: ")
-                    chunk.end = f"its task ended {chunk.attempts} times without a result: {said or states.get(number, 'unknown to Slurm')}"
+                    chunk.said = self.run.last_line(self.number, number).removeprefix("trocar-mesh: ")
+                    chunk.end = f"its task ended {chunk.attempts} times without a result: {chunk.said or states.get(number, 'unknown to Slurm')}"
                 else:
                     self.resubmitted += 1
                     self.waiting.append(number)

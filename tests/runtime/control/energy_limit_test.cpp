@@ -98,7 +98,7 @@ TEST(EnergyLimit, AnEnvironmentThatGivesBackAtMostWhatItStoredNeverRaisesIt) {
   }
 }
 
-// Item 2: what a is_released sheet had stored may pass to the one below, and no more.
+// Item 2: what a punctured sheet had stored may pass to the one below, and no more.
 TEST(EnergyLimit, ASheetBelowMayTakeOverEnergyOfThePuncturedOne) {
   for (const double below_J : {0.09, 0.19}) {
     Moved moved;
