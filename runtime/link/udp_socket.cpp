@@ -64,7 +64,8 @@ Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port) {
   hints.ai_family = AF_INET;
   hints.ai_socktype = SOCK_DGRAM;
   addrinfo* found = nullptr;
-  const std::string host(text.substr(0, colon));
+  // This name means this computer (RFC 6761), also where no /etc/hosts says so.
+  const std::string name(text.substr(0, colon)), host = name == "localhost" ? "127.0.0.1" : name;
   if (const int failed = ::getaddrinfo(host.c_str(), nullptr, &hints, &found); failed != 0) {
     return usage(quoted + ": the name \"" + host.substr(0, 256) + "\" gives no address (" +
                  ::gai_strerror(failed) + "); check it, or give the address in digits");
