@@ -131,9 +131,9 @@ struct EncodedSlice {
   LatticeBox bounds;  ///< box around the vertices
   int material = 0;
   bool has_hu = false, has_colours = false;
-  std::size_t draco_z_at =
-      0;  ///< offset in `draco` of the z of all vertices, a float; the float is
-          ///< 0 until assemble_asset() writes the z
+  /// Offset in `draco` of the z of all vertices, a float, which is 0 until assemble_asset() writes
+  /// the z.
+  std::size_t draco_z_at = 0;
 };
 /// Errors: kBug if the slice is not valid or not within the grid's box.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);

@@ -86,8 +86,8 @@ struct HelloPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};
   double period_s = 0;
-  bool resets_world =
-      true;  ///< the host requests that a simulated world restart from its initial state
+  /// The host requests that a simulated world restart from its initial state.
+  bool resets_world = true;
   LinkContents contents = LinkContents::kAngles;  ///< the kind of drives that the host serves
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
 };

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Safety limits of the four-legged device's encoders, pose and motors. A check that finds a limit
 // exceeded returns a named fault, after which the loop renders no torques. The limits of items 2 to 4
-// are kept by reducing torques; a fault follows only if this lasts too long, or if a limit is exceeded
-// all the same. The haptic thread calls these functions. They have no state of their own.
+// are kept by reducing torques; a fault follows only if this lasts too long, or if a limit is
+// exceeded all the same. The haptic thread calls these functions. They have no state of their own.
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):

@@ -74,7 +74,7 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("--partition", default="", metavar="NAME", help="Slurm's partition (its default)")
     parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word: --sbatch='--account=x --qos=y'")
     parser.add_argument("--patience", type=number(float, 1, 1e6), default=600, metavar="S",
-                        help="how long to wait for a cluster that does not answer, and at most for one command of Slurm, seconds (600)")
+                        help="how long to wait for a cluster that does not answer, seconds (600)")
     parser.add_argument("--retry", action="store_true", help="try known failures again")
     parser.add_argument("--strict", action="store_true", help="exit code 3 also if there are only known failures")
     parser.add_argument("--max-failures", type=number(int, 1, 10**9), default=0, metavar="N", help="end the run after N new failures (no limit)")
