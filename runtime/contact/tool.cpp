@@ -117,6 +117,9 @@ Tool make_tool(const SceneTool& scene_tool) {
   tool.sides = static_cast<int>(section.size());
   tool.tip_plate_m = Eigen::Vector3d(scene_tool.tip_in_plate_m.data());
   tool.axis_plate = q_plate_tool * Eigen::Vector3d::UnitZ();
+  const double rotation_rad = scene_tool.rotation_deg * std::numbers::pi / 180;
+  tool.side_plate =
+      q_plate_tool * Eigen::Vector3d(std::cos(rotation_rad), std::sin(rotation_rad), 0);
   for (std::size_t i = 0; i < section.size(); ++i) {
     tool.corner_plate_m[i] =
         tool.tip_plate_m + q_plate_tool * Eigen::Vector3d(section[i].x(), section[i].y(), 0);

@@ -31,6 +31,9 @@ struct Tool {
   std::array<Eigen::Vector3d, kMaxToolSides> corner_plate_m;
   Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< lower end of the tool's axis
   Eigen::Vector3d axis_plate = Eigen::Vector3d::UnitZ();  ///< unit vector up the shaft
+  /// Unit vector along the cross-section's x axis, which SceneTool::rotation_deg rotates about the
+  /// tool's axis.
+  Eigen::Vector3d side_plate = Eigen::Vector3d::UnitX();
   /// Number of convex parts that tile the cross-section. 0: the tool has more than kMaxToolPieces.
   int pieces = 0;
   std::array<ConvexPiece, kMaxToolPieces> piece;

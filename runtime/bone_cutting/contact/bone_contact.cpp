@@ -74,7 +74,8 @@ class BoneContactTick {
       set_strength(i);
     state_.options.torsion_Nm =
         slice_push_ > 0 && first < count
-            ? state_.sheets[first].share * bone_.sheets[first].torsion_Nm(bone_.shape, slice_push_)
+            ? state_.sheets[first].share *
+                  bone_.sheets[first].torsion_Nm(bone_.shape, state_.sheets[first].hu, slice_push_)
             : 0;
     if (state_.law.stretch_m <= 0 && first < count)
       state_.options.tip_N_per_m = bone_.sheets[first].tip_N_per_m;

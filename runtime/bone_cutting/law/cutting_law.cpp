@@ -19,7 +19,7 @@ using Eigen::Vector3d;
 void hold_tip(Tick& tick) noexcept {
   CuttingState& state = tick.state;
   tick.tip_friction_N = tick.options.tip_friction * tick.options.tip_N_per_m *
-                        std::max(state.stretch_m, 0.0) * tick.press.norm();
+                        std::max(state.stretch_m, 0.0) * tick.normal.norm();
   const double stiffness = tick.tip_friction_N / std::max(tick.options.tip_presliding_m, 1e-9);
   if (stiffness > state.tip_friction_N_per_m)
     state.tip_slip_m *= state.tip_friction_N_per_m / stiffness;
@@ -126,6 +126,7 @@ void finish(Tick& tick, const Evaluation& e, CuttingResult& out) noexcept {
   if (tick.front_m > tick.first_front_m) record_cut(tick, tip, axis, out);
   finish_surface(tick, tip, axis);
   tick.state.bearing = bearing_slab(tick);
+  tick.state.front_m = tick.front_m;
   if (tick.options.coupling.is_rigid) {
     // The wrench is the derivative of the energy stored now, at the present pose of the shaft.
     tick.start_at(e.X);
@@ -145,6 +146,7 @@ void run(Tick& tick, CuttingResult& out) noexcept {
   if (tick.options.tip_friction > 0) hold_tip(tick);
   if (tick.options.tip_hold > 0) hold_along(tick);
   hold_twist(tick);
+  record_drift(tick, out);
   enter_or_leave(tick);
   embed(tick);
   Evaluation e;

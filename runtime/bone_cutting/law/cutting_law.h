@@ -37,7 +37,11 @@
 //     direction, but the energy stays the same. A new slope takes effect at the end of the tick.
 //     With a rigid coupling the wrench is then computed with the new slope, so that this wrench and
 //     the energy account of the next tick refer to the same slope.
-//  7. A tick does not allocate, lock or call the system, and takes at most `most_steps` Newton
+//  7. Inside bone a bevelled tip (CuttingTool::bevel_plate) is pushed to one side. As on a slope,
+//     the energy of the tip's spring depends only on its stretch, and the stretch grows by the
+//     displacement of the tip along the direction of the force. So when the tip drifts to the side,
+//     the front moves down with the drift, and the spring's energy does the work on the wall.
+//  8. A tick does not allocate, lock or call the system, and takes at most `most_steps` Newton
 //     steps.
 //
 // Depth is -z of {B}: the tool enters the bone downwards, within kMaxTilt_deg of upright.
@@ -62,6 +66,11 @@ struct CuttingTool {
   Eigen::Vector3d inward_plate =
       -Eigen::Vector3d::UnitZ();  ///< unit vector along the shaft to the tip
   double radius_m = 1e-3;         ///< radius at which friction around the shaft acts
+  /// Bevel of the tip: a vector perpendicular to `inward_plate` that points to the side to which the
+  /// bevel's face looks. Its length is the ratio of the tip's lateral force to its force along the
+  /// shaft, at most kMaxSlope. Inside bone the force on the tool acts along
+  /// -(inward_plate + bevel_plate). Zero: the tip is not pushed to one side.
+  Eigen::Vector3d bevel_plate = Eigen::Vector3d::Zero();
 };
 
 /// Spring from the plate to the proxy, acting about the plate's origin.
@@ -92,7 +101,8 @@ struct CuttingOptions {
   /// tip presses on. On a surface (`slope`) the friction acts in the surface, elsewhere it acts
   /// across the tool's axis. The friction's limit is the coefficient times the normal force at the
   /// end of the last tick. The friction reaches this limit after a displacement of
-  /// `tip_presliding_m`.
+  /// `tip_presliding_m`. (The friction of a bevel's face is part of the strength, so inside bone
+  /// `tip_friction` acts across the axis also for a bevelled tip.)
   double tip_friction = 0, tip_presliding_m = 1e-4;
   /// Crushed bone holds a tip that is pulled back. The hold is this fraction of the tip's largest
   /// recent force. (Bone under a tip is crushed, not compressed elastically, so it does not push
@@ -188,6 +198,7 @@ struct CuttingState {
   /// Index of the slab of thickness 0 on which the front rests; -1: none. Until the front cuts this slab, the front stays at the slab's
   /// depth. The depth is not recomputed from the stretch, even if the tool tilts.
   int bearing = -1;
+  double front_m = 0;                    ///< depth of the front at the end of the last tick
   std::optional<Eigen::Vector2d> slope;  ///< CuttingOptions::slope of the last tick
   /// Depth by which the front has moved down because the tip slid down a slope. No bone surrounds the tool over this depth.
   double slid_m = 0;

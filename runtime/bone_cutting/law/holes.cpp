@@ -207,9 +207,12 @@ double yield_walls(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexce
   return stored;
 }
 
-void record_cut(Tick& tick, const Vector3d& tip, const Vector3d& axis,
-                CuttingResult& out) noexcept {
-  for (int i = tick.slab_at(tick.first_front_m); i < tick.slab_count(); ++i) {
+namespace {
+
+// Records that the front has moved from this depth to its present one.
+void record_cut_from(Tick& tick, double from_m, const Vector3d& tip, const Vector3d& axis,
+                     CuttingResult& out) noexcept {
+  for (int i = tick.slab_at(from_m); i < tick.slab_count(); ++i) {
     const CuttingSlab& slab = tick.slab(i);
     if (slab.top_m >= tick.front_m) break;
     if (tick.state.hole < 0) enter(tick, i);
@@ -229,6 +232,19 @@ void record_cut(Tick& tick, const Vector3d& tip, const Vector3d& axis,
       out.passed_to = i + 1;
     }
   }
+}
+
+}  // namespace
+
+void record_cut(Tick& tick, const Vector3d& tip, const Vector3d& axis,
+                CuttingResult& out) noexcept {
+  record_cut_from(tick, tick.first_front_m, tip, axis, out);
+}
+
+void record_drift(Tick& tick, CuttingResult& out) noexcept {
+  if (!tick.has_bevel() || tick.is_on_surface() || tick.state.stretch_m <= 0) return;
+  if (tick.front_m > tick.state.front_m)
+    record_cut_from(tick, tick.state.front_m, tick.tip, tick.axis, out);
 }
 
 }  // namespace trocar::runtime

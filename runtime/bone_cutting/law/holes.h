@@ -28,5 +28,9 @@ double yield_walls(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d
 /// `out`. If the tool is not in a hole, a new hole begins at its position.
 void record_cut(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                 CuttingResult& out) noexcept;
+/// Call this at the start of a tick, before enter_or_leave(). A bevelled tip that drifted to the side
+/// in the last tick took the front with it. Records what the front has passed there, like
+/// record_cut().
+void record_drift(Tick& tick, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime

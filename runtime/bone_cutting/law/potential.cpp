@@ -66,7 +66,8 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   const Vector3d half = sign * turned.vec();
   e.slide = {tick.axis.dot(tip - tick.tip), tick.options.tool.radius_m * tick.axis.dot(half)};
   e.along << tick.axis, lever.cross(tick.axis);
-  e.pressed_m = tick.is_on_surface() ? tick.press.dot(tip - tick.tip) : e.slide[0];
+  const bool is_oblique = tick.is_on_surface() || tick.has_bevel();
+  e.pressed_m = is_oblique ? tick.press.dot(tip - tick.tip) : e.slide[0];
   const double stretch = tick.state.stretch_m + e.pressed_m;
   e.tip_N = tick.options.tip_N_per_m * std::max(stretch, 0.0);
   double pressing = e.tip_N, tip_stiffness = stretch > 0 ? tick.options.tip_N_per_m : 0;
@@ -78,7 +79,7 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
     tip_stiffness += h.along;
   }
   double axial = 0, stiffness = 0;
-  if (tick.is_on_surface()) {
+  if (is_oblique) {
     e.press << tick.press, lever.cross(tick.press);
     add_at_tip(tick.press, e.press, pressing, tip_stiffness, lever, majorise, e);
   } else {
@@ -138,11 +139,11 @@ void add_axial(const Tick& tick, const Vector3d& tip, const Vector3d& lever, boo
   add_at_tip(tick.axis, e.along, axial, stiffness, lever, majorise, e);
 }
 
-// Adds the friction of the tip across the direction in which it presses.
+// Adds the friction of the tip, which acts perpendicular to Tick::normal.
 void add_tip_friction(const Tick& tick, const Vector3d& tip, const Vector3d& lever, bool majorise,
                       Evaluation& e) noexcept {
   const Matrix3d across =
-      Matrix3d::Identity() - tick.press * tick.press.transpose() / tick.press.squaredNorm();
+      Matrix3d::Identity() - tick.normal * tick.normal.transpose() / tick.normal.squaredNorm();
   e.tip_slide = across * (tip - tick.tip);
   const Vector3d slip = tick.state.tip_slip_m + e.tip_slide;
   const double length = slip.norm();

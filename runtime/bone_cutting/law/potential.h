@@ -26,7 +26,7 @@ struct Evaluation {
   Vector6 along = Vector6::Zero();                   ///< derivative of slide[0]
   Vector6 press = Vector6::Zero();                   ///< derivative of pressed_m
   Eigen::Vector3d around = Eigen::Vector3d::Zero();  ///< derivative of slide[1] by the rotation
-  /// Slide of the tip perpendicular to Tick::press since the start of the tick.
+  /// Slide of the tip perpendicular to Tick::normal since the start of the tick.
   Eigen::Vector3d tip_slide = Eigen::Vector3d::Zero();
   Vector6 coupling = Vector6::Zero();  ///< derivative of coupling_J; also the wrench on the plate
   Vector6 g = Vector6::Zero();         ///< first derivative of V

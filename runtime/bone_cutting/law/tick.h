@@ -25,10 +25,13 @@ struct Tick {
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. Inside
-  /// bone the vector is the axis. On a surface it is the inward normal, scaled so that its
-  /// component along the axis is 1.
+  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. Its
+  /// component along the axis is 1. Inside bone the vector is the axis, plus the bevel of the tip. On
+  /// a surface it is parallel to the inward normal.
   Eigen::Vector3d press = axis;
+  /// Perpendicular to this vector the tip's friction acts: `press` on a surface, the axis inside
+  /// bone.
+  Eigen::Vector3d normal = axis;
 
   int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none
   double front_m = 0, first_front_m = 0;  ///< depth of the front now, and at the tick's start
@@ -48,30 +51,34 @@ struct Tick {
     tip = X * options.tool.tip_plate_m;
     down = -axis.z();
     back = X.q.conjugate();
-    press = axis;
-    if (state.slope) press += tilt_of_surface(*state.slope);
+    press = normal = axis;
+    if (state.slope)
+      press = normal += tilt_of_surface(*state.slope);
+    else if (has_bevel())
+      press += X.q * options.tool.bevel_plate;
   }
 
   bool is_on_surface() const noexcept { return state.slope.has_value(); }
+  bool has_bevel() const noexcept { return !options.tool.bevel_plate.isZero(0); }
   /// Depth down to which bone surrounds the tool.
   double filled_to_m() const noexcept {
     return std::min(front_m - std::max(state.slid_m, 0.0), -tip.z());
   }
 
-  /// Removes the component of the tip's slip along `press`, and limits the slip's length to
+  /// Removes the component of the tip's slip along `normal`, and limits the slip's length to
   /// tip_presliding_m. Both can only lower the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
-    slip -= press * (press.dot(slip) / press.squaredNorm());
+    slip -= normal * (normal.dot(slip) / normal.squaredNorm());
     const double length = slip.norm();
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
   }
 
   /// Returns the vector from the axis to `press`, on a surface with this slope.
   Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
-    const Eigen::Vector3d normal(slope.x(), slope.y(), 1);
-    const double along = normal.dot(axis);
-    const Eigen::Vector3d across = normal - along * axis;
+    const Eigen::Vector3d upward(slope.x(), slope.y(), 1);
+    const double along = upward.dot(axis);
+    const Eigen::Vector3d across = upward - along * axis;
     return across / std::min({along, -across.norm() / kMaxSlope, -1e-9});
   }
 

@@ -209,16 +209,19 @@ double BoneSheet::shell_N(const ToolShape& shape, double hu, double strength_N) 
   return std::min(supported_N, break_N(wall, shape.outer_radius_m));
 }
 
-double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_push) const noexcept {
-  if (states_tool_forces || (law == nullptr && slice_push == 0)) return nominal_N;
+CutMaterial BoneSheet::material_at(double hu) const noexcept {
   CutMaterial here = material;
   if (law != nullptr) here.strength_Pa = pressure_Pa(hu);
-  return tool_in_tissue(shape, here, 1, slice_push).strength_N;
+  return here;
 }
 
-double BoneSheet::torsion_Nm(const ToolShape& shape, double slice_push) const noexcept {
-  // It depends on the tearing, which is the same at every HU.
-  return states_tool_forces ? 0 : tool_in_tissue(shape, material, 1, slice_push).torsion_Nm;
+double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_push) const noexcept {
+  if (states_tool_forces || (law == nullptr && slice_push == 0)) return nominal_N;
+  return tool_in_tissue(shape, material_at(hu), 1, slice_push).strength_N;
+}
+
+double BoneSheet::torsion_Nm(const ToolShape& shape, double hu, double slice_push) const noexcept {
+  return states_tool_forces ? 0 : tool_in_tissue(shape, material_at(hu), 1, slice_push).torsion_Nm;
 }
 
 Result<ToolShape> tool_shape(const SceneTool& tool) {
@@ -304,10 +307,17 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   }
 
   double embedded_m = 0, friction_N = 0;
+  bool has_bevel = bone.shape.kind == ToolKind::kNeedleBevel;
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     BoneSheet& out = bone.sheets[i];
     if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, body, out); !ok)
       return ok.error();
+    if (has_bevel && !out.states_tool_forces && out.nominal_N > 0) {
+      has_bevel = false;  // The uppermost tissue decides (contract 3).
+      const double lateral_N = tool_in_tissue(bone.shape, out.material).lateral_N;
+      bone.options.tool.bevel_plate =
+          std::min(lateral_N / out.nominal_N, kMaxSlope) * bone.tool.side_plate;
+    }
     out.first_slab = static_cast<int>(bone.slabs.size());
     const std::vector<double> ends = parts_of(out.bottom_m - out.top_m, bone.shell_m);
     for (std::size_t k = 0; k + 1 < ends.size(); ++k) {

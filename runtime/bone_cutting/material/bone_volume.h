@@ -15,7 +15,10 @@
 //     CutTissue states the forces on the scene's tool. Its threshold and stiffness are those of the
 //     tip, whatever the tip's shape. If the tissue states no rim stiffness, threshold and stiffness
 //     divided by the tool's area are also the strength and the stiffness of the walls per area.
-//  3. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
+//  3. The direction in which a bevelled tip is pushed is the same during a session. It follows from
+//     the lateral force and the strength in the uppermost tissue with CutTissue, at its mean HU.
+//     Without such a tissue, a bevelled tip is not pushed to one side.
+//  4. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
 //     divided into slabs at the depths at which a shell can end, so that the slabs stay the same
 //     during a session.
@@ -64,6 +67,7 @@ struct BoneSheet {
 
   /// Pressure under a flat tip in bone of this HU. Precondition: `law` is not null.
   double pressure_Pa(double hu) const noexcept;
+  CutMaterial material_at(double hu) const noexcept;  ///< values in bone of this HU
   /// Friction of the shaft per embedded length in bone of this HU. `nominal_N_per_m`: this friction
   /// in bone of the slice's mean HU.
   double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
@@ -72,8 +76,9 @@ struct BoneSheet {
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: as for tool_in_tissue().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
-  /// Moment that is necessary to turn the tool at this slice-push ratio (ToolInTissue::torsion_Nm).
-  double torsion_Nm(const ToolShape& shape, double slice_push) const noexcept;
+  /// Moment that is necessary to turn the tool in bone of this HU at this slice-push ratio
+  /// (ToolInTissue::torsion_Nm). 0 if the tissue states the tool's forces.
+  double torsion_Nm(const ToolShape& shape, double hu, double slice_push) const noexcept;
 };
 
 struct BoneVolume {

@@ -108,8 +108,15 @@ ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, do
       is_flat(tool) ? 0 : tissue.face_friction / std::tan(tool.half_angle_rad) / std::sqrt(1 + xi2);
   const double tearing = share * tissue.tearing_N_per_m * torn_length_m(tool) / (1 + xi2);
   ToolInTissue out;
-  out.strength_N = share * tissue.strength_Pa * displaced_area_m2(tool) * (1 + faces) + tearing;
-  out.torsion_Nm = slice_push * tearing * R;
+  const double r = tool.inner_radius_m, lever_m = 2 * (R * R + R * r + r * r) / (3 * (R + r));
+  const double pressed_N = share * tissue.strength_Pa * displaced_area_m2(tool);
+  out.strength_N = pressed_N * (1 + faces) + tearing;
+  out.torsion_Nm = slice_push * tearing * R + tissue.face_friction * pressed_N /
+                                                  std::sin(tool.half_angle_rad) * lever_m *
+                                                  slice_push / std::sqrt(1 + xi2);
+  if (tool.kind == ToolKind::kNeedleBevel && !is_flat(tool))
+    out.lateral_N =
+        pressed_N * std::max(1 / std::tan(tool.half_angle_rad) - tissue.face_friction, 0.0);
   out.tip_N_per_m = 2 * R * tissue.modulus_Pa / (1 - tissue.poisson * tissue.poisson);
   out.friction_N_per_m = tissue.friction_Pa * around;
   if (tissue.friction_Pa > 0) out.presliding_m = tissue.friction_Pa / tissue.presliding_Pa_per_m;

@@ -19,11 +19,17 @@
 //     tearing force by 1 / (1 + xi^2). The necessary moment is R times xi / (1 + xi^2) times the
 //     tearing force without twist (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004). Friction
 //     on the faces acts along the direction of slip, so its component along the axis is multiplied
-//     by 1 / sqrt(1 + xi^2). The pressure does not change.
+//     by 1 / sqrt(1 + xi^2). The pressure does not change. The component of this friction around
+//     the axis has the mean lever of a disc or ring, 2 (R^3 - r^3) / (3 (R^2 - r^2)) with the radius
+//     r of the bore. Its moment is added to the moment of tearing:
+//       mu * pressure * A / sin(half angle) * lever * xi / sqrt(1 + xi^2).
 //  4. The stiffness of the tip is that of a rigid flat punch of radius R on an elastic half-space:
 //     2 R E / (1 - nu^2), with the modulus E and Poisson's ratio nu.
 //  5. Friction acts on the outer surface of the shaft and, in a hollow tool, on the surface of the
 //     bore too. Walls press on the tool's projected width, 2 R.
+//  6. A bevel has one face. Pressure and friction of this face push the tip to the side with the
+//     force pressure * A * (cot(half angle) - mu), or with no force if mu is larger. On the other
+//     tips these forces cancel. Tearing has no lateral force.
 #pragma once
 
 #include <optional>
@@ -81,6 +87,7 @@ double torn_length_m(const ToolShape& tool) noexcept;
 struct ToolInTissue {
   double strength_N = 0;  ///< force on the tip at which the cutting front advances
   double torsion_Nm = 0;  ///< moment that is necessary to turn the tool (contract 3)
+  double lateral_N = 0;   ///< lateral force of a bevel while the front advances (contract 6)
   double tip_N_per_m = 0;
   double friction_N_per_m = 0, presliding_m = 0;
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;

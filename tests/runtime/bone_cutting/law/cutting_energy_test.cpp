@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Contract 1 of cutting_law.h in random sessions: bodies, tools, hands with mass, rates; push,
 // hold, hammer, twist, drag sideways, slide on the surface under load, withdraw, enter again; with
-// soft layers or without, on slopes that change or level.
+// soft layers or without, on slopes that change or level, with a bevelled tip or another.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -157,9 +157,10 @@ Vector2d crossing(const Pose& X, const CuttingTool& tool, double depth) {
 }
 
 // The direction in which a displacement of the tip stretches its spring by its length: along the axis, or along a
-// surface's normal, scaled to 1 along the axis. The angle between them is at most 60 degrees.
-Vector3d pressed_along(const Vector3d& axis, const std::optional<Vector2d>& slope) {
-  if (!slope) return axis;
+// surface's normal, scaled to 1 along the axis. The angle between them is at most 60 degrees. `bevel`: to the side.
+Vector3d pressed_along(const Vector3d& axis, const Vector3d& bevel,
+                       const std::optional<Vector2d>& slope) {
+  if (!slope) return axis + bevel;
   const Vector3d inwards = -Vector3d(slope->x(), slope->y(), 1);
   const double along = inwards.dot(axis);
   const Vector3d across = inwards - along * axis;
@@ -183,7 +184,8 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   const double tip_N = s.options.tip_N_per_m * std::max(was.stretch_m, 0.0);
   const Vector3d slipped = B * tool.tip_plate_m - A * tool.tip_plate_m,
                  straight_slip = dx.head<3>() + omega.cross(lever);
-  const Vector3d press = pressed_along(axis, was.slope);
+  const Vector3d press = pressed_along(axis, A.q * tool.bevel_plate, was.slope),
+                 normal = pressed_along(axis, Vector3d::Zero(), was.slope);
   const double pressed = press.dot(slipped), pressed_straight = press.dot(straight_slip);
   double leak =
       0.5 * s.options.tip_N_per_m * pressed * pressed + tip_N * (pressed - pressed_straight);
@@ -192,7 +194,8 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   leak += 0.5 * k * (along * along + around * around) + f[0] * (along - straight) +
           f[1] * (around - tool.radius_m * axis.dot(omega));
   const double shear = std::max(was.tip_friction_N_per_m, is.tip_friction_N_per_m);
-  leak += 0.5 * shear * (slipped - press * (pressed / press.squaredNorm())).squaredNorm() +
+  leak += 0.5 * shear *
+              (slipped - normal * (normal.dot(slipped) / normal.squaredNorm())).squaredNorm() +
           was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - straight_slip);
   leak += 0.5 * std::max(was.torsion_N_per_m, is.torsion_N_per_m) * around * around +
           was.torsion_N_per_m * was.torsion_slip_m * (around - tool.radius_m * axis.dot(omega));
@@ -238,10 +241,10 @@ double strength_above(const Session& s, double front_m) {
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11), layers(12), tips(13), holds(14), slopes(15), twists(16);
+  Random random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
-       gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0, twisted = 0;
+       gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0, twisted = 0, bevelled = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
@@ -253,6 +256,11 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
     }
     if (holds.chance(0.4)) s.options.tip_hold = holds.uniform(0.05, 1);
     const bool resists_twist = twists.chance(0.3);
+    if (bevels.chance(0.3)) {
+      const double way = bevels.uniform(0, 6.28);
+      s.options.tool.bevel_plate =
+          bevels.uniform(0, kMaxSlope) * Vector3d(std::cos(way), std::sin(way), 0);
+    }
     // Level, a plane, or a surface that turns under the tip.
     const int surface = slopes.integer(4);
     const double steepness = slopes.uniform(0, 2.5);
@@ -322,6 +330,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       held += s.state.hold_slip_m < 0;
       twisted += s.state.torsion_slip_m != 0;
       sloped += s.state.slope && s.state.stretch_m > 0;
+      bevelled += !s.options.tool.bevel_plate.isZero(0) && !s.state.slope && out.cut_J > 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
         const double Y = strength_above(s, out.front_m);
         too_far += out.tip_N < Y - 1e-4 * std::max(1.0, Y);
@@ -353,14 +362,15 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   std::printf(
       "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
       "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld slips of the tip, %ld "
-      "holds of it, %ld on a slope, %ld turned\n",
+      "holds of it, %ld on a slope, %ld turned, %ld bevelled in bone\n",
       worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped,
-      held, sloped, twisted);
+      held, sloped, twisted, bevelled);
   EXPECT_GT(cutting, ticks / 50);
   EXPECT_GT(torn, ticks / 1000);
   EXPECT_GT(slipped, ticks / 50);
   EXPECT_GT(held, ticks / 100);
   EXPECT_GT(sloped, ticks / 20);
+  EXPECT_GT(bevelled, cutting / 10);
   EXPECT_GT(twisted, ticks / 50);
   EXPECT_GT(stopped, cutting / 4);
   // A tool that tilts over while the front advances loses force by that.

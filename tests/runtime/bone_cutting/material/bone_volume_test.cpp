@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "tests/support/body_fixture.h"
 
@@ -261,6 +262,34 @@ TEST(BoneVolume, AShellWithoutSupportBreaksAsAThinWall) {
                 .shell_N(body.shape, 900, 100),
             200)
       << "supported";
+}
+
+// At the uppermost tissue's mean HU: the lateral force is pressure * area * (cot 30 deg - 0.1).
+TEST(BoneVolume, ABevelLooksAlongTheTurnedCrossSection) {
+  Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
+  scene.tool.kind = "needle-bevel";
+  scene.tool.half_angle_deg = 30;
+  EXPECT_TRUE(bone_volume_of(scene, spaced_asset(3, 1)).options.tool.bevel_plate.isZero(0))
+      << "the tissue states forces of the tool";
+  scene.tissue.cut.emplace();
+  scene.tissue.cut->strength_MPa = 6;
+  scene.tissue.cut->tearing_N_per_m = 4000;
+  scene.tissue.cut->friction_coefficient = 0.1;
+  for (const double rotation_deg : {0.0, 30.0, 200.0}) {
+    scene.tool.rotation_deg = rotation_deg;
+    const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1));
+    const double pressed_N =
+        body.sheets[0].material.strength_Pa * std::numbers::pi * body.radius_m * body.radius_m;
+    const double ratio =
+        pressed_N * (1 / std::tan(30 * std::numbers::pi / 180) - 0.1) / body.sheets[0].nominal_N;
+    ASSERT_GT(ratio, 0.2);
+    ASSERT_LT(ratio, 1.7);
+    const double angle_rad = rotation_deg * std::numbers::pi / 180;
+    const Eigen::Vector3d wanted(ratio * std::cos(angle_rad), ratio * std::sin(angle_rad), 0);
+    EXPECT_TRUE(body.options.tool.bevel_plate.isApprox(wanted, 1e-9));
+  }
+  scene.tool.kind = "needle-conical";
+  EXPECT_TRUE(bone_volume_of(scene, spaced_asset(3, 1)).options.tool.bevel_plate.isZero(0));
 }
 
 TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -85,6 +86,48 @@ TEST(ToolInTissue, FrictionOnTheFacesOfATip) {
     EXPECT_NEAR(tool_in_tissue(tool(kind, 1.525e-3, std::numbers::pi / 6), t).strength_N,
                 29.22467 * 1.3464102, 1e-4);
     EXPECT_NEAR(tool_in_tissue(tool(kind, 1.525e-3, kFlat), t).strength_N, 29.22467, 1e-4);
+  }
+}
+
+// The force on a wedge of half angle a with the friction angle phi: cot(a + phi) to the side.
+TEST(ToolInTissue, ABevelIsPushedToTheSide) {
+  CutMaterial t = bone();
+  t.tearing_N_per_m = 0;
+  for (const double half_angle_rad : {0.2, 0.5, 1.0, 1.4}) {
+    for (const double friction : {0.0, 0.1, 0.3}) {
+      t.face_friction = friction;
+      const ToolInTissue in =
+          tool_in_tissue(tool(ToolKind::kNeedleBevel, 1.5e-3, half_angle_rad), t);
+      EXPECT_NEAR(in.lateral_N / in.strength_N,
+                  std::max(0.0, 1 / std::tan(half_angle_rad + std::atan(friction))), 1e-12);
+    }
+  }
+  EXPECT_EQ(tool_in_tissue(tool(ToolKind::kNeedleConical, 1.5e-3), t).lateral_N, 0);
+  EXPECT_EQ(tool_in_tissue(tool(ToolKind::kNeedleBevel, 1.5e-3, kFlat), t).lateral_N, 0);
+}
+
+// The moment of the friction on a turned cone and on a ring, summed over narrow rings.
+TEST(ToolInTissue, TurningTakesTheMomentOfTheFacesFriction) {
+  CutMaterial t = bone();
+  t.tearing_N_per_m = 0;
+  t.face_friction = 0.25;
+  for (const double inner_m : {0.0, 1e-3}) {
+    for (const double half_angle_rad : {0.4, kFlat}) {
+      for (const double xi : {0.5, 4.0}) {
+        ToolShape s = tool(ToolKind::kNeedleConical, 2e-3, half_angle_rad);
+        s.inner_radius_m = inner_m;
+        double moment_Nm = 0;
+        constexpr int kRings = 10'000;
+        const double width_m = (s.outer_radius_m - inner_m) / kRings;
+        for (int i = 0; i < kRings; ++i) {
+          const double r_m = inner_m + (i + 0.5) * width_m;
+          const double face_m2 = 2 * std::numbers::pi * r_m * width_m / std::sin(half_angle_rad);
+          moment_Nm += t.face_friction * t.strength_Pa * face_m2 * r_m * xi / std::hypot(1, xi);
+        }
+        EXPECT_NEAR(tool_in_tissue(s, t, 1, xi).torsion_Nm, moment_Nm, 1e-6 * moment_Nm);
+        EXPECT_NEAR(tool_in_tissue(s, t, 0.5, xi).torsion_Nm, 0.5 * moment_Nm, 1e-6 * moment_Nm);
+      }
+    }
   }
 }
 
