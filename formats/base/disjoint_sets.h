@@ -20,8 +20,8 @@ class DisjointSets {
 
   std::size_t size() const noexcept { return parent_.size(); }
 
-  /// The root of the set that contains i, a number that stands for the set. The root is the
-  /// smallest number in the set, unless put_under() was used.
+  /// Returns the root of the set that contains i: one number of the set, which stands for the set.
+  /// The root is the smallest number in the set, unless put_under() was used.
   std::uint32_t root(std::uint32_t i) noexcept {
     while (parent_[i] != i)
       i = parent_[i] = parent_[parent_[i]];
@@ -36,7 +36,7 @@ class DisjointSets {
     return a != b;
   }
 
-  /// Merges two sets, given their roots. `root` becomes the root of the merged set.
+  /// Merges the sets whose roots are `root` and `other`. `root` is the root of the merged set.
   void put_under(std::uint32_t root, std::uint32_t other) noexcept { parent_[other] = root; }
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A file descriptor that is closed when its owner is destroyed.
+// Owner of a file descriptor. Its destructor closes the descriptor.
 // Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 

@@ -20,7 +20,7 @@ namespace trocar {
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
                                             std::uint64_t max_bytes = std::uint64_t{1} << 32);
 
-/// A source of bytes, such as a file, that is read in sections. The number of bytes is known.
+/// A source of bytes, such as a file, that is read in sections. Its size is known in advance.
 class ByteSource {
  public:
   ByteSource() = default;
@@ -32,7 +32,7 @@ class ByteSource {
   /// Reads `into.size()` bytes from `offset` on. Errors: kRefused if fewer bytes are left, or if
   /// the file cannot be read.
   Result<void> read(std::uint64_t offset, std::span<std::uint8_t> into);
-  /// Number of bytes that all calls of read() together have read.
+  /// Total number of bytes that all calls of read() so far have read.
   std::uint64_t bytes_read() const { return bytes_read_; }
 
  private:
@@ -55,9 +55,9 @@ class MemorySource : public ByteSource {
 /// cannot be opened or is not a regular file.
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file);
 
-/// Checks, before long work begins, whether `file` can be written, as far as this can be determined
-/// without writing. An empty path means that no output is wanted. Errors: kUnwritable if `file`
-/// cannot be written.
+/// Checks whether `file` can be written, as far as a check without writing can tell. Call this
+/// function before long work. An empty path passes: it means that no output is wanted. Errors:
+/// kUnwritable if `file` cannot be written.
 Result<void> check_writable(const std::filesystem::path& file);
 
 /// An output file and the command-line option that names it. An empty path means no output.

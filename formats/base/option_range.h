@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks that the number given to an option is in a range. CLI::Range is not used, because its
-// messages, and whether it accepts nan, differ between versions of CLI11.
+// Checks that the value given to an option is a number in a range. CLI::Range is not used, because
+// its messages, and whether it accepts nan, differ between versions of CLI11.
 // Tests: tests/formats/base/command_line_test.cpp
 #pragma once
 

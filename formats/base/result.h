@@ -22,7 +22,7 @@ enum class ExitCode : int {
 
 struct Error {
   ExitCode code = ExitCode::kBug;
-  std::string message;  ///< one line: file, slice, position, reason
+  std::string message;  ///< one line: the reason; file, slice, position if they apply
   /// True if the cause lies outside the input, for example in a lack of memory. Another try with
   /// the same input may succeed.
   bool is_temporary = false;
@@ -30,8 +30,8 @@ struct Error {
   Error after(const std::string& prefix) const { return {code, prefix + message, is_temporary}; }
 };
 
-/// Holds a T or an Error. It is a bug (assert) to access the T if there is an Error, or the Error
-/// if there is a T.
+/// Holds a T or an Error. Precondition (asserted): only what is there is accessed, the T or the
+/// Error.
 template <typename T>
 class [[nodiscard]] Result {
  public:
@@ -63,8 +63,7 @@ class [[nodiscard]] Result<void> {
   std::optional<Error> error_;
 };
 
-// One function for each kind of error that many files make. refused_for_now() also sets
-// is_temporary.
+// Makers of the errors that many files return; refused_for_now() also sets is_temporary.
 
 inline Error refused(std::string message) {
   return {ExitCode::kRefused, std::move(message)};

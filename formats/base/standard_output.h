@@ -6,9 +6,9 @@
 namespace trocar {
 
 /// Flushes standard output and returns the program's exit code; call this function last in main().
-/// If not everything that was printed could be written, for example because the disk is full,
-/// prints a line on stderr. If `code` is 0, the exit code is then 4 (kUnwritable). In all
-/// other cases the exit code is `code`. A closed pipe does not count as a failure.
+/// If some printed text could not be written, for example because the disk is full, the function
+/// prints a line on stderr and replaces a `code` of 0 by 4 (kUnwritable). Otherwise the exit code
+/// is `code`. A closed pipe does not count as a failure.
 int finish_output(const char* program, int code);
 
 }  // namespace trocar

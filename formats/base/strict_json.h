@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Strict reading of JSON documents: each key is read with its type and range, unknown keys are
+// Strict reading of JSON documents: each value is checked for its type and range, unknown keys are
 // refused, and the first error is reported with file and JSON path. Include this header in .cpp
 // files only, like json_text.h.
 // Tests: tests/formats/session/scene_test.cpp
@@ -19,13 +19,13 @@
 
 namespace trocar {
 
-/// Parses one JSON value. `name` stands for the document in messages. Errors: kRefused for a syntax
+/// Parses one JSON value. Messages call the document `name`. Errors: kRefused for a syntax
 /// error (the message has line and column), bytes after the value, a key that occurs twice in an
 /// object, a number beyond double's range, or nesting deeper than 64.
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
-/// Keeps the first error found in a document. After an error, reading continues with default
-/// values.
+/// Keeps the first error found in a document; later errors are dropped. Reading goes on after an
+/// error, with the default values that the getters of StrictObject return.
 struct JsonErrors {
   std::string file;  ///< name of the file in messages
   std::optional<Error> first;
@@ -33,8 +33,8 @@ struct JsonErrors {
 };
 
 /// Reads one JSON object. Each getter, such as number() or string(), returns the value under a key.
-/// If the value is missing or wrong, the getter adds an error and returns `lowest` or an empty
-/// value. Call finish() after the last getter.
+/// If the value is wrong, or is required and missing, the getter adds an error to `errors` and
+/// returns `lowest` or an empty value. Call finish() after the last getter.
 class StrictObject {
  public:
   /// `value` and `errors` must outlive this object.
@@ -60,17 +60,18 @@ class StrictObject {
   bool boolean(const char* key);
   /// Reads a string of 1 to 4096 bytes without control characters.
   std::string string(const char* key);
-  /// Reads `result.size()` numbers. If `required` is not set, a missing key leaves `result`
-  /// unchanged.
+  /// Reads an array of exactly `result.size()` numbers. If `required` is not set, a missing key
+  /// leaves `result` unchanged without an error.
   void numbers(const char* key, std::span<double> result, double lowest, double highest,
                bool required);
-  /// The array under `key`. If the key is missing, the value is not an array, or its length is out
-  /// of bounds, adds an error and returns null.
+  /// Returns the array under `key`. If the key is missing, or the value is not an array with
+  /// `shortest` to `longest` elements, adds an error and returns null.
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
-  /// The value under `key` as it is, or null if the key is missing. finish() will accept this key.
+  /// Returns the value under `key` unchecked, or null if the key is missing. The key counts as read
+  /// in finish().
   const nlohmann::json* optional_value(const char* key);
-  /// Calls read(object) for the object under `key`, and then object.finish(). Returns false if the
-  /// key is missing.
+  /// Makes a StrictObject of the object under `key`, and calls read(object), followed by
+  /// object.finish(). Returns false if the key is missing.
   template <typename Read>
   bool section(const char* key, const Read& read) {
     const nlohmann::json* value = find(key, false);
@@ -82,7 +83,8 @@ class StrictObject {
   void required_section(const char* key, const Read& read) {
     if (const nlohmann::json* value = find(key, true)) read_object(*value, path(key), read);
   }
-  /// Calls read(object) and then object.finish() for each object in the array() under `key`.
+  /// Reads the array under `key` by array(). For each element, makes a StrictObject and calls
+  /// read(object), followed by object.finish().
   template <typename Read>
   void elements(const char* key, std::size_t shortest, std::size_t longest, const Read& read) {
     const nlohmann::json* list = array(key, shortest, longest);

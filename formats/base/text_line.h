@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text made from a printf format, and text about a value that is beyond its limit (above an upper
-// or below a lower one).
+// Text made from a printf format, and text about a value that is beyond its limit: above an upper
+// limit or below a lower limit.
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
@@ -20,8 +20,8 @@ std::string text_line(const char* format, Values... values) {
   return text;
 }
 
-/// Returns `value` with `decimals` digits after the decimal point. If the text would then equal
-/// that of `limit`, it gets more digits, at most 9.
+/// Returns `value` with `decimals` digits after the decimal point. If `limit` would be printed as
+/// the same text, the result has as many more digits as make it differ, at most 9.
 inline std::string apart_from(double value, double limit, int decimals) {
   for (; decimals < 9; ++decimals) {
     if (text_line("%.*f", decimals, value) != text_line("%.*f", decimals, limit)) break;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rotation of the plane by right angles that brings a set of points into a canonical
-// orientation. The mesh operations make every decision that depends on the order of points, on ties
-// or on rounding in the rotated plane. So if the points are translated by whole lattice steps or
-// rotated by right angles, the resulting mesh is translated and rotated with the points, and is
-// otherwise the same.
+// The rotation of the plane by right angles that brings a set of points into a canonical (fixed)
+// orientation. Some decisions of the mesh operations depend on the order of points, on ties or on
+// rounding; these decisions are made in the rotated plane. So if an outline is translated by whole
+// lattice steps or rotated by right angles, its mesh is translated and rotated with the outline,
+// and is otherwise the same.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -19,7 +19,7 @@ namespace trocar {
 class CanonicalRotation {
  public:
   CanonicalRotation() = default;
-  /// The rotation after which the vector (x, y) has x > 0 and y >= 0; the identity for (0, 0).
+  /// The rotation that turns the vector (x, y) so that x > 0 and y >= 0; the identity for (0, 0).
   template <typename Number>
   static CanonicalRotation of(Number x, Number y) noexcept {
     CanonicalRotation out;
@@ -31,7 +31,7 @@ class CanonicalRotation {
   LatticePoint operator()(LatticePoint p) const noexcept { return rotated(p, quarters_); }
   /// The inverse rotation.
   LatticePoint back(LatticePoint p) const noexcept { return rotated(p, 4 - quarters_); }
-  /// The inverse rotation of a vector with members x() and y(), which need not be on the lattice.
+  /// The inverse rotation of a vector, whose x() and y() need not be on the lattice.
   template <typename Vector>
   Vector back(const Vector& v) const noexcept {
     Vector out = v;
@@ -87,7 +87,7 @@ class CentroidOffset {
 
 /// Returns the rotation after which the points' CentroidOffset has x > 0 and y >= 0. If the offset
 /// is zero, the result is the identity. The offset is zero, for example, if a rotation by 90 or 180
-/// degrees maps the set of points onto itself.
+/// degrees about the centre of the box maps the set of points onto itself.
 inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> points) noexcept {
   CentroidOffset offset;
   for (const LatticePoint p : points)
@@ -103,11 +103,12 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
   return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
 }
 
-/// Like rotation_by_centroid(), but if the offset is zero, a third moment takes its place. This is
-/// the sum of (x^3, y^3) over all points or, if that is zero, the sum of (x y^2, y x^2), where x
-/// and y are relative to the centre of the box. If both sums are zero, the result is the identity.
-/// This is rare unless a rotation maps the points onto themselves. Exact. `for_each(visit)` must
-/// call visit(point) for all points. It is called twice and must visit the same points both times.
+/// Like rotation_by_centroid(), but if the offset is zero, the vector (sum of x^3, sum of y^3) over
+/// all points takes its place, with x and y relative to the centre of the box. If this vector is
+/// zero too, the vector (sum of x y^2, sum of y x^2) is used. If all three vectors are zero, the
+/// result is the identity. Apart from sets of points that a rotation maps onto themselves, this is
+/// rare. Exact. `for_each(visit)` must call visit(point) for all points; the function may call
+/// `for_each` twice, and both calls must visit the same points.
 template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   CentroidOffset offset;

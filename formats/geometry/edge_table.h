@@ -12,21 +12,21 @@
 
 namespace trocar {
 
-/// All three edges of every triangle. Edge 3 t + i of the mesh is edge i of triangle t
-/// (triangle_edge.h).
+/// All three edges of every triangle. The number 3 t + i stands for edge i of triangle t. The edges
+/// of a triangle are numbered 0 to 2, as in triangle_edge.h.
 struct EdgeTable {
   struct Entry {
     std::uint32_t high;  ///< the higher of the edge's two vertices
-    std::uint32_t edge;  ///< number of the edge
+    std::uint32_t edge;  ///< 3 t + i
   };
   std::vector<Entry> entries;  ///< sorted by the lower vertex, then `high`, then `edge`
-  /// first[v] is the index of the first entry whose lower vertex is v or higher. There is one more
-  /// element than there are vertices; the last one is the number of entries.
+  /// first[v] is the index of the first entry whose lower vertex is v or higher. The last element,
+  /// first[number of vertices], is the number of entries.
   std::vector<std::uint32_t> first;
 
-  /// Calls visit(low, high, edges) for every two vertices that an edge joins, ascending by low and
-  /// high. `edges` has the entries of both directions: in a valid mesh, two entries for an interior
-  /// edge and one for a boundary edge. Stops when visit() returns false.
+  /// Calls visit(low, high, edges) for every pair of vertices that an edge joins, in ascending
+  /// order of (low, high). `edges` has the entries of both directions: in a valid mesh, two entries
+  /// for an interior edge and one for a boundary edge. Stops when visit() returns false.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
     for (std::uint32_t low = 0; low + 1 < first.size(); ++low) {
@@ -39,8 +39,8 @@ struct EdgeTable {
   }
 };
 
-/// Makes the table. Precondition: every index is in range, and every triangle has three different
-/// vertices. O(n).
+/// Makes the table. Precondition: every vertex index is in range, and every triangle has three
+/// different vertices. O(n).
 EdgeTable edge_table(const SliceMesh& mesh);
 
 }  // namespace trocar

@@ -29,11 +29,11 @@ struct LatticePoint {
 /// "lattice point (x, y)", for messages.
 std::string to_text(LatticePoint p);
 
-/// Largest admissible |coordinate|. It keeps orient2d within 64 bits and in_circle within 128 bits.
-/// Assets have a smaller limit: kMaxAssetCoordinate in asset.h.
+/// Largest admissible |coordinate|. With this limit, orient2d() fits into 64 bits and in_circle()
+/// into 128 bits. Assets have a smaller limit: kMaxAssetCoordinate in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
 
-/// Returns true if the coordinates are admissible. Larger ones would overflow the predicates below.
+/// Returns true if both coordinates are admissible.
 inline bool is_on_lattice(LatticePoint p) {
   return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
          p.y <= kMaxCoordinate;
@@ -96,8 +96,8 @@ inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p
          (std::int64_t{a.y} - p.y) * (std::int64_t{b.y} - p.y);
 }
 
-/// Returns true if the open segments ab and cd share a point, or if an end of one lies in the
-/// other's interior. Segments that only share end points do not cross. Exact.
+/// Returns true if the segments ab and cd share a point that is not an end of both. Segments that
+/// only share end points do not cross. Exact.
 bool segments_cross(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d);
 
 }  // namespace trocar

@@ -11,7 +11,7 @@
 namespace trocar {
 
 struct LatticeBox {
-  LatticePoint low, high;  ///< both inclusive
+  LatticePoint low, high;  ///< lower left and upper right corner; both belong to the box
 };
 
 /// Enlarges the box to hold the point.
@@ -24,7 +24,7 @@ inline void widen(LatticeBox& box, std::span<const LatticePoint> points) noexcep
     widen(box, p);
 }
 
-/// The smallest box around the points, of which there must be at least one.
+/// The smallest box that holds all points. Precondition: there is at least one point.
 inline LatticeBox box_around(std::span<const LatticePoint> points) noexcept {
   LatticeBox box{points[0], points[0]};
   widen(box, points);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One sweep over closed loops of edges. It decides whether any two edges cross, and how often the
-// loops wind around the points next to each edge. After Shamos and Hoey (1976), exact in integers.
+// A sweep line that passes over closed loops of edges. The sweep finds out whether any two edges
+// cross, and how often the loops wind around the points next to each edge. After Shamos and Hoey
+// (1976), exact in integers. In this header, n is the number of edges.
 #pragma once
 
 #include <cstdint>
@@ -14,8 +15,8 @@
 
 namespace trocar {
 
-/// Closed loops of directed edges. Edge i runs from points[i] to points[next[i]]; both ends are on
-/// the lattice and differ. Every point is in exactly one loop.
+/// Closed loops of directed edges. Edge i runs from points[i] to points[next[i]], and each index is
+/// in exactly one loop. All points are on the lattice, and the two ends of each edge differ.
 struct EdgeLoops {
   std::vector<LatticePoint> points;
   std::vector<std::uint32_t> next, previous;
@@ -26,24 +27,24 @@ struct EdgeLoops {
   LatticePoint to(std::uint32_t edge) const { return points[next[edge]]; }
 };
 
-/// The indices of the points, sorted by point and then by index. O(n log n).
+/// The indices of the points, sorted by x, then by y, then by index. O(n log n).
 std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points);
 
 struct SweepResult {
-  bool crosses = false;  ///< two edges cross (segments_cross()), and the sweep stopped there
+  bool crosses = false;  ///< two edges cross (segments_cross()); the sweep has then stopped early
   std::uint32_t first = 0, second = 0;  ///< the two edges that cross
-  /// True if the loops wind 0 times around the points just right of every edge, and therefore once
-  /// around the points just left of the edge. The loops then wind 0 times or once around every
-  /// point of the plane. This member has no meaning if some edges were not swept.
+  /// True if the loops wind 0 times around the points just right of every edge. They then wind once
+  /// around the points just left of every edge, and 0 times or once around every point of the
+  /// plane. This member has no meaning if two edges cross, or if some edges were not swept.
   bool winds_once = true;
   std::uint64_t tests = 0;  ///< number of orientation tests, at most 10 n + 3 n log2(n)
 };
 
-/// Sweeps over all edges if `is_swept` is empty; otherwise `is_swept` has one element for each
-/// edge, and the edges whose element is not 0 are swept. `order` must be the result of
-/// in_sweep_order() for the points of `loops`. If no edges cross and `right_of` is not null, sets
-/// `*right_of` to the number of times that the loops wind around the points just right of each
-/// edge. O(n log n).
+/// Sweeps over all edges if `is_swept` is empty. Otherwise `is_swept` has one element for each
+/// edge, and only edges whose element is not 0 are swept. `order` must be the result of
+/// in_sweep_order() for the points of `loops`. If `right_of` is not null and no edges cross,
+/// (*right_of)[i] is afterwards the number of times that the loops wind around the points just
+/// right of edge i. O(n log n).
 SweepResult sweep(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                   std::span<const char> is_swept = {},
                   std::vector<std::int32_t>* right_of = nullptr);
@@ -54,11 +55,10 @@ inline constexpr std::uint32_t kNoRing = 0xffffffff;
 /// if rings cross at a common vertex. O(n log n).
 std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings);
 
-/// Turns `swept`, the result of a sweep over all edges, into an error if two edges cross. Errors:
-/// kRefused with the message "`what` cross near lattice point (x, y)". To find this point, the
-/// function sorts the edges by their smallest x and then by their two ends; the point is the start
-/// of the first edge that crosses an earlier edge. This takes O(n log^2 n). If no edges cross, the
-/// function takes O(1).
+/// `swept` must be the result of a sweep over all edges. Errors: if two edges cross, kRefused with
+/// the message "`what` cross near lattice point (x, y)". To choose this point, the function sorts
+/// the edges by their smallest x, then by start, then by end. The point is the start of the first
+/// edge in this order that crosses an earlier edge. O(n log^2 n) if two edges cross, else O(1).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

@@ -15,8 +15,8 @@ class ProvedOutline {
  public:
   /// The empty outline.
   ProvedOutline() = default;
-  /// Calls check_pslg() (mesh_validity.h) and wraps the outline. Errors: those of check_pslg().
-  /// O(n log n).
+  /// Checks the outline by check_pslg() (mesh_validity.h) and wraps it. Errors: those of
+  /// check_pslg(). O(n log n).
   static Result<ProvedOutline> of(Pslg pslg);
 
   const Pslg& pslg() const { return pslg_; }

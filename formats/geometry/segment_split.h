@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lattice points at which refinement may split a boundary edge. Near an acute corner of the outline
-// the split points lie on shells, which are concentric circles around the corner. So the
-// subsegments of the two edges that meet at the corner end at equal distances from it, and do not
-// encroach upon each other (Ruppert, 1995).
+// the split points lie on shells, which are concentric circles around the corner. So both edges
+// that meet at the corner are split at equal distances from the corner, and the parts of one edge
+// do not encroach upon the parts of the other (Ruppert, 1995).
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -17,16 +17,16 @@
 
 namespace trocar {
 
-/// A corner has shells if its angle in the material is below this.
+/// A corner of the outline has shells if its angle in the material is below this angle.
 inline constexpr double kAcuteCorner_deg = 75, kAcuteCorner_cos = 0.25881904510252074;
 /// Two points are on the same shell if their distances from the corner differ by at most this many
 /// steps.
 inline constexpr double kSameShell_steps = 2;
 
-/// The four lattice points around the wanted split point, which lies at a fraction of the way from
-/// a to b. The class stores, for each of the four points, on which side of ab the point lies and
-/// how far it is from the wanted point. The points are numbered 0 to 3. The code does not branch on
-/// the side, because the side cannot be predicted.
+/// The four lattice points around the wanted split point, numbered 0 to 3. The wanted point lies at
+/// a fraction of the way from a to b. For each of the four points, the class stores on which side
+/// of ab the point lies and how far the point is from the wanted point. The code does not branch on
+/// the side, because a processor cannot predict the side.
 class SplitCell {
  public:
   /// Precondition: a and b are on the lattice, and `fraction` is from 0 to 1.
@@ -43,9 +43,10 @@ class SplitCell {
                    right * right + below * below, right * right + above * above};
   }
 
-  /// nearest_inside() gives the number of the point nearest to the wanted one among the points on
-  /// ab or on the left of ab, and nearest_outside() among the points strictly on the right of ab.
-  /// If there is no such point, the result is the number of another point: check it with
+  /// A point is inside if it lies on ab or on the left of ab, and outside if it lies strictly
+  /// on the right of ab. nearest_inside() returns the number of that inside point which is
+  /// nearest to the wanted point; nearest_outside() does the same for the outside points. If
+  /// there is no such point, the result is the number of any point, so check the result with
   /// is_inside() or is_outside().
   std::size_t nearest_inside() const noexcept { return nearest(0); }
   std::size_t nearest_outside() const noexcept { return nearest(-1); }
@@ -81,9 +82,9 @@ class SplitCell {
   std::array<double, 4> distances2_;
 };
 
-/// Among the four lattice points around the point at `fraction` of the way from a to b, the nearest
-/// one at which the edge ab of the triangle abc may be split (may_split()). std::nullopt if there
-/// is none among the four.
+/// Returns the lattice point at which the edge ab of the triangle abc is split near `fraction` of
+/// the way from a to b. This is the nearest of the four lattice points around that position that
+/// may_split() allows. Returns std::nullopt if may_split() allows none of the four.
 inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, LatticePoint c,
                                               double fraction) noexcept {
   SplitCell cell(a, b, fraction);
@@ -99,19 +100,19 @@ inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, La
 /// The wanted position of a split on an edge ab.
 struct SplitAim {
   double fraction;  ///< 0 at a, 1 at b
-  /// The split shall lie on a shell around a, or around b. At most one of the two is true.
+  /// True if the split point shall lie on a shell around a, or around b. At most one is true.
   bool on_shell_of_a, on_shell_of_b;
 };
 
-/// Among the lattice points exactly on ab, other than a and b, the one nearest to the aim.
-/// std::nullopt if there are no such points.
+/// Returns the lattice point nearest to the aim among those exactly on ab, other than a and b.
+/// Returns std::nullopt if there are no such points.
 std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
 
-/// A lattice point near the aim at which the edge ab of the triangle abc may be split
-/// (may_split()), less than a step from this edge. Among several such points, the result is the
-/// one nearest to the shell if the aim has a shell, otherwise the one nearest to the edge. (If the
-/// aim is the midpoint, that point is at most half a step from the edge.) std::nullopt if there is
-/// no such point.
+/// Returns a lattice point near the aim, less than a step from the edge ab of the triangle abc, at
+/// which may_split() allows to split this edge. If there are several such points, the result is the
+/// point nearest to the shell if the aim has a shell, otherwise the point nearest to the edge. (If
+/// the aim is the midpoint, the point nearest to the edge is at most half a step from the edge.)
+/// Returns std::nullopt if there is no such point.
 std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, LatticePoint c,
                                               SplitAim aim) noexcept;
 

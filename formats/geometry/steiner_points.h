@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Steiner points: lattice points inside the material at which refinement may insert a vertex. They
-// lie near the circumcentre of a triangle that is too sharp or too large, or closer to the
-// triangle's shortest edge, like the off-centres of Uengoer (2004).
+// Steiner points: lattice points inside the material at which refinement may insert a vertex. For a
+// triangle that is too sharp or too large, the Steiner point is near the circumcentre, or nearer
+// to the shortest edge, like the off-centres of Uengoer (2004).
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -13,20 +13,20 @@
 
 namespace trocar {
 
-/// A position relative to the midpoint of an edge, in units of the edge's length. `along` points
-/// along the edge, `away` to the left of the edge.
+/// A position relative to the midpoint of an edge, in units of the edge's length: `along` in the
+/// direction of the edge, `away` to the left of the edge.
 struct EdgeOffset {
   double along, away;
 };
 
 // Positions are computed and rounded relative to a nearby vertex, so that a mesh does not depend on
-// the position of its outline in the plane. It must not depend on the outline's rotation either.
-// Therefore round_half_up() is used in a plane in canonical orientation (canonical_rotation.h), and
-// round_half_away() in any orientation.
+// the position of its outline in the plane. A mesh must not depend on the outline's rotation by
+// right angles either. Therefore use round_half_up() only in a plane in canonical orientation
+// (canonical_rotation.h); round_half_away() may be used in any orientation.
 
 /// The lattice point nearest to p + (x, y). A coordinate that is half-way between two lattice
-/// coordinates is rounded up. The result is clamped to the lattice's bounds. (Both coordinates are
-/// computed together, with GCC's and clang's vector types; std::floor would be a function call.)
+/// coordinates is rounded up. The result is clamped to the lattice's bounds. (For speed, GCC's and
+/// clang's vector types compute both coordinates together, and std::floor is avoided.)
 inline LatticePoint round_half_up(LatticePoint p, double x, double y) noexcept {
   using Two = double __attribute__((vector_size(16)));
   using TwoWhole = std::int32_t __attribute__((vector_size(8)));
@@ -59,8 +59,8 @@ inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset
 }
 
 /// The circumcentre of the triangle pqr, by round_half_up(). The circumcentre lies on the
-/// perpendicular bisector of pq. If its distance from pq exceeds `max_away` times the length of pq,
-/// the point of the bisector at that distance takes its place.
+/// perpendicular bisector of pq. If it is farther from pq than `max_away` times the length of pq,
+/// the result is the point of the bisector at this largest distance.
 inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
                                 double max_away) noexcept {
   const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
@@ -72,12 +72,12 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
   return round_half_up(p, 0.5 * qx - away * qy, 0.5 * qy + away * qx);
 }
 
-/// The circle of an inscribed angle over an edge of length 1. It passes through the ends of
-/// the edge. Seen from any point of the circle on the left of the edge, the edge subtends
-/// the given angle.
+/// The circle of an inscribed angle over an edge of length 1. The circle passes through the ends
+/// of the edge. Seen from any point of the circle on the left of the edge, the edge subtends the
+/// given angle.
 struct AngleCircle {
   double radius = 0;
-  double centre = 0;  ///< distance of the circle's centre from the edge
+  double centre = 0;  ///< distance of the circle's centre from the edge, on its left
 
   AngleCircle() = default;
   explicit AngleCircle(double angle_rad)
@@ -93,9 +93,9 @@ struct AngleCircle {
   }
 };
 
-/// Factor below 1 for the distance of a point from an edge. With it, the edge subtends a
-/// large enough angle even after the point is rounded to the lattice. `length`: length of the
-/// edge in steps.
+/// Factor below 1 by which the distance of a Steiner point from an edge is multiplied. From this
+/// smaller distance the edge subtends a large enough angle even after the point is rounded to the
+/// lattice. `length` is the length of the edge in steps.
 inline double rounding_allowance(double length) noexcept {
   constexpr double kSteps = 1.5;
   return 1 - std::min(0.4, kSteps / length);

@@ -5,8 +5,8 @@
 //   of the edge. Corner i + 2 (mod 3), the apex, lies opposite the edge.
 //
 //            2
-//           / \                     Triangle corners are counter-clockwise, so a neighbour has the
-//   edge 2 /   \ edge 1             same edge with its two vertices in the other order.
+//           / \                     Triangle corners are counter-clockwise, so the triangle beyond
+//   edge 2 /   \ edge 1             an edge has the same two vertices in the opposite order.
 //         0-----1
 //          edge 0
 //
@@ -19,8 +19,8 @@
 
 namespace trocar {
 
-/// The number of the corner after corner i of a triangle, and of the corner before it. The same
-/// numbers hold for edges. A table of two-bit digits avoids a branch that cannot be predicted.
+/// next_corner(i) is (i + 1) mod 3 and previous_corner(i) is (i + 2) mod 3, for corners and edges.
+/// A table of two-bit digits avoids a branch that a processor cannot predict.
 constexpr std::uint32_t next_corner(std::uint32_t i) noexcept {
   return (0b00'10'01U >> (2 * i)) & 3;
 }
@@ -28,8 +28,8 @@ constexpr std::uint32_t previous_corner(std::uint32_t i) noexcept {
   return (0b01'00'10U >> (2 * i)) & 3;
 }
 
-/// The number of the triangle's corner at vertex v. It is also the number of the edge that starts
-/// at v.
+/// The number of the triangle's corner at vertex v. The triangle's edge that starts at v has the
+/// same number. Precondition: v is a vertex of the triangle.
 constexpr std::uint32_t corner_of(const Triangle& triangle, std::uint32_t v) noexcept {
   return triangle[0] == v ? 0 : triangle[1] == v ? 1 : 2;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The measures by which refinement judges a counter-clockwise triangle. Squared lengths and areas
-// are exact integers. Values derived from them are rounded at most twice.
+// are computed as exact integers.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -28,7 +28,7 @@ struct ShortestEdge {
 inline ShortestEdge shortest_edge(const TriangleCorners& v) noexcept {
   const std::array<std::int64_t, 3> d{distance2(v[0], v[1]), distance2(v[1], v[2]),
                                       distance2(v[2], v[0])};
-  // This is free of branches because the result cannot be predicted.
+  // This is free of branches because a processor cannot predict the result.
   const std::uint32_t is_second = d[1] < d[0] ? 1 : 0,
                       is_third = ((d[2] < d[0]) & (d[2] < d[1])) ? 1 : 0;
   const std::uint32_t edge = (is_second & (is_third ^ 1)) | is_third << 1;
@@ -42,7 +42,7 @@ inline double circumradius2(const TriangleCorners& v) noexcept {
 }
 
 struct ShapeLimits {
-  double sine2;         ///< squared sine of the smallest angle wanted
+  double sine2;         ///< squared sine of the smallest angle allowed
   double doubled_area;  ///< largest doubled area allowed, steps^2
 };
 
@@ -50,7 +50,7 @@ struct TriangleShape {
   std::int64_t doubled_area;
   double ca2;        ///< squared length of the edge from c to a
   double shortest2;  ///< squared length of the shortest edge
-  bool is_sharp;     ///< the smallest angle is below the wanted one
+  bool is_sharp;     ///< the smallest angle is below the smallest angle allowed
   bool is_large;     ///< the area is above the largest area allowed
   bool is_bad() const noexcept { return is_sharp | is_large; }
 };
@@ -74,9 +74,9 @@ struct TriangleShape {
           area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 
-/// Returns true if the smallest angle is below the angle whose squared cosine is `cos2`; never if
-/// `cos2` is infinite. The result may differ from TriangleShape::is_sharp if the two angles agree
-/// to the last digit of a double.
+/// Returns true if the smallest angle is below the angle whose squared cosine is `cos2`. If `cos2`
+/// is infinite, returns false. The result may differ from TriangleShape::is_sharp if the two angles
+/// agree to the last digit of a double.
 inline bool is_angle_below_cosine(const TriangleCorners& v, double cos2) noexcept {
   // The smallest angle lies opposite the shortest edge, between the two others. s, l and m are the
   // squared lengths of these edges, so the scalar product of the two others is (l + m - s) / 2.

@@ -16,26 +16,26 @@ namespace trocar {
 /// A point in space, lattice steps.
 using SpacePoint = std::array<std::int32_t, 3>;
 
-/// Largest admissible |coordinate|: a float32 holds it exactly, and no product overflows in the
-/// functions below.
+/// Largest admissible |coordinate|. Up to this limit a float32 holds every coordinate exactly, and
+/// no product in the functions below overflows.
 inline constexpr std::int32_t kMaxSpaceCoordinate = 1 << 24;
 
-/// Triangles are counter-clockwise seen from outside the material.
+/// The corners of a triangle are counter-clockwise, seen from outside the material.
 struct TriangleSurface {
   Lattice lattice;
   std::vector<SpacePoint> vertices;
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// Proves the following, or names the first vertex or triangle that violates it. The first two
-/// properties are proved in exact integers.
-///  - coordinates are admissible, indices in range, every vertex is used, no triangle has area 0;
-///  - the surface is closed, manifold and oriented: each edge has two triangles, which traverse it
-///    in opposite directions, and the triangles at a vertex form one fan, in which each triangle
-///    shares an edge with the next;
+/// Checks that a surface has these properties; the first two are proved in exact integers:
+///  - all coordinates are admissible, all indices are in range, every vertex is used, and no
+///    triangle has area 0;
+///  - the surface is closed, manifold and oriented: each edge has two triangles, which traverse the
+///    edge in opposite directions, and the triangles at a vertex form one closed fan, in which each
+///    triangle shares an edge with the next;
 ///  - the surface encloses a positive volume, so it is not inside out.
-/// The function does not detect self-intersections. O(n log n). Errors: kRefused if a
-/// property is violated.
+/// Self-intersections are not detected. O(n log n). Errors: kRefused if a property is violated. For
+/// the first two properties the message names a vertex or a triangle.
 Result<void> check_triangle_surface(const TriangleSurface& surface);
 
 /// The normal at each vertex: the mean of the unit normals of the triangles at the vertex, weighted
