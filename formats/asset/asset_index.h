@@ -3,23 +3,23 @@
 // slices of a scene and nothing else. Internal to formats/. asset.md has the layout to the byte.
 //
 // The index is at the start of the binary chunk. It consists of a header and one record of fixed
-// size for each entry (one material of one slice). A reader finds any slice with a few short reads.
-// The file's first 20 bytes give the start of the binary chunk, the index header gives the number
-// of records, and records are in ascending order. Records hold offsets only. The planes stay in the
-// JSON, where each record locates the text of its entry's glTF node. Other glTF readers ignore
-// bytes that no buffer view covers. (glTF also allows a further chunk after the binary one, but
-// validators warn of it, and tools that rewrite a file drop it.)
+// size for each entry (one material of one slice). A reader finds any slice with a few short reads:
+// the file's first 20 bytes give the start of the binary chunk, the index header gives the number
+// of records, and the records are in ascending order of slices. A record has the offsets of the
+// entry's payload and of the text of its glTF node, which has the plane. Other glTF readers ignore
+// the index, because no buffer view covers its bytes. (glTF also allows a further chunk after the
+// binary chunk, but validators warn of such a chunk, and tools that rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
-//  1. If the version of the index is unknown, or if its header does not have the actual sizes of
-//     the chunks because another tool has rewritten the file, the index is treated as absent.
-//  2. If there is an index, decode_asset() refuses the file unless every record and every text that
-//     the record points to agrees with the JSON. So a reader that uses the index gets the slices
-//     that were verified.
+//  1. The index counts as absent if its version is unknown, or if the sizes of the chunks in its
+//     header differ from the actual sizes because another tool has rewritten the file.
+//  2. If there is an index, decode_asset() refuses the file unless every record, and every text to
+//     which a record points, agrees with the JSON. So a reader gets the same slices by the index as
+//     by decoding the complete file.
 //  3. Every offset and size of a record is compared with the chunks' sizes before it is used.
-//  4. A checksum (CRC-32) covers all bytes of an entry. A changed byte is therefore
-//     refused, even if the slice would still decode. The lines that an asset may hold for
-//     viewers are not covered.
+//  4. A checksum (CRC-32) covers all bytes of an entry, so an entry with a changed byte is refused
+//     even if it would still decode. The checksum does not cover the outlines that an asset may
+//     hold as lines for viewers.
 // Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
@@ -42,11 +42,11 @@ inline constexpr std::size_t kGlbHeader = 20;
 /// Number of bytes of the header of each further chunk.
 inline constexpr std::size_t kGlbChunkHeader = 8;
 /// Returns the size of a .glb's JSON chunk. Errors: kRefused if the file is not binary glTF, or if
-/// its size differs from the one in its header. Messages do not contain the file's name.
+/// its size differs from the size in its header. Messages do not contain the file's name.
 Result<std::uint32_t> json_bytes_of(ByteSource& source);
 
 inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', 'I', 'X'};
-/// kIndexVersion: version of the index in assets of schema 2. kIndexVersion1: in those of schema 1.
+/// Version of the index in assets of schema 2 (kIndexVersion) and of schema 1 (kIndexVersion1).
 inline constexpr std::uint32_t kIndexVersion = 3, kIndexVersion1 = 2;
 /// Largest number of slices, and of entries, in an asset.
 inline constexpr std::size_t kMaxSlices = 100'000;
@@ -61,26 +61,26 @@ struct IndexHeader {
   std::uint32_t extras_offset = 0,
                 extras_bytes = 0;  ///< location of the document's extras in the JSON text
   std::uint32_t checksum = 0;      ///< CRC-32 of the extras and the frame
-  /// Slice index in the first and in the last record; 0 if there are no records.
+  /// AssetSlice::index in the first and in the last record; 0 if there are no records.
   std::int32_t first_index = 0, last_index = 0;
-  /// Location in the JSON text of the frame, the node whose transform all slices share. Version 2
+  /// Location in the JSON text of the frame: the node whose transform all slices share. Version 2
   /// of the index does not have these two numbers.
   std::uint32_t frame_offset = 0, frame_bytes = 0;
 };
 
-/// Locates an entry's bytes. The offset of the node is counted from the start of the JSON text. The
-/// offset of the Draco payload, which holds the triangles, is counted from the start of the binary
-/// chunk's data. If the slice is empty, both Draco numbers are 0.
+/// Locates an entry's bytes: the text of its node, and its Draco payload, which holds the
+/// triangles. If the slice is empty, both Draco numbers are 0.
 struct EntryRecord {
   std::int32_t index = 0;         ///< AssetSlice::index
-  std::uint32_t node_offset = 0;  ///< location of the entry's node
+  std::uint32_t node_offset = 0;  ///< counted from the start of the JSON text
   std::uint16_t node_bytes = 0, material = 0;
+  /// `draco_offset` is counted from the start of the binary chunk's data.
   std::uint32_t draco_offset = 0, draco_bytes = 0;
   /// CRC-32 of this record (with checksum 0) followed by the node's text and the payload.
   std::uint32_t checksum = 0;
 };
 
-/// The record of a slice in schema 1.
+/// The record of a slice in schema 1. Offsets are counted as in EntryRecord.
 struct SliceRecord1 {
   std::int32_t index = 0;
   std::uint32_t node_offset = 0, node_bytes = 0;
@@ -97,7 +97,8 @@ static_assert(sizeof(IndexHeader) == 52 && std::is_trivially_copyable_v<IndexHea
 static_assert(sizeof(EntryRecord) == 24 && std::is_trivially_copyable_v<EntryRecord>);
 static_assert(sizeof(SliceRecord1) == 64 && std::is_trivially_copyable_v<SliceRecord1>);
 
-/// A record of either schema. Counts, box and outline are unknown (0) in the index of schema 2.
+/// A record of schema 1 or 2. The index of schema 2 has neither counts nor box nor outline: these
+/// members are 0.
 struct SliceRecord : SliceRecord1 {
   std::uint16_t material = 0;
 
@@ -122,16 +123,17 @@ struct IndexedFile {
   }
   std::uint64_t bytes() const { return header_bytes() + header.entries * record_bytes(); }
 };
-/// Reads the index header. Returns nothing if the file has no index (contract 1). Errors: those of
-/// json_bytes_of(); kRefused if the index does not fit in the file.
+/// Reads the index header. Returns std::nullopt if the file has no index (contract 1). Errors:
+/// those of json_bytes_of(); kRefused if the index does not fit in the file.
 Result<std::optional<IndexedFile>> find_index(ByteSource& source);
 
 /// Reads record number i, 0 <= i < header.entries. Errors: kRefused if an offset or a size points
 /// outside the file (contract 3).
 Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
 
-/// Finds the records of the slice `index`; none if there is no such slice. Takes O(log slices)
-/// reads. If the scan has one material and no slice is missing, it takes at most three reads.
+/// Finds the records of the slice `index`; none if there is no such slice. Takes O(log entries)
+/// reads, plus one for each material of the slice. If the scan has one material and no slice is
+/// missing, at most three reads are needed.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index);
 
@@ -139,15 +141,16 @@ Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedF
 struct SliceBytes {
   std::vector<std::uint8_t> node, draco, outline, segments;
 };
-/// Reads the bytes to which a record points. Errors: kRefused if their checksum differs from the
-/// record's (contract 4).
+/// Reads the bytes to which a record points. Errors: kRefused if the checksum of record and bytes
+/// differs from the checksum in the record (contract 4).
 Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
                                     const SliceRecord& record);
 /// The texts to which the header points.
 struct DocumentTexts {
   std::vector<std::uint8_t> extras, frame;
 };
-/// Reads these texts. Errors: kRefused if their checksum differs from the header's.
+/// Reads the texts to which the header points. Errors: kRefused if their checksum differs from the
+/// checksum in the header.
 Result<DocumentTexts> read_document_texts(ByteSource& source, const IndexedFile& file);
 
 /// Computes the checksums of a .glb's slice index and writes them into the index. Does nothing if

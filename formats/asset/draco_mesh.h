@@ -24,26 +24,26 @@ namespace trocar {
 struct DracoGrid {
   Lattice lattice;
   LatticePoint origin;        ///< lower bound of all coordinates of the scan
-  int quantization_bits = 1;  ///< at most 24; 2^quantization_bits - 1 is at least the scan's extent
-  bool colours = false;       ///< true: known HU are also stored as colours
+  int quantization_bits = 1;  ///< at most 24; 2^bits - 1 steps is at least the scan's extent
+  bool colours = false;       ///< if true, HU at vertices are stored also as colours
 };
 
 inline constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
 /// Draco id of the position in every payload of an asset.
 inline constexpr std::uint32_t kDracoPositionId = 0;
-/// Draco id of the HU, if they are known: a GENERIC int16 scalar in steps of kHuStep.
+/// Draco id of the HU at vertices, if there are any: a GENERIC int16 scalar in steps of kHuStep.
 inline constexpr std::uint32_t kDracoHuId = 1;
 inline constexpr const char* kHuAttribute = "_HU";  ///< name of the HU attribute in glTF
-/// HU are stored as n * kHuStep, from kMinHu to kMaxHu. The range is wider than that of voxels,
-/// because the values of a least-squares fit may lie outside the range of the voxels.
+/// HU at vertices are multiples of kHuStep from kMinHu to kMaxHu. This range is wider than that of
+/// voxels, because the values of a least-squares fit may lie outside the range of the voxels.
 inline constexpr int kMinHu = -8192, kMaxHu = 24568, kHuStep = 8;
-/// The stored value that is nearest to `hu`, which must be finite.
+/// The multiple of kHuStep from kMinHu to kMaxHu nearest to `hu`. Precondition: `hu` is finite.
 float stored_hu(float hu);
 
 /// Draco id of the vertex colours, which are stored on request for viewers: a COLOR of three
 /// normalised u8 in linear light.
 inline constexpr std::uint32_t kDracoColourId = 2;
-inline constexpr const char* kColourAttribute = "COLOR_0";  ///< its attribute name in glTF
+inline constexpr const char* kColourAttribute = "COLOR_0";  ///< name of the colours in glTF
 using HuColour = std::array<std::uint8_t, 3>;               ///< red, green, blue
 /// The colour of a stored HU: the colour map viridis from -200 to 1848 HU (table in asset.md). HU
 /// outside this range get the first or the last colour.
@@ -53,7 +53,8 @@ HuColour hu_colour(float hu);
 /// empty or outside the grid, if a HU is not finite, or if the number of HU is wrong.
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu = {});
-/// The offset, in a payload of encode_draco(), of the float that is the z of all vertices.
+/// Returns the offset, in a payload of encode_draco(), of the float that is the z of all vertices.
+/// Errors: kBug if the payload does not end as encode_draco() with this grid writes it.
 Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const DracoGrid& grid);
 
 /// The contents of a payload.
@@ -64,19 +65,19 @@ struct DracoSlice {
   bool has_colours = false;
 };
 /// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. The unit of
-/// the stored coordinates is 2^bits lattice steps. `bits` is 0 in schema 2, which stores steps, and
-/// lattice.bits in schema 1, which stores mm. Calls check_draco_counts() before Draco allocates
-/// memory. Errors: those of check_draco_counts(); kRefused if bytes are corrupted, a coordinate is
-/// off the lattice, vertices differ in z, an index or a HU is out of range, or colours do not match
-/// the HU. Messages do not contain the file's name.
+/// the stored coordinates is 2^bits lattice steps: pass 0 for schema 2, which stores steps, and
+/// lattice.bits for schema 1, which stores mm. Errors: those of check_draco_counts(), which is
+/// called before Draco allocates memory; kRefused if bytes are corrupted, a coordinate is off the
+/// lattice, vertices differ in z, an index or a HU is out of range, or colours do not match the HU.
+/// Messages do not contain the file's name.
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles, int bits = 0);
 
-/// Checks the numbers of vertices and triangles in a payload's header. (Draco allocates
-/// memory for these numbers before it reads further.) Errors: kRefused if the header is not that of
-/// an Edgebreaker mesh, or if it has more than `max_vertices` vertices, more than
-/// `max_triangles` triangles, or more triangles than the payload can hold. The limit is 64
-/// triangles for each byte, but at least 2^22.
+/// Checks the numbers of vertices and triangles in a payload's header, because Draco allocates
+/// memory for these numbers before it reads further. Errors: kRefused if the header is not that of
+/// an Edgebreaker mesh, or if the header states more than `max_vertices` vertices, more than
+/// `max_triangles` triangles, or more triangles than a payload of this size may have: 64 for each
+/// byte, but at least 2^22.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles);
 

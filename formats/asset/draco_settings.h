@@ -12,7 +12,7 @@
 
 namespace trocar {
 
-/// Sets the encoder's options. `mesh` is the encoder's input, whose attribute 0 must be
+/// Sets the encoder's options. Preconditions: `mesh` is the encoder's input, and its attribute 0 is
 /// the position.
 inline draco::Status configure(draco::ExpertEncoder& encoder, const draco::PointCloud& mesh,
                                const DracoGrid& grid) {

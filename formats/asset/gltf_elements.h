@@ -15,26 +15,26 @@ namespace trocar {
 
 inline constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
-/// A number for the JSON text. A whole number is written without a fraction, which is shorter.
+/// A number for the JSON text. A whole number is written without ".0", which is shorter.
 nlohmann::json number(double value);
-/// Writes a transform with lengths in mm as the node's `matrix` or `translation`, with lengths in
-/// lattice steps. Writes neither for the identity.
+/// Writes a transform into `node`, as `matrix` or, if it only moves, as `translation`. The identity
+/// is not written. Lengths are in mm in `T_mm` and in lattice steps in the node.
 void put_transform(const Eigen::Affine3d& T_mm, const Lattice& lattice, nlohmann::json& node);
 
-/// Returns the primitive of a slice's triangles, at the height of z steps. Adds the Draco
-/// payload and the accessors to `gltf`, counts them in `sizes`, and stores the payload's
-/// location in `record`.
+/// Returns the primitive of a slice's triangles, all at the height of z steps. Adds the Draco
+/// payload and the accessors to `gltf`, counts the payload's bytes in `sizes`, and stores the
+/// payload's location in `record`.
 nlohmann::json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32_t z,
                                    AssetSizes& sizes, EntryRecord& record);
 /// Returns a primitive that shows an outline as lines, for viewers. Adds the lines to `gltf` and
-/// counts them in `sizes`. `material` is the number of the outlines' glTF material.
+/// counts their bytes in `sizes`. `material` is the number of the glTF material of outlines.
 nlohmann::json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t z,
                                std::size_t material, AssetSizes& sizes);
 /// Returns the glTF materials: one for each material of the asset and, if the file holds outlines
 /// as lines, one for the outlines.
 nlohmann::json gltf_materials(const Asset& head);
-/// Adds a surface and returns its node's number. The node is not below the scan's node, so that
-/// readers of slices ignore it. Errors: those of encode_surface(); kBug if the payload does not
+/// Adds a surface and returns the number of its node. This node is not below node 0, so readers of
+/// slices ignore the surface. Errors: those of encode_surface(); kBug if the payload does not
 /// decode to a valid surface.
 Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& sizes);
 

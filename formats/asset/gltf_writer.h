@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a binary glTF 2.0 file element by element. Internal to formats/. The writer keeps the
-// elements as text and bytes of the file. JSON values would take many times the memory, and a scan
-// has thousands of elements.
+// Writes a binary glTF 2.0 file element by element. Internal to formats/. A scan has thousands of
+// elements. The writer keeps them as text, because JSON values would take many times the memory.
 // Tests: tests/formats/asset/asset_page_test.py
 #pragma once
 
@@ -36,12 +35,13 @@ class GltfWriter {
     int number = 0;
     Range bytes;
   };
-  /// Appends data and a buffer view that covers them. Data with a target are aligned to 4 bytes.
-  /// Data without a target need no alignment, because no GPU reads them.
+  /// Appends data and a buffer view that covers the data. Data with a target are aligned to 4
+  /// bytes. Data without a target (kNoTarget) are not aligned, because no GPU reads them.
   View add_view(const void* data, std::size_t size, int target);
 
-  // Each function returns the index of the new element. Equal accessors are merged, because the
-  // accessors of Draco payloads have only counts and are often equal.
+  // Each function adds an element and returns its index. For an accessor that exists already,
+  // add_accessor() returns the index of the existing one: accessors of Draco payloads are often
+  // equal.
   int add_accessor(const nlohmann::json& accessor);
   int add_mesh(const nlohmann::json& mesh) { return meshes_.add(mesh); }
   int add_node(const nlohmann::json& node) { return nodes_.add(node); }
@@ -53,9 +53,9 @@ class GltfWriter {
     std::vector<Range> nodes;       ///< location of each node in the JSON text
     Range extras;                   ///< location of the document's extras in the JSON text
   };
-  /// Returns the file. It consists of `top` (an object: asset, extensionsUsed, materials, scenes,
-  /// ...), the document's extras and the elements. Errors: kRefused if the file would exceed 4 GiB,
-  /// which is the largest size that a header can hold.
+  /// Returns the file, made of `top`, the document's extras and the elements. `top` is an object
+  /// with all other members of the document, such as asset, extensionsUsed, materials and scenes.
+  /// Errors: kRefused if the file would exceed 4 GiB, the largest size that a .glb can have.
   Result<File> finish(const nlohmann::json& top, const nlohmann::json& extras) &&;
 
  private:

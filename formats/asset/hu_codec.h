@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compresses the HU of one slice. The slice's outlines determine which samples are stored, so the
-// file need not list them. asset.md specifies the bytes. Internal to formats/, except for the
-// functions that encode.
+// file need not list the stored samples. asset.md specifies the bytes. Internal to formats/, except
+// for the functions that encode.
 //
 // Contract (tests/formats/asset/hu_volume_test.cpp):
 //  1. A sample is stored if its distance from the material is at most the margin. This is decided
-//     exactly, in integers.
+//     exactly, on the lattice. Without a margin, all samples of the grid are stored.
 //  2. decode_hu_plane() restores what encode_hu_plane() stored. It refuses bytes with fewer or more
 //     samples than the outlines require, and values out of range. Memory and time are bounded by
-//     the number of samples in the box around the outlines, which is at most kMaxHuSamples.
+//     the number of edges and of samples in the box around the outlines and the margin; there are
+//     at most kMaxHuSamples such samples.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -27,12 +28,12 @@ namespace trocar {
 /// Largest number of samples in the box of one plane.
 inline constexpr std::int64_t kMaxHuSamples = std::int64_t{1} << 24;
 inline constexpr int kMaxHuSide = 1 << 15;  ///< largest number of columns or rows of a grid
-/// The largest |HU| that is stored, as a multiple of HuGrid::step_hu; larger values are clamped.
+/// The largest |HU| that is stored, in units of HuGrid::step_hu; larger values are clamped.
 inline constexpr std::int64_t kMaxHuSteps = std::int64_t{1} << 30;
 /// The largest margin, lattice steps.
 inline constexpr std::int32_t kMaxHuMargin = 1 << 20;
 
-/// Checks the numbers of a grid. Errors: kRefused if one is out of range; the message does not
+/// Checks the numbers of a grid. Errors: kRefused if a number is out of range; the message does not
 /// contain the file's name.
 Result<void> check_hu_grid(const HuGrid& grid, const Lattice& lattice);
 
@@ -44,14 +45,15 @@ struct HuMask {
   int first_column = 0, first_row = 0, columns = 0, rows = 0;
   std::vector<char> is_stored;  ///< not 0: the sample is stored; row by row
 };
-/// Determines the samples of a slice that are stored. Errors: kRefused if the box exceeds
-/// kMaxHuSamples, or if so many edges lie so close together that they cannot be outlines.
+/// Determines the samples of a slice that are stored. Errors: kRefused if the box has more than
+/// kMaxHuSamples samples, or if the edges lie closer together than edges of outlines can.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
-/// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of a
-/// sample. Rounding errors are carried over to the samples that follow (Floyd and Steinberg), so
-/// the mean of neighbouring samples is more exact than a single sample. HU that are multiples of
-/// the step are unchanged.
+/// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of
+/// a sample of the grid. HU are rounded to multiples of the grid's step. Each rounding error
+/// is carried over to the samples that follow (Floyd and Steinberg), so the mean of
+/// neighbouring samples is more exact than a single sample. If all HU are multiples of the
+/// step, no HU is changed.
 std::vector<std::uint8_t> encode_hu_plane(const HuGrid& grid, const HuMask& mask,
                                           const std::function<float(int column, int row)>& value);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Volumes of HU in the file. Each volume has an element of `hu_volumes` in the document's extras,
-// and a buffer view, which begins with a directory of the volume's planes. Internal to formats/.
-// asset.md has the layout.
+// Volumes of HU in the file. The document's extras have an element of `hu_volumes` for each volume.
+// The bytes of a volume are a buffer view, which begins with a directory: one record for each plane
+// of the volume. Internal to formats/. asset.md has the layout.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -19,7 +19,7 @@ namespace trocar {
 struct HuSection {
   HuGrid grid;
   std::uint32_t view = 0;               ///< number of the buffer view
-  std::uint64_t offset = 0, bytes = 0;  ///< location in the binary chunk's data
+  std::uint64_t offset = 0, bytes = 0;  ///< location of the view in the binary chunk's data
   std::uint32_t planes = 0;             ///< number of planes
 };
 
@@ -27,22 +27,22 @@ struct HuSection {
 /// the planes ascend by index.
 nlohmann::json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume);
 
-/// Returns the volumes that a document's `extras.trocar` describes: at most one around the material
-/// and at most one of everything. Errors: kRefused if a volume has an unknown version or a number
-/// out of range, or if two volumes are of the same kind.
+/// Returns the volumes that `ours`, a document's `extras.trocar`, describes: at most one volume of
+/// the material with a margin, and at most one of everything. Errors: kRefused if a volume has an
+/// unknown version or a number out of range, or if two volumes are of the same kind.
 Result<std::vector<HuSection>> hu_sections(const nlohmann::json& ours, const Lattice& lattice);
 
-/// Decodes the planes of the slices in asset.slices into asset.hu and, if `with_context` is set,
-/// also into asset.context. A slice without outlines has no plane in asset.hu. The binary chunk's
-/// data begin at offset `binary_at` of `source` and have `binary_bytes` bytes. For each slice only
-/// the bytes of its planes and O(log planes) records of the directory are read. Errors: kRefused if
-/// bytes are damaged or lie outside the binary chunk.
+/// Decodes planes of HU into asset.hu and, if `with_context` is set, also into asset.context.
+/// Decodes only the planes of the slices in asset.slices. A slice without outlines gets no plane in
+/// asset.hu. The binary chunk's data begin at offset `binary_at` of `source` and have
+/// `binary_bytes` bytes. For each slice only the bytes of its planes and O(log planes) records of
+/// the directory are read. Errors: kRefused if bytes are damaged or lie outside the binary chunk.
 Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset);
 
-/// Checks a whole directory: its planes must ascend, belong to slices of the asset and fill the
-/// buffer view. Errors: kRefused if they do not.
+/// Checks a whole directory. Errors: kRefused unless its planes ascend by index, belong to
+/// slices of the asset, and fill the buffer view.
 Result<void> check_hu_directory(ByteSource& source, std::uint64_t binary_at,
                                 const HuSection& section, const Asset& asset);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decodes a slice from the JSON of its node and from its bytes. This is used for reading a
-// complete file (asset_decode.cpp) and for reading some of its slices (asset_part.cpp).
-// Internal to formats/.
+// Decodes a slice from the JSON of its node and from the bytes of its payload. asset_decode.cpp,
+// which reads complete files, and asset_part.cpp, which reads some slices, both use these
+// functions. Internal to formats/.
 // Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
@@ -17,24 +17,24 @@
 namespace trocar {
 
 // An entry is one material of one slice. Consecutive entries may share a glTF node. Schema 2 has
-// three nodes above the nodes of entries. Node 0 maps LPS in lattice steps to glTF's metres. Its
-// only child is the frame, whose transform all slices share. The frame's only child is the list,
-// whose children are the nodes of entries. The frame is separate from the list so that the frame's
-// text, which every partial read needs, does not depend on the number of entries.
+// three nodes above the nodes of entries. Node 0 maps LPS in lattice steps to glTF's frame in
+// metres. The only child of node 0 is the frame, a node whose transform all slices share. The only
+// child of the frame is the list, a node whose children are the nodes of entries. The frame is
+// separate from the list so that the frame's text, which every partial read needs, is short.
 inline constexpr std::size_t kFrameNode = 1, kListNode = 2, kFirstEntryNode = 3;
-/// The largest number of entries that may share a node. To read an entry, a reader reads the text
-/// of its node, so this number limits the length of that text.
+/// The largest number of entries that may share a node. To read an entry, a reader must read the
+/// text of the whole node, so this number limits the length of that text.
 inline constexpr std::size_t kMaxNodeEntries = 32;
 
-/// Parses JSON text from a file. Errors: kRefused if the text does not parse or is
-/// nested too deeply.
+/// Parses JSON text from a file. Errors: kRefused if the text does not parse, or is nested deeper
+/// than 64.
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text);
 
 /// The member `trocar` of the extras of a glTF element, or null.
 nlohmann::json trocar_extras(const nlohmann::json& extras);
 
 /// Reads the document's extras, which describe the whole asset, into `asset`. Returns the number of
-/// slices in the extras (0 in schema 1). Errors: kRefused if the extras are not those of an
+/// slices that the extras state (0 in schema 1). Errors: kRefused if the extras are not those of an
 /// asset; the message begins with `name`.
 Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& asset,
                                          const std::string& name);
@@ -44,45 +44,46 @@ Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& as
 Result<AssetSlice> slice_of_node_1(const nlohmann::json& node);
 
 /// The transform in a node's `translation` or `matrix`, converted from lattice steps to mm; the
-/// identity if it has neither. Errors: kRefused if the node has both or another kind of transform,
-/// or if a number is not finite.
+/// identity if the node has neither. Errors: kRefused if the node has both or another kind of
+/// transform, or if a number is not finite.
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// The contents of a node of schema 2, which holds one or more entries. From entry to entry the
-/// slice index increases by 1.
+/// The contents of a node of schema 2. The node has one or more entries. From entry to entry
+/// AssetSlice::index increases by 1.
 struct EntryNode {
-  /// Slice index of the node's first entry. If absent, it is 0 for the first entry of the asset,
-  /// otherwise one more than the slice index of the entry before.
+  /// AssetSlice::index of the node's first entry. If absent, the index is one more than that of the
+  /// previous entry in the file, or 0 for the first entry in the file.
   std::optional<int> index;
   std::optional<double> z_mm;   ///< AssetSlice::z_mm; if absent, it is z_of_plane()
   std::vector<double> mean_hu;  ///< one value for each entry, or empty
-  Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< the node's; lengths in mm
+  Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< the node's transform; lengths in mm
 };
 /// Reads a node of schema 2. Errors: kRefused if a value is wrong.
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// The plane of an entry whose vertices are at the height z_mm: the matrix product of `frame`, of
-/// the `transform` of the entry's node, and of a translation by z_mm along z.
+/// The plane (AssetSlice::T_lps_plane) of an entry whose vertices are at the height z_mm. This is
+/// the product frame * transform * (translation by z_mm along z), where `transform` is that of the
+/// entry's node.
 Eigen::Affine3d plane_of(const Eigen::Affine3d& frame, const Eigen::Affine3d& transform,
                          double z_mm);
-/// The position of a plane's origin along the plane's own normal.
+/// The coordinate of a plane's origin (LPS, mm) along the plane's own normal.
 double z_of_plane(const Eigen::Affine3d& T_lps_plane);
 
-/// Makes the AssetSlice of an entry, except its geometry. `index` is the slice index, and z_mm
+/// Makes the AssetSlice of an entry, except its geometry. `index` is AssetSlice::index, and z_mm
 /// the height of the vertices. Errors: kRefused if the plane is not finite, or if the node has no
 /// entry with this index.
 Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material,
                                   const Eigen::Affine3d& frame, double z_mm);
 
-/// The bytes of a slice's geometry. The outline's vertices and segments are in files of schema 1,
-/// and in files that hold outlines as lines.
+/// The bytes of a slice's geometry: the Draco payload, and the outline's vertices and segments. The
+/// last two are empty unless the file is of schema 1 or holds outlines as lines.
 struct GeometryBytes {
   std::span<const std::uint8_t> draco, outline, segments;
 };
 /// Decodes the mesh and the outline of a slice of schema 1. Preconditions: the slice is not
 /// empty, and `bytes` have the sizes that `record` gives. Errors: kRefused if the bytes do not
-/// decode, or if the numbers of vertices or triangles, or the box around the vertices, differ
-/// from those in `record`.
+/// decode, or if the number of vertices or of triangles, or the box around the vertices, differs
+/// from that in `record`.
 Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
                                      const Lattice& lattice, AssetSlice& slice);
 
@@ -92,14 +93,15 @@ struct PayloadFacts {
   bool has_colours = false;
 };
 /// Decodes a payload of schema 2 into the mesh and the HU of `slice`, and sets the outline of
-/// `slice` to the boundary of the mesh. Errors: kRefused if the payload does not decode or
-/// has no triangles.
+/// `slice` to the boundary of the mesh. Errors: kRefused if the payload does not decode, or has no
+/// triangles.
 Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice);
-/// Compares a decoded slice with the JSON (`stated` and `has_hu`). Errors: kRefused if the numbers
-/// of vertices or triangles, the box or the presence of HU differ.
+/// Compares a decoded slice with what the JSON states (`stated` and `has_hu`). Errors: kRefused if
+/// the number of vertices or of triangles, the box around the vertices, or the presence of HU
+/// differs.
 Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice);
-/// Checks the lines that a file may hold for viewers. Errors: kRefused if they are not the outline
-/// of `slice` at a height of z steps.
+/// Checks the lines that a file may hold for viewers. Errors: kRefused if the lines are not the
+/// outline of `slice` at a height of z steps.
 Result<void> compare_lines(const SliceRecord& record, const GeometryBytes& bytes, std::int32_t z,
                            const AssetSlice& slice);
 

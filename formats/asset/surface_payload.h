@@ -14,7 +14,7 @@
 
 namespace trocar {
 
-/// Ids in the Draco payload.
+/// Ids of the attributes in the Draco payload.
 inline constexpr std::uint32_t kDracoSurfacePositionId = 0, kDracoSurfaceNormalId = 1;
 
 /// Encodes a surface. Positions are stored in lattice steps. Normals are for shading only and are
@@ -23,11 +23,10 @@ inline constexpr std::uint32_t kDracoSurfacePositionId = 0, kDracoSurfaceNormalI
 Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface);
 
 /// Decodes a payload of encode_surface(), but not its normals. Vertices and triangles are in
-/// Draco's order. `vertices` and `triangles` are the numbers in the file's JSON. The result need
-/// not be a valid surface: the caller must call check_triangle_surface() to prove that. Errors:
-/// kRefused if the bytes are corrupted, if the payload has other numbers of vertices or triangles
-/// than these, if a coordinate is off the lattice or out of range, or if an index is out of range.
-/// Messages do not contain the file's name.
+/// Draco's order. Whether the surface is valid is not checked: call check_triangle_surface().
+/// Errors: kRefused if the bytes are corrupted, if the payload does not have `vertices` vertices
+/// and `triangles` triangles (the numbers in the file's JSON), if a coordinate is off the lattice
+/// or out of range, or if an index is out of range. Messages do not contain the file's name.
 Result<TriangleSurface> decode_surface(std::span<const std::uint8_t> bytes, std::uint64_t vertices,
                                        std::uint64_t triangles, const Lattice& lattice);
 
