@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground truth for contouring errors: the exact outline of the material at any
-// height, as the level set of a smooth function of the plane.
+// Ground truth, against which errors of contours are measured: the exact outline of the bone at any
+// height, computed as the level set of a smooth function of the plane.
 //
 // There are two ground truths:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
-//  - iso_section: the curve on which a noiseless scanner of the given geometry (pixel and slice
-//    apertures, point spread) reads the iso-value, at pixel centres and between them. A perfect
-//    contouring program would find this curve in the scan. At 226 HU this curve lies a few tenths
-//    of a mm outside the anatomy, because 226 HU is below the mean of bone and soft tissue.
+//  - iso_section: the curve on which a noiseless scanner measures the iso-value. The scanner has
+//    the given apertures of pixel and slice, and the phantom's point spread. A perfect contouring
+//    program would find this curve in the scan. For 226 HU this curve lies a few tenths of a mm
+//    outside the anatomy, because 226 HU is below the mean of bone and soft tissue.
 //
 // Method: A quadtree discards squares that are too far from the bone's surface to meet the level
-// set. Marching squares traces the curve in the other squares. Every crossing is refined by
-// bracketing root finding (ITP: Oliveira and Takahashi 2020). Every chord is split until the curve
-// rises above it by at most the tolerance.
+// set. Marching squares traces the curve in the remaining squares. Every crossing of the curve with
+// a side of a square is refined by bracketing root finding (ITP: Oliveira and Takahashi 2020).
+// Every chord is split until its distance from the curve is at most the tolerance.
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -28,34 +28,34 @@ struct SectionOptions {
   /// Cell size of marching squares. Islands and gaps smaller than a cell may be missed. The cell
   /// size is halved, up to four times, if the outline bends too sharply within a cell.
   double cell_mm = 0.2;
-  double tolerance_mm = 1e-3;  ///< greatest rise of the true curve above a chord
+  double tolerance_mm = 1e-3;  ///< largest distance of the true curve from a chord
 };
 
 /// An exact cross-section. Its rings lie in the x-y plane of the scan frame (mm); they are simple
 /// and disjoint, and do not repeat the first point. Outer rings have positive area
 /// (counter-clockwise from x to y) and holes have negative area, so the material is on the left.
-/// Every point lies on the level set within 1e-9 mm, and every chord within tolerance_mm. Each
-/// ring starts at its point with the smallest y (and among these the smallest x). Rings are
-/// ordered by this point.
+/// Every point of a ring lies on the level set within 1e-9 mm, and every chord within tolerance_mm.
+/// Each ring starts at its point with the smallest y and, among points of this y, the smallest x.
+/// Rings are ordered by their first points.
 struct CrossSection {
   double z_mm = 0;
   double tolerance_mm = 0;
   std::vector<std::vector<Vec2>> rings;
-  double area_mm2 = 0;        ///< area within the curve: the polygon plus parabolic segments
+  double area_mm2 = 0;        ///< area within the curve: polygon and parabolic segments
   double area_error_mm2 = 0;  ///< bound on area_mm2's error: perimeter * tolerance / 4
 };
 
-/// A function of the plane that is positive in the material, and a bound for the changes of its
-/// sign: within the distance clear_mm(p) of a point p, the sign of value() does not change.
+/// The function whose level set 0 is traced. value(p) is positive in the material. Within the
+/// distance clear_mm(p) of the point p, the sign of value() does not change.
 struct PlaneField {
   std::function<double(Vec2)> value;
   std::function<double(Vec2)> clear_mm;
 };
 
-/// Traces the level set 0 of the field inside [lower, upper] (mm). Evaluates the field O(n) times
-/// for n crossed cells. Errors: kRefused if the curve leaves that rectangle; kUsage if an option is
-/// not positive, or if the rectangle is empty or wider than 1024 cells; kBug if the outline bends
-/// too sharply for the smallest cells.
+/// Traces the level set 0 of the field in the rectangle from `lower` to `upper` (mm). Evaluates the
+/// field O(n) times for n crossed cells. Errors: kRefused if the curve leaves the rectangle; kUsage
+/// if an option is not positive, or if the rectangle is empty or wider than 1024 cells; kBug if the
+/// outline bends too sharply for the smallest cells.
 Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
                                    const SectionOptions& options);
 
@@ -63,17 +63,17 @@ Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upp
 Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
                                      const SectionOptions& options = {});
 
-/// The curve on which a noiseless scanner reads iso_hu at height z (the middle of the slice).
+/// The curve on which a noiseless scanner measures iso_hu in a slice whose middle is at height z.
 /// Errors: kUsage if iso_hu is not above all soft tissue (110 HU), or not below all of the
-/// cancellous core (the core's mean minus its texture). Outside these bounds the level set would
-/// follow the texture.
+/// cancellous core (the core's mean minus its texture). With such an iso_hu the level set would
+/// follow the texture and not the bone.
 Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
                                  double z_mm, double iso_hu = 226,
                                  const SectionOptions& options = {});
 
-/// Signed distance in the plane to a cross-section, negative in the material. The distance is exact
-/// for the polygon, so it differs from the distance to the true curve by at most tolerance_mm.
-/// Building takes O(n). A query near the outline takes O(1).
+/// Signed distance in the plane to the rings of a cross-section, negative in the material. The
+/// distance from the true curve differs by at most tolerance_mm. The constructor takes O(n), a
+/// query near the outline O(1).
 class SectionDistance {
  public:
   explicit SectionDistance(const CrossSection& section);

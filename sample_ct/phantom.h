@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // The phantom: tissue and radio-density (HU) at any point in space. Formulas describe the shape of
-// the bone (vertebra.h); soft tissue is made of simple solids. A faint random texture is added to
-// both, which a seed determines. Pixels, slices and noise are added in render.h.
+// the bone (vertebra.h); soft tissue is made of simple solids. Bone and soft tissue have a faint
+// random texture, which depends on a seed. render.h computes pixels and slices and adds noise.
 //
 // Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is slightly
 // rotated about z and shifted in this frame (PhantomOptions), so that nothing is aligned with the
 // pixel grid by accident.
 //
-// The HU include the scanner's in-plane blur (point spread), as a formula. At the signed distance d
-// from a surface, the fraction Phi(-d / sigma) of the HU is that of the inner tissue, and the rest
-// that of the outer one. Phi is the cumulative normal distribution, and sigma is
-// PhantomOptions::edge_sigma_mm. This is exact for a flat surface, and a close approximation if the
-// radius of curvature is larger than sigma.
+// The HU include the scanner's in-plane blur (point spread). The blur is a formula: at the signed
+// distance d from a surface, the HU are f times those of the inner tissue plus 1 - f times those of
+// the outer tissue, with f = Phi(-d / sigma). Phi is the cumulative normal distribution, and sigma
+// is PhantomOptions::edge_sigma_mm. The formula is exact for a flat surface, and a close
+// approximation if the radius of curvature is larger than sigma.
 #pragma once
 
 #include <cstdint>
@@ -45,13 +45,13 @@ struct PhantomOptions {
   Vec2 shift_mm{1.7, -1.2};     ///< shift of the anatomy in the scan frame
 };
 
-/// Transforms a point of the scan frame to the anatomical frame, and back.
+/// to_anatomy() transforms a point from the scan frame to the anatomical frame, to_scan() back.
 Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
 Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
 
 /// The bone at a point of the scan frame (vertebra.h): the thickness of the cortical shell, and the
-/// signed distance from the bone's outer surface. The distance is negative inside, and changes by
-/// at most 1 mm per mm.
+/// signed distance from the bone's outer surface. The distance is negative inside, and 1-Lipschitz:
+/// from point to point it changes by at most the distance of the points.
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
 
 /// sample_bone(phantom, p_scan).distance_mm.
@@ -67,12 +67,12 @@ struct BoneFractions {
 };
 BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone);
 
-/// Beyond this distance from a surface, the fractions of blurred_fractions() differ from 0 or 1 by
-/// less than 4e-4, which is less than 0.5 HU, and may be set to 0 or 1.
+/// Beyond this distance from a surface, each of the blurred_fractions() may be set to 0 or 1: it
+/// differs from 0 or 1 by less than 4e-4, which is less than 0.5 HU.
 double blur_radius_mm(const PhantomOptions& phantom);
 
-/// HU at a point of the scan frame if everything were soft tissue, and if everything were
-/// cancellous core.
+/// soft_tissue_hu() returns the HU at a point of the scan frame if there were no bone,
+/// cancellous_hu() the HU if the point were in the cancellous core.
 double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan);
 double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counter-based random numbers: a pure function of a seed and a position, so that
-// results do not depend on the order of work or the number of threads. The hash uses
-// integers only and is the same on every machine.
+// Counter-based random numbers: each number is a pure function of a seed and a position, so results
+// do not depend on the order of work or the number of threads. The hash uses integers only and is
+// the same on every machine.
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -44,8 +44,8 @@ inline double nearly_normal(std::uint64_t bits) {
   return static_cast<double>(sum - std::int64_t{4} * 65535) * kInverseSigma;
 }
 
-/// Smooth noise in (-1, 1): random values on an integer grid, blended with a
-/// quintic so that the noise has two continuous derivatives.
+/// Smooth noise in (-1, 1): random values at the points of an integer grid, interpolated by a
+/// quintic polynomial, so that the noise has two continuous derivatives.
 double value_noise(std::uint64_t seed, double x, double y, double z);
 
 }  // namespace trocar::sample

@@ -3,9 +3,9 @@
 //
 // The HU of a pixel follow from the mean volume fraction of bone over the pixel's area and the
 // slice's thickness (partial volume). Near the bone's outer or inner surface this mean is computed
-// by supersampling, elsewhere from one sample. Textures vary little over a pixel, so they are
-// sampled at its centre. Then noise is added. The noise is mildly correlated in the plane, like the
-// noise of a reconstruction kernel. Only the sum is rounded to an integer.
+// from several samples, elsewhere from one sample. Textures vary little over a pixel, so they are
+// sampled at the pixel's centre. Last, noise is added, and the sum is rounded to an integer. The
+// noise is mildly correlated in the plane, like the noise of a reconstruction kernel.
 //
 // Results are a pure function of the arguments: they do not depend on the number of
 // threads or the order of the slices.
@@ -21,9 +21,9 @@
 
 namespace trocar::sample {
 
-/// The grid and the apertures of a scan. Pixel (column i, row j) of slice k has
-/// its centre at first_pixel_mm + (i * pixel_mm, j * pixel_mm, k * slice_step_mm)
-/// in the scan frame (LPS): columns run to the left, rows to the back, slices up.
+/// The grid and the apertures of a scan. The pixel in column i and row j of slice k has its centre
+/// at first_pixel_mm + (i * pixel_mm, j * pixel_mm, k * slice_step_mm) in the scan frame (LPS). So
+/// i grows to the patient's left, j to the back, and k upwards.
 struct ScanGeometry {
   int columns = 512;
   int rows = 512;
@@ -49,8 +49,8 @@ Result<ScanGeometry> sample_geometry(int size, int slices);
 /// Centre of a pixel in the scan frame; i, j, k may be fractional.
 Vec3 pixel_centre_mm(const ScanGeometry& scan, double i, double j, double k);
 
-/// The reading of a noiseless scanner with this geometry for a pixel centred at any point of the
-/// scan frame. Near the bone's surface the reading is a smooth function of this point.
+/// The HU that a noiseless scanner with this geometry measures in a pixel at any `centre` in the
+/// scan frame. Near the bone's surface the HU are a smooth function of `centre`.
 double scanner_hu(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre);
 
 /// Radius of the ball around a pixel's centre that contains the pixel's aperture. The aperture is
@@ -66,7 +66,7 @@ std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeomet
 std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, double sigma_hu,
                                 int k);
 
-/// A scan, the input of all writers.
+/// A scan, the input of write_png(), write_dicom() and write_nifti().
 struct Scan {
   ScanGeometry geometry;
   std::uint64_t seed = 1;
@@ -78,8 +78,8 @@ struct Scan {
 };
 inline constexpr int kMinHu = -1024, kMaxHu = 3071;
 
-/// The whole scan; the noise is seeded by phantom.seed. threads <= 0: all cores. If `stop`
-/// is given and set during the work, the scan is incomplete.
+/// Renders the whole scan; phantom.seed is the seed of the noise, too. threads <= 0: all cores. If
+/// `*stop` becomes true during the work, the scan is incomplete.
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
                  int threads = 0, const std::atomic<bool>* stop = nullptr);
 

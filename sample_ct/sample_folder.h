@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // All outputs of the program: OUTDIR/png/, OUTDIR/dicom/, OUTDIR/sample.nii.gz and
-// OUTDIR/sample.json. Each appears complete or not at all.
+// OUTDIR/sample.json. Each of these four appears complete or not at all.
 // Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
@@ -15,16 +15,16 @@
 
 namespace trocar::sample {
 
-/// Checks, before a scan is rendered, whether it can be written to `folder`, as far as this can be
-/// determined without writing. Errors: kUnwritable if it cannot.
+/// Checks whether a scan can be written to `folder`, as far as a check without writing can tell.
+/// Call this function before a scan is rendered. Errors: kUnwritable if the scan cannot be written.
 Result<void> check_sample_folder(const std::filesystem::path& folder);
 
-/// Writes everything to a hidden folder inside `folder` (created if needed), then moves the four
-/// outputs to their final names, replacing those of an earlier run. If `progress` is given, calls
-/// it before each step with the name of the step. Errors: kUnwritable if a file cannot be written
-/// (the message names it), if an existing png/ or dicom/ has other files than slices of an earlier
-/// run, or if `stop` is given and is set while files are being written. If an error occurs before
-/// the move, existing outputs are unchanged. The hidden folder is always removed.
+/// Writes all outputs to a hidden folder inside `folder`, then moves the four outputs to their
+/// final names, replacing outputs of an earlier run. Creates `folder` if needed. Before each step,
+/// calls `progress`, if given, with the name of the step. Errors: kUnwritable if a file cannot be
+/// written (the message names the file), if an existing png/ or dicom/ has files that are not
+/// slices of an earlier run, or if `*stop` is set before all files are written. If an error occurs
+/// before the move, existing outputs are unchanged. The hidden folder is always removed.
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::filesystem::path& folder,
                                  const std::function<void(const std::string&)>& progress = {},

@@ -2,7 +2,7 @@
 // Signed distances of simple solids, in mm, negative inside.
 //
 // Laws (tests/sample_ct/phantom_test.cpp checks them for the whole vertebra):
-//  1. every function is 1-Lipschitz as a function f of the point: |f(p) - f(q)| <= |p - q|,
+//  1. every function f of the point is 1-Lipschitz, that is, |f(p) - f(q)| <= |p - q|,
 //     so |f(p)| never exceeds the true distance to the surface;
 //  2. f < 0 inside, f > 0 outside, f = 0 on the surface;
 //  3. min, max, smooth_min and smooth_max keep law 1, because their gradient is a weighted mean of
@@ -61,8 +61,8 @@ inline double norm(Vec3 a) {
   return std::sqrt(dot(a, a));
 }
 
-/// min(a, b), rounded over a blend of width k > 0. It equals min(a, b) where |a - b| >= k, and is
-/// at most k/4 below min(a, b) elsewhere.
+/// A smooth version of min(a, b) with the width k > 0. It equals min(a, b) if |a - b| >= k;
+/// otherwise it is lower, by at most k/4.
 inline double smooth_min(double a, double b, double k) {
   const double h = std::max(k - std::abs(a - b), 0.0) / k;
   return std::min(a, b) - h * h * k * 0.25;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids, with the same
-// vertebra above and below it, so that the facet joints are complete, as in a real scan.
+// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids. The same
+// vertebra is repeated above and below, so that the facet joints are complete, as in a real scan.
 //
-// Anatomical frame (mm): x to the patient's left, y to the back, z up; origin
-// at the middle of the vertebral body of the middle vertebra. Left and right are
-// mirror images. Proportions follow a clinical CT of an L3 (see README.md).
+// Anatomical frame (mm): x to the patient's left, y to the back, z up; origin at the middle of the
+// vertebral body of the middle vertebra. The left half is the mirror image of the right half.
+// Proportions follow a clinical CT of an L3 (see README.md).
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -23,20 +23,20 @@ struct BoneSample {
   double cortical_mm = 1;  ///< thickness of the cortical shell near the point
 };
 
-/// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz. It has
-/// the sign of the exact distance and never exceeds the exact distance in magnitude. On the walls
-/// of the body it is at most 4 % smaller.
+/// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz
+/// (sdf.h). It has the sign of the exact distance, and its magnitude never exceeds that of the
+/// exact distance. At the walls of the body the magnitude is at most 4 % too small.
 BoneSample sample_bone(Vec3 p);
 
 /// sample_bone(p).distance_mm.
 double bone_distance_mm(Vec3 p);
 
-/// Signed distance from the vertebral canal, which is the same at every height: 23 mm wide and 16
-/// mm deep.
+/// Signed distance from the vertebral canal, negative inside. The canal has the same cross-section
+/// at every height, 23 mm wide and 16 mm deep.
 double canal_distance_mm(Vec3 p);
 
-/// Signed distance from the column of vertebral bodies and discs, positive outside. The body's
-/// outline continues through the discs, which bulge by 1 mm.
+/// Signed distance from the column of vertebral bodies and discs, positive outside. At every
+/// height, the column has the outline of the body, grown by 1 mm, by which the discs bulge.
 double disc_column_distance_mm(Vec3 p);
 
 }  // namespace trocar::sample

@@ -12,16 +12,16 @@
 
 namespace trocar::sample {
 
-/// The file of slice k (counted from 0): "CT_001.dcm" for k = 0, which has the InstanceNumber 1.
+/// The file name of slice k, counted from 0: "CT_001.dcm" for k = 0, whose InstanceNumber is 1.
 std::string dicom_name(int k);
 
-/// A UID under the 2.25 root (a UUID as a decimal number): a pure function of the
-/// scan's parameters and of `purpose` ("study", "series", "frame", "image/3").
+/// A UID under the root 2.25 (a UUID as a decimal number). The UID depends only on the scan's
+/// parameters, the program's version, and `purpose` ("study", "series", "frame", "image/3").
 std::string dicom_uid(const Scan& scan, const std::string& purpose);
 
 /// Writes the slices, lowest first, into an existing folder. Errors: kUnwritable; the message names
-/// the file, and files that were written earlier stay. The same scan gives the same bytes (dates
-/// and UIDs are fixed by its parameters).
+/// the file, and files that were written earlier stay. The same scan gives the same bytes: dates
+/// are constant, and UIDs depend on the scan's parameters (dicom_uid()).
 Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder);
 
 std::string dicom_library_version();

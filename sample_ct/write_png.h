@@ -12,19 +12,20 @@
 
 namespace trocar::sample {
 
-/// The range of HU that the grey levels show. By default a grey level is 5 HU. Bone is well inside
-/// the range. Air is below the range and gets the lowest grey level.
+/// The range of HU that the grey levels show. In the default range one grey level is 5 HU, bone is
+/// well inside the range, and air is below the range and gets the lowest grey level.
 /// grey = round(clamp((HU - low_hu) / (high_hu - low_hu) * 255, 0, 255)).
 struct GreyWindow {
   double low_hu = -250;
   double high_hu = 1025;
 };
 
-/// The file of slice k (counted from 0): "slice_001.png" for k = 0.
+/// The file name of slice k, counted from 0: "slice_001.png" for k = 0.
 std::string png_name(int k);
 
-/// Writes the slices, lowest first, into an existing folder. Errors: kUnwritable; the message names
-/// the file, and files that were written earlier stay. The same scan gives the same bytes.
+/// Writes the slices, lowest first, into an existing folder. The same scan gives the same bytes.
+/// Errors: kUsage if the window is empty; kUnwritable if a file cannot be written. The message then
+/// names the file, and files that were written earlier stay.
 Result<void> write_png(const Scan& scan, const GreyWindow& window,
                        const std::filesystem::path& folder);
 

@@ -10,8 +10,8 @@
 
 namespace trocar {
 
-/// Checks the section `assumed`. Each key must be a JSON pointer to a value of `document`, and each
-/// value must be a text, the reason. Adds an error to `errors` where this does not hold.
+/// Checks the section `assumed`. Adds an error to `errors` for each key that is not a JSON pointer
+/// to a value of `document`, and for each value that is not a text (the reason).
 void check_assumed(const nlohmann::json& assumed, const nlohmann::json& document,
                    JsonErrors& errors);
 

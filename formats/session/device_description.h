@@ -16,10 +16,11 @@
 namespace trocar {
 
 /// Lengths are in metres and angles in radians. The frame {B} has its origin at the centre of the
-/// base, and z points up. Leg number k, from 1 to 4, is at the azimuth (k - 1) * 90 degrees; its
-/// frame is {B} turned by this angle. The symbols are those of the paper. Each leg has two motors:
-/// theta1 turns the upper motor's link, which ends at the elbow E, and theta4 the lower motor's
-/// link, which ends at F. runtime/mechanism/README.md has the joints in order.
+/// base, and z points up. Leg number k, from 1 to 4, is at the azimuth (k - 1) * 90 degrees; the
+/// leg's frame is {B} turned about z by this angle. The symbols are those of the paper. Each leg
+/// has two motors. The upper motor turns its link by theta1; this link ends at the elbow E. The
+/// lower motor turns its link by theta4; this link ends at F. runtime/mechanism/README.md lists
+/// all joints.
 struct DeviceGeometry {
   double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E
   double l2_m = 0;    ///< distance from the elbow E to the plate's ball joint C
@@ -32,9 +33,9 @@ struct DeviceGeometry {
   double H_B_m = 0;   ///< vertical distance from the axes of theta1 down to the lower motors' links
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
-  /// The sign, 1 or -1, of the arc cosine in theta1 and in theta4
-  /// (runtime/mechanism/kinematics.cpp). Both angles have two solutions for each pose of the plate.
-  /// The sign selects the device's own.
+  /// A pose of the plate allows two values of theta1, and two of theta4, which differ in the sign
+  /// of an arc cosine (runtime/mechanism/kinematics.cpp). These signs, 1 or -1, select the value
+  /// that the real mechanism has.
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -52,12 +53,12 @@ struct DeviceDescription {
   DeviceGeometry geometry;
   double motor_peak_torque_Nm = 0;            ///< torque at the joint, the same for every motor
   double motor_continuous_torque_Nm = 0;      ///< torque at the joint; not above the peak
-  double motor_torque_constant_Nm_per_A = 0;  ///< torque at the rotor per current
+  double motor_torque_constant_Nm_per_A = 0;  ///< torque at the rotor per ampere
   double motor_gear_ratio = 0;      ///< revolutions of the rotor for one revolution of the joint
   double upper_bevel_ratio = 0;     ///< ratio of theta1's bevel gears, in series with the
                                     ///< motor gear
   double motor_peak_current_A = 0;  ///< limit of the drive
-  /// The motor's limit or the drive's, whichever is lower; not above the peak current.
+  /// The limit of the motor or of the drive, whichever is lower; not above the peak current.
   double motor_continuous_current_A = 0;
   double motor_peak_time_s = 0;          ///< longest time at the peak current for a cold motor
   double joint_coulomb_friction_Nm = 0;  ///< at each of the eight motor joints
@@ -67,12 +68,13 @@ struct DeviceDescription {
   std::array<double, 3> plate_inertia_kg_m2{};
   double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
 
-  // The members below describe the simulated device, if their comment does not name another use.
+  // The members below describe the simulated device. The haptic loop, too, uses the first three:
+  // for the device's damping, the velocity filter, and the compensation of friction and weight.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
-  /// 0: exact encoders. The haptic loop also uses this value, to choose its velocity filter.
+  /// Counts per revolution of a joint; 0: exact encoders.
   int encoder_counts_per_revolution = 0;
   double gravity_m_per_s2 = 0;   ///< gravity along -z; 0: the mechanism is balanced
-  int minimum_substeps = 0;      ///< smallest number of integration steps in one simulation step
+  int minimum_substeps = 0;      ///< smallest number of integration steps in one simulated tick
   double maximum_substep_s = 0;  ///< largest duration of an integration step
 
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
@@ -81,11 +83,10 @@ struct DeviceDescription {
 /// The device of the paper. It is equal to runtime/device/four_legs.json.
 DeviceDescription default_device_description();
 
-/// Reads a description from JSON text. `source`: the name that messages give to the text, for
-/// example its file. Errors: kRefused if the text is not JSON, if a key is unknown, repeated or
-/// missing, if a type is wrong, or if a number is outside the schema's range. The key "assumed"
-/// lists the values that are guesses; kRefused also if an entry of it does not name a value of the
-/// document.
+/// Reads a description from JSON text. Messages call the text `source`, for example its file name.
+/// Errors: kRefused if the text is not JSON, if a key is unknown, repeated or missing, if a type is
+/// wrong, if a number is outside the schema's range, or if the section "assumed" (assumed_values.h)
+/// names a value that the document does not have.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packets of the device link, the UDP protocol between the haptic loop's host and a drive. Each
-// datagram is one packet of a fixed size. device_link.md specifies the layout to the byte and the
-// course of a link session. A link session is one connection between a host and a drive: the host's
-// hello and the drive's welcome open it, and commands and states follow. A drive is of one of two
-// kinds. One kind sends the angles of the four-legged device and takes torques (StatePacket,
-// CommandPacket). The other kind sends the pose of a handle and takes a wrench (PoseStatePacket,
-// WrenchCommandPacket).
+// Packets of the device link, the UDP protocol between the host (the computer with the haptic loop)
+// and a drive. Each datagram is one packet of a fixed size. device_link.md specifies the layout to
+// the byte and the course of a link session. A link session is one connection between a host and a
+// drive: it begins with the host's hello and the drive's welcome; commands of the host and states
+// of the drive follow. A drive is of one of two kinds. One kind sends the angles of the four-legged
+// device and takes torques (StatePacket, CommandPacket). The other kind sends the pose of a handle
+// and takes a wrench (PoseStatePacket, WrenchCommandPacket).
 //
 // Contract (tests/formats/session/device_protocol_test.cpp, pose_packets_test.cpp):
-//  1. A packet that decode() accepts was made with the key (except a denial, which is not
-//     authenticated), and encode() reproduces the packet's bytes.
+//  1. A packet that decode() accepts was made with the key. (Denials are an exception: they are not
+//     authenticated.) From the decoded packet, encode() makes the same bytes again.
 //  2. A command or state is accepted only once, in its own link session and direction, and never
 //     after a newer packet was accepted.
 //  3. A refused packet changes nothing.
@@ -33,8 +33,7 @@ inline constexpr std::size_t kMaxPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
 inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
 inline constexpr std::uint8_t kLinkVersion = 1;
-/// Packets with numbers of larger magnitude are refused. No device of these kinds needs
-/// such numbers.
+/// Packets with numbers of larger magnitude are refused, because no device needs such numbers.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMaxForce_N = 1000, kLinkMaxMoment_Nm = 1000, kLinkMaxPosition_m = 10;
 /// The norm of a pose's quaternion may differ from 1 by at most this.
@@ -56,19 +55,19 @@ enum class PacketKind : std::uint8_t {
   kPoseState = 7
 };
 
-/// The contents of the state packets of a drive. They also decide which commands the drive takes.
+/// The kind of a drive: the packets that the drive sends as states and takes as commands.
 enum class LinkContents : std::uint8_t {
   kAngles = 0,  ///< StatePacket and CommandPacket
   kPose = 1,    ///< PoseStatePacket and WrenchCommandPacket
 };
 
 enum class LinkClock : std::uint8_t {
-  kReal = 1,      ///< the drive's own clock
+  kReal = 1,      ///< time is that of the drive's own clock
   kLockStep = 2,  ///< each torque command advances the drive's time by one period of the host
 };
 enum class CommandMode : std::uint8_t {
-  /// Torques must be zero. With the lock-step clock, the drive sends a state packet, but the
-  /// drive's time does not advance.
+  /// Torques must be zero. With the lock-step clock, the drive answers with a state packet, but
+  /// the drive's time does not advance.
   kHold = 1,
   kTorque = 2,  ///< apply these torques, or this wrench, until the next command
   kStop = 3,    ///< torques must be zero; the link session ends
@@ -82,13 +81,16 @@ enum class DriveMode : std::uint8_t {
                        ///< release yet: commands have no effect, torques are zero
 };
 
+// In all packets, `time_ns` is a time of the sender's clock. In each link session, the sequence
+// numbers of commands and those of states begin with 1 and increase strictly.
+
 struct HelloPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};
   double period_s = 0;
   /// The host requests that a simulated world restart from its initial state.
   bool resets_world = true;
-  LinkContents contents = LinkContents::kAngles;  ///< the kind of drives that the host serves
+  LinkContents contents = LinkContents::kAngles;  ///< the kind of drive that the host expects
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
 };
 struct WelcomePacket {
@@ -120,8 +122,8 @@ struct WrenchCommandPacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   CommandMode mode = CommandMode::kHold;
-  std::uint64_t state_seen = 0;
-  /// Force that the device exerts on the hand at the point PoseStatePacket::p_m of the handle, and
+  std::uint64_t state_seen = 0;  ///< CommandPacket::state_seen
+  /// The force on the hand, which acts at the point PoseStatePacket::p_m of the handle, and the
   /// moment about this point, in the device's frame.
   std::array<double, 3> force_N{}, moment_Nm{};
   friend bool operator==(const WrenchCommandPacket&, const WrenchCommandPacket&) = default;
@@ -132,8 +134,8 @@ struct PoseStatePacket {
   DriveMode mode = DriveMode::kReady;
   std::uint8_t faults = 0;    ///< not 0: the device reports a fault; its maker defines the bits
   std::uint32_t buttons = 0;  ///< bit i: button i is pressed
-  std::uint64_t command_taken = 0;
-  std::array<double, 3> p_m{};  ///< one point of the handle, in the device's frame
+  std::uint64_t command_taken = 0;  ///< StatePacket::command_taken
+  std::array<double, 3> p_m{};      ///< one point of the handle, in the device's frame
   /// Quaternion w x y z that maps coordinates in the handle's frame to the device's frame.
   std::array<double, 4> q{1, 0, 0, 0};
   friend bool operator==(const PoseStatePacket&, const PoseStatePacket&) = default;
@@ -145,8 +147,8 @@ enum class DenialReason : std::uint8_t {
   kKind = 3,  ///< the drive is of the other kind of LinkContents
 };
 /// The answer to a hello that gets no welcome, with the reason. A denial is not authenticated,
-/// because the host may lack the key. So a denial is a hint for the operator, and no decision
-/// may depend on it.
+/// because the host may lack the key. So a denial is only a hint for the operator: no decision may
+/// depend on a denial.
 struct DenialPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};  ///< the nonce in the hello
@@ -154,8 +156,8 @@ struct DenialPacket {
   friend bool operator==(const DenialPacket&, const DenialPacket&) = default;
 };
 
-/// The reason why a packet was refused. The checks are made in this order, except that the size of
-/// the expected kind is checked after the kind. The first check that fails counts.
+/// The reason why a packet was refused: the first check that fails. The checks are made in this
+/// order, except that the size of the expected kind is checked after the kind.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
   kSize,      ///< not the size of the expected kind, or not the size in its own header
@@ -175,12 +177,13 @@ const char* to_string(LinkRefusal refusal) noexcept;
 /// the system has no source of randomness.
 Result<void> start_link();
 
-/// A new key and a new nonce from the system's random numbers.
+/// A new random key, and a new random nonce.
 LinkKey random_link_key() noexcept;
 LinkNonce random_nonce() noexcept;
 
-/// session_key() is the key for the commands and states of a link session. session_number() is the
-/// number of the link session in the headers of these packets.
+/// session_key() returns the key for the commands and states of a link session, derived from the
+/// shared key and the nonces of host and drive. session_number() returns the number of the link
+/// session, which the headers of these packets contain.
 LinkKey session_key(const LinkKey& shared, const LinkNonce& host, const LinkNonce& drive) noexcept;
 std::uint64_t session_number(const LinkNonce& drive) noexcept;
 
@@ -202,8 +205,8 @@ std::size_t encode(const PoseStatePacket& packet, const LinkKey& key,
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
 
-/// If a datagram has the size, magic, version and kind of a hello, authentic or not, reads the
-/// host's nonce from the datagram and returns true.
+/// If a datagram has the size, magic, version and kind of a hello, reads the host's nonce from the
+/// datagram and returns true. Whether the hello is authentic is not checked.
 bool hello_nonce(std::span<const std::uint8_t> bytes, LinkNonce& nonce) noexcept;
 
 /// The kind of a datagram according to its header and size, without authentication. If the
@@ -213,8 +216,8 @@ PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
 // Each decode() reads one kind of packet, and returns kNone if it accepts the packet. `packet` and
 // `last_sequence` change only in this case.
 
-/// A repeated hello is accepted. An attacker who repeats an old hello gets a welcome, but lacks the
-/// key that a link session requires.
+/// A repeated hello is accepted. An attacker who repeats an old hello gets a welcome, but does not
+/// have the key that commands require.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
                    HelloPacket& packet) noexcept;
 /// `asked` is the nonce that the host sent in its hello.
@@ -236,7 +239,7 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std:
 
 /// The number of accepted packets, and the number of refused packets for each reason.
 struct LinkCounts {
-  std::array<std::uint64_t, kLinkRefusals> by_refusal{};  ///< [kNone]: accepted
+  std::array<std::uint64_t, kLinkRefusals> by_refusal{};  ///< element kNone: accepted
   void add(LinkRefusal refusal) noexcept { ++by_refusal[static_cast<std::size_t>(refusal)]; }
   std::uint64_t accepted() const noexcept { return by_refusal[0]; }
   std::uint64_t refused() const noexcept;

@@ -23,8 +23,8 @@ enum class FaultQuantity : std::uint8_t {
   kInverseCondition,     ///< inverse condition number of the Jacobian
   kBranchDistance,       ///< distance of a leg from the edge of its workspace, m; index: leg
   kTickGap,              ///< time between the starts of two ticks, s
-  kMissedDeadlines,      ///< consecutive missed deadlines
-  kWaitingHoles,         ///< holes that were requested and have no mesh yet
+  kMissedDeadlines,      ///< number of consecutive missed deadlines
+  kWaitingHoles,         ///< number of requested holes that have no mesh yet
   kToolTilt,             ///< angle between the tool's axis and upright, rad
   kPlatePosition,        ///< coordinate of the plate's origin, m; index: axis
   kPlateTilt,            ///< angle between the plate's axis and upright, rad
@@ -38,7 +38,7 @@ enum class FaultQuantity : std::uint8_t {
   kMotorHeat,            ///< i2t state as a fraction of its limit; index: motor
   kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
   kMotor,                ///< no value; index: motor
-  kReleasedEnergy,       ///< energy released to the hand within 0.1 s beyond the stored energy, J
+  kReleasedEnergy,       ///< energy that the hand received within 0.1 s beyond the stored one, J
   kMeasuredPosition,     ///< position that a pose device measured, m; index: axis
   kMeasuredRotation,     ///< length of the quaternion that a pose device measured
   kPositionStep,         ///< change of the measured position since the last data, m
@@ -46,9 +46,8 @@ enum class FaultQuantity : std::uint8_t {
 };
 inline constexpr int kFaultQuantities = 29;
 
-/// The result of a check: a fault or none, and the value that was above or below its limit.
-/// The structure has a fixed size because the haptic thread fills it. Another thread
-/// composes the words.
+/// The result of a check: a fault or none, and the value that was above or below its limit. The
+/// structure has no text, because the haptic thread fills it. Another thread composes the text.
 struct FaultDetail {
   FaultDetail() = default;
   FaultDetail(Fault what) : fault(what) {}  // NOLINT(google-explicit-constructor): nothing measured
@@ -73,7 +72,7 @@ struct FaultDetail {
 struct FaultWords {
   const char* name = nullptr;     ///< name in recordings and summaries
   const char* meaning = nullptr;  ///< such as "the plate is outside its box, or tilted too far"
-  /// The meaning while the fault still prevents recovery.
+  /// The meaning if the fault still exists when recovery is requested.
   const char* meaning_in_recovery = nullptr;
   const char* advice = nullptr;  ///< instruction for the operator
   const char* cause = nullptr;   ///< usual causes, which docs/operating.md lists
@@ -81,8 +80,8 @@ struct FaultWords {
 /// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);
 
-/// Returns true if the fault and the quantity exist and the index is valid for the quantity.
-/// This is a precondition of the functions below. Check it for details that come from
+/// Returns true if the fault and the quantity exist and the index is valid for the quantity. The
+/// functions below have this as a precondition. Call is_known() for each detail that comes from
 /// outside the program.
 bool is_known(const FaultDetail& detail);
 

@@ -32,7 +32,7 @@ inline constexpr std::array kForceLaws{ForceLawTraits{"hooke"}, ForceLawTraits{"
 static_assert(kForceLaws.size() == static_cast<std::size_t>(ForceLawKind::kCutting) + 1,
               "a row for each ForceLawKind");
 
-/// The row of a law.
+/// The row of a law. Precondition: the table has this law.
 const ForceLawTraits& traits_of(ForceLawKind law) noexcept;
 inline const char* to_string(ForceLawKind law) noexcept {
   return traits_of(law).name;

@@ -15,7 +15,7 @@
 
 namespace trocar {
 
-/// Lengths are in m. "The device's frame" is the one in which the device measures positions
+/// Lengths are in metres. "The device's frame" is the frame in which the device measures positions
 /// and takes forces.
 struct PoseDeviceDescription {
   std::string name;
@@ -23,14 +23,14 @@ struct PoseDeviceDescription {
   double moment_max_Nm = 0;          ///< largest moment to command; 0: the device renders no moment
   bool senses_rotation = false;      ///< true: the device measures its handle's orientation
   double stiffness_max_N_per_m = 0;  ///< largest stiffness to render at the tip; 0: not given
-  double mass_kg = 0;                ///< mass that a hand feels at the handle
+  double mass_kg = 0;                ///< mass that the hand feels at the handle
   std::array<double, 3> inertia_kg_m2{1e-4, 1e-4, 1e-4};  ///< moments of inertia of the handle
   double damping_N_s_per_m = 0;  ///< viscous friction of the device at the handle
   double rotation_damping_Nm_s_per_rad = 0;
   double position_resolution_m = 0;    ///< 0: exact positions
   double rotation_resolution_rad = 0;  ///< 0: exact orientations
-  /// Box of the positions that the handle can reach, in the device's frame. A scene contains the
-  /// path of a simulated hand; a session places the middle of this box at the middle of that path.
+  /// Box of the positions that the handle can reach, in the device's frame. A session places the
+  /// middle of this box at the middle of the path that the scene gives for the simulated hand.
   std::array<double, 3> workspace_min_m{}, workspace_max_m{};
   /// Rotation vector that turns the axes of the scene's frame {B} (z up) into the axes of the
   /// device's frame.
@@ -40,8 +40,8 @@ struct PoseDeviceDescription {
   friend bool operator==(const PoseDeviceDescription&, const PoseDeviceDescription&) = default;
 };
 
-/// Reads a description from JSON text. `source`: the name that messages give to the text, for
-/// example its file. Errors: those of parse_device_description().
+/// Reads a description from JSON text. Messages call the text `source`, for example its file name.
+/// Errors: those of parse_device_description().
 Result<PoseDeviceDescription> parse_pose_device_description(std::string_view json_text,
                                                             const std::string& source);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Procedures. A procedure describes an intervention that trainers know: the tool, the soft layers
-// and the resistance of the bone. Each value has its published range and its source.
+// and the resistance of the bone. Each value has a range, and a source or the word "assumed".
 // Tests: tests/formats/session/procedures_test.cpp, tests/runtime/bone_cutting/material/procedure_forces_test.cpp
 #pragma once
 
@@ -15,8 +15,7 @@
 
 namespace trocar {
 
-/// The value of each range that a scene uses: the 5th percentile, the median, or the
-/// 95th percentile.
+/// Selects the value of each range that a scene uses: 5th percentile, median or 95th percentile.
 enum class Strength : std::uint8_t { kLow, kMedian, kHigh };
 
 /// Reads "low", "median" or "high". Returns std::nullopt for any other text.
@@ -37,7 +36,7 @@ struct Range {
 struct ProcedureLayer {
   std::string_view name;
   Range thickness_mm, toughness_J_per_m2, stiffness_N_per_m, stiffening_N_per_m2, friction_N_per_m;
-  double gap_mm = 0;  ///< distance from the bottom of this layer to the layer below
+  double gap_mm = 0;  ///< distance from the bottom of this layer to the next layer or the bone
 };
 
 struct Procedure {
@@ -59,10 +58,10 @@ const Procedure* find_procedure(std::string_view name) noexcept;
 std::string procedure_names();
 
 /// Replaces the shape of the scene's tool, the scene's tissue and the scene's layers by those of
-/// the procedure, and sets the force law `cutting`. The lowest layer, or the gap below it, ends at
-/// the highest slice. Errors: kRefused if the scene's hand begins below the top of the layers, or
-/// if the scene has `tissues`, which would have their own resistance. The message does not contain
-/// the scene's name.
+/// the procedure, and sets the force law `cutting`. The lowest layer, or the gap below this layer,
+/// ends at the highest slice. Errors: kRefused if the scene's hand begins below the top of the
+/// layers, or if the scene has `tissues`, because their resistance would not be that of the
+/// procedure. The message does not contain the scene's name.
 Result<void> apply_procedure(const Procedure& procedure, Strength strength, Scene& scene);
 
 /// Returns a table of all values with their ranges and sources, as lines of text.

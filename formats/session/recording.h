@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The recording of a session: a CSV file with one row for each tick and a header with every
 // column's name and unit. Numbers are written in shortest round-trip form, so that reading gives
-// the written values bit for bit. Reading is strict: a file must have exactly these columns, and
-// every field must be complete.
+// the written values bit for bit. Reading is strict: a file with unknown columns or with a missing
+// or incomplete field is refused.
 #pragma once
 
 #include <array>
@@ -19,12 +19,12 @@
 
 namespace trocar {
 
-/// The tool's contact state at the active slice (RecordingRow::active_slice). The name in a
-/// recording is in quotes.
+/// The tool's contact state at the active slice (RecordingRow::active_slice). The comments give the
+/// names in recordings, in quotes.
 enum class ContactPhase : std::uint8_t {
   kFree,       ///< "free": above every slice
   kContact,    ///< "contact": a slice bears the force
-  kPunctured,  ///< "punctured": the tip is below the slice that was punctured last
+  kPunctured,  ///< "punctured": the tip is below the slice that was last punctured
   kMissed,     ///< "beside": the tip passed a slice beside its material or through an old hole
   kFault,      ///< "fault": a fault is latched; torques ramp to zero
 };
@@ -33,7 +33,7 @@ enum class ContactPhase : std::uint8_t {
 /// summaries; fault_words.h has the meaning and the advice.
 enum class Fault : std::uint8_t {
   kNone,
-  kNoData,            ///< no data from the device for too long
+  kNoData,            ///< no data came from the device for too long
   kLinkLost,          ///< the device's link is lost
   kWriteFailed,       ///< the device did not accept the torques
   kEncoderNotFinite,  ///< an encoder angle is nan or infinite
@@ -44,7 +44,7 @@ enum class Fault : std::uint8_t {
                       ///< edge of its workspace, is too small
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
   kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
-  kRemeshBacklog,     ///< more holes wait for their new mesh than the queue holds
+  kRemeshBacklog,     ///< more holes wait for a new mesh than the queue can hold
   kToolTilt,          ///< the tool's axis is too far from upright
   kEmergencyStop,     ///< the device's emergency stop is pressed, or the operator's
   kMotorFault,        ///< the device reports a motor that does not produce its torque
@@ -87,8 +87,8 @@ struct RecordingRow {
   std::array<double, 3> p_m{};          ///< position of the plate's origin
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
   /// Tip of the tool. With the force law `cutting`, a spring (the coupling) connects the tool to
-  /// the plate. The tip is then that of the tool in the tissue, at some distance from where the
-  /// plate alone would hold it.
+  /// the plate, and this is the tip of the tool in the tissue. This tip differs from the tip of a
+  /// tool that is fixed to the plate.
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
@@ -96,7 +96,8 @@ struct RecordingRow {
   std::array<double, 16> encoder_rad{};      ///< leg by leg: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
   std::int32_t active_slice = -1;  ///< index of the slice in the asset; -1: none
-  /// Depth of the tip below the active slice. In the tick of a puncture: the depth at the puncture.
+  /// Depth of the tip below the active slice or, with the force law `cutting`, below the cutting
+  /// front. In the tick of a puncture: the depth at the puncture.
   double penetration_m = 0;
   double wrench_scale = 1;          ///< delivered wrench / wanted wrench; < 1 if a motor saturates
   double pose_residual_m = 0;       ///< residual of the pose fitted to the encoders
@@ -109,11 +110,11 @@ struct RecordingRow {
   /// Point of the sheet where its force acts, relative to the tool's axis.
   std::array<double, 2> response_offset_m{};
   Fault fault = Fault::kNone;
-  // The members up to `xray` are the other inputs of the tick. From the recorded inputs, a replay
-  // reproduces the torques to the last bit.
+  // The members from here to `xray` are further inputs of the tick. From the recorded inputs, a
+  // replay reproduces the torques to the last bit.
   DeviceStatus device_read = DeviceStatus::kOk, device_write = DeviceStatus::kOk;
-  double state_t_s = 0;  ///< time at which these encoders were read, on the device's clock
-  /// Fault that was detected outside the tick, such as late ticks or a full queue.
+  double state_t_s = 0;  ///< time at which the device was read, on the device's clock
+  /// Fault that was detected outside the tick, for example because ticks were late.
   Fault outside_fault = Fault::kNone;
   std::uint8_t recovery_asked = 0;  ///< 1: the operator requested recovery at this tick
   /// The operator's X-ray in this tick: kXrayPicture, kXrayBeam, both or 0.
@@ -129,8 +130,8 @@ struct RecordingRow {
   /// law `cutting`).
   struct Cutting {
     std::array<double, 6> wrench_tissue{};  ///< wrench on the plate, N, N*m
-    /// Height of the cutting front, which is the depth down to which bone has been cut. If the tip
-    /// is above the bone, height of the next bone below the tip.
+    /// Height of the cutting front: down to this height bone has been cut. If the tip is above the
+    /// bone, the height of the next bone below the tip.
     double front_z_m = 0;
     /// Mean HU of the uncut bone under the tool, in the slice of the cutting front. -1000 if there
     /// is nothing under the tool, 0 if the asset has no HU.
@@ -142,8 +143,8 @@ struct RecordingRow {
     double stored_J = 0;     ///< elastic energy stored in this tick
     std::int32_t steps = 0;  ///< number of Newton steps in this tick
   } cutting;
-  /// Reading and command of a device that measures its own pose, in the device's frame. In
-  /// recordings they take the place of torques and encoder angles.
+  /// Measured pose and commanded wrench of a device that measures its own pose, in the device's
+  /// frame. In recordings they take the place of torques and encoder angles.
   struct PoseDevice {
     std::array<double, 3> p_m{};          ///< the point of the handle on which the wrench acts
     std::array<double, 4> q{1, 0, 0, 0};  ///< orientation, w x y z
@@ -152,7 +153,7 @@ struct RecordingRow {
   } pose_device;
 };
 
-/// The columns that a recording has in addition to those of all recordings.
+/// The columns in which recordings differ.
 struct RecordingKind {
   bool has_cutting = false;      ///< columns of the force law `cutting`
   bool has_pose_device = false;  ///< columns of a pose device instead of torques and encoder angles
@@ -168,21 +169,21 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
 /// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The column origin holds
-/// to_text() of the RecordingOrigin in the first row and is empty in all others. If the origin
-/// contains `force-law=cutting`, further columns precede `origin`:
-/// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
-/// tissue_stored_J,steps. If the origin contains `xray`, the column xray follows motor_heat_max. If
-/// the origin contains `device-kind=pose`, the columns device_x_m,device_y_m,device_z_m,
+/// to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
+/// has_cutting, these columns precede `origin`: fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,
+/// tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray follows
+/// motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
 /// Suffix of a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
 
-/// Writes a recording. The file has the target's name with kPartialSuffix until commit() renames it
-/// to the target. Without commit(), or after a failure such as a full disk, the partial file stays,
-/// with all rows that were written completely. A partial file without rows is removed. If the
-/// program is killed, rows of the last 1 MiB may be missing, and the last line may be incomplete.
+/// Writes a recording. The rows are written to a partial file, whose name is the target's name with
+/// kPartialSuffix. commit() renames the partial file to the target. Without commit(), or after a
+/// failure such as a full disk, the partial file stays, with all rows that were written completely.
+/// A partial file without rows is removed. If the program is killed, the last 1 MiB of rows may be
+/// missing, and the last line may be incomplete.
 class RecordingWriter {
  public:
   /// Creates the partial file. A partial file that an interrupted recording left is first renamed
@@ -195,8 +196,8 @@ class RecordingWriter {
   ~RecordingWriter();
 
   /// append() writes rows, and commit() ends the recording. Errors: kUnwritable; the message has
-  /// the number of rows that were kept, and their file. After an error of append() or commit(),
-  /// only the destructor may be called.
+  /// the number of rows that were kept, and the name of the partial file. After an error of
+  /// append() or commit(), only the destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
   /// Path of the partial file; empty after commit().
@@ -218,12 +219,13 @@ class RecordingWriter {
   std::uint64_t lines_ = 0;  ///< number of complete lines written, including the header
 };
 
-/// Reads a whole recording. Columns that older versions did not write may be absent. If `origin` is
-/// not null, sets `*origin` to the recording's origin, which has no entries if the recording has
-/// none. Errors: kRefused for another header, a missing or surplus field, text that is not a
-/// number, t_s that does not ascend, an unknown name, or no rows. Also kRefused for a number that
-/// is not finite, except in encoder angles, measured poses and prefetched stiffness, because their
-/// faults are recorded. Messages have the line and, where it applies, the column.
+/// Reads a complete recording. Columns that older versions did not write may be absent. If `origin`
+/// is not null, sets `*origin` to the recording's origin, or to an origin without entries if the
+/// recording has none. Errors: kRefused for an unknown header, a missing or surplus field, text
+/// that is not a number, t_s that does not ascend, an unknown name, or no rows. Also kRefused for a
+/// number that is not finite. (Encoder angles, measured poses and prefetched stiffness may be not
+/// finite: this is a fault of the session, which the recording must show.) Messages have the line
+/// and, if there is one, the column.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,

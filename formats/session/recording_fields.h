@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The columns of a recording and the fields of its rows, in one order for writing and reading.
-// Internal to formats/session.
+// The columns of a recording and the fields of its rows. Writing and reading use the same list, so
+// that their order agrees. Internal to formats/session.
 // Tests: tests/formats/session/recording_test.cpp
 #pragma once
 #include <array>
@@ -31,8 +31,8 @@ RecordingColumns recording_columns(const RecordingKind& kind);
 RecordingColumns columns_in_header(std::string_view header);
 
 /// Calls a member of the visitor for each field of a row except the origin, in the order of the
-/// columns. number() takes any number; finite() takes a number that must not be infinite or nan;
-/// flag() takes 0 or 1; bits() takes an integer and the bits that it may have; name() takes an
+/// columns. number() gets any number; finite() gets a number that must not be infinite or nan;
+/// flag() gets 0 or 1; bits() gets an integer and the bits that may be set in it; name() gets an
 /// enumerator and the list of names.
 template <typename Row, typename Visitor>
 void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {

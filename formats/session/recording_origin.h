@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The provenance of a recording: the program's version, digests of scene, asset and device
-// description, and the options on which torques depend. In the CSV it is the text of the column
-// `origin` in the first row: "program=0.2.0;scene=DIGEST;...", without commas, quotes or blanks.
+// description, and the options on which torques depend. In the CSV, the first row has the
+// provenance as text in the column `origin`: "program=0.2.0;scene=DIGEST;...", without commas,
+// quotes or blanks.
 // Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
@@ -20,8 +21,8 @@ inline constexpr const char* kOriginProgram = "program";
 /// Keys whose value is a digest: BLAKE2b-256, hexadecimal, as `b2sum -l 256` gives it.
 inline constexpr const char* kOriginScene = "scene";
 inline constexpr const char* kOriginAsset = "asset";
-inline constexpr const char* kOriginDevice = "device";  ///< its value is a digest or "built-in"
-/// Key and value of the entry for the kind of device, which only recordings of a pose device have.
+inline constexpr const char* kOriginDevice = "device";  ///< the value is a digest or "built-in"
+/// Key and value of the entry for the kind of device. Only recordings of a pose device have it.
 inline constexpr const char* kOriginDeviceKind = "device-kind";
 inline constexpr const char* kPoseDeviceKind = "pose";
 /// Key of an entry that only recordings with the operator's X-ray have; its value is "counted".
@@ -32,12 +33,12 @@ struct RecordingOrigin {
 
   /// The value of a key, or null.
   const std::string* find(std::string_view key) const;
-  /// The value of a key as a number; nothing if the key is missing or its value is not a number.
+  /// The value of a key as a number; std::nullopt if the key is missing or has no number as value.
   std::optional<double> number(std::string_view key) const;
   friend bool operator==(const RecordingOrigin&, const RecordingOrigin&) = default;
 };
 
-/// The text of a number in an entry: the shortest text that reads back as the same number.
+/// The text of a number in an entry: the shortest text from which the same number is read again.
 std::string origin_number(double x);
 
 /// The text for the CSV. Precondition: keys and values consist of letters, digits, '.', '_',
@@ -48,10 +49,10 @@ std::string to_text(const RecordingOrigin& origin);
 /// another form or more than 4096 characters, or if a key is empty or repeated.
 Result<RecordingOrigin> parse_origin(std::string_view text);
 
-/// The differences between the origin of a recording and that of a run, in words, such as "the
-/// scene (12345678..., here 9abcdef0...), passivity (on, here off)". Empty if there are none. The
-/// program's version is not compared. Keys that the recording lacks are ignored, because an older
-/// version may have written the recording.
+/// Describes the differences between the origin of a recording and that of a run, such as "the
+/// scene (12345678..., here 9abcdef0...), passivity (on, here off)". Empty if there are no
+/// differences. The program's version is not compared. Keys that the recording does not have are
+/// ignored, because an older version may have written the recording.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
 
 }  // namespace trocar

@@ -26,8 +26,8 @@ inline constexpr std::size_t kMaxTissues = 64;
 inline constexpr std::size_t kMaxZones = 32;
 inline constexpr std::size_t kMaxZoneCorners = 256;
 /// Smallest difference in height between two slices, so that their order is defined. The reader of
-/// a scene allows 1 pm less, so that rounding does not refuse slices whose written heights differ
-/// by exactly 0.1 mm.
+/// a scene allows 1 pm less: otherwise, because of rounding, it might refuse slices whose written
+/// heights differ by exactly 0.1 mm.
 inline constexpr double kMinSliceGap_m = 1e-4;
 
 /// Forces of a punctured sheet on the tool's shaft in the hole: dry and viscous friction along
@@ -57,13 +57,13 @@ struct BoneByHu {
 
 /// Resistance of a tissue to a tool that cuts through it (force law `cutting`).
 struct CutTissue {
-  /// Cutting force per area of the tool's outline, before multiplication by pressure_over_yield.
+  /// Cutting force per area of the tool's outline, not yet multiplied by pressure_over_yield.
   std::optional<double> strength_MPa;
   std::optional<BoneByHu> bone;  ///< strength from HU, if strength_MPa is absent
   double tearing_N_per_m = 0;    ///< additional force per length of the outline
   /// Factor on the strength: ratio of the pressure under a flat tip to the strength of the bone.
   double pressure_over_yield = 1;
-  /// Elastic modulus, from which the stiffness under the tip follows. 0: see
+  /// Elastic modulus, from which the stiffness under the tip is computed. 0: not given; then see
   /// Tissue::stiffness_is_given.
   double modulus_MPa = 0;
   /// Coulomb friction coefficient of the tip's faces, and of the shaft on the wall of its hole. The
@@ -75,7 +75,7 @@ struct CutTissue {
   friend bool operator==(const CutTissue&, const CutTissue&) = default;
 };
 
-/// The tissue of a slice. The default values are those of the paper.
+/// The tissue of a slice. Stiffness and threshold have the values of the paper as defaults.
 struct Tissue {
   double stiffness_N_per_m = 5000;
   /// The sheet is punctured in the tick in which the force would exceed threshold_N times the
@@ -85,8 +85,8 @@ struct Tissue {
   /// penetration and dx' the rate of the penetration.
   double damping_N_s_per_m = 0;
   ShaftTissue shaft;
-  /// Resistance to cutting. If it is absent, the law `cutting` takes stiffness and threshold as
-  /// those of the scene's tool in this tissue.
+  /// Resistance to cutting. If absent, the law `cutting` uses stiffness_N_per_m as the stiffness
+  /// under the tip of the scene's tool, and threshold_N as the force that cuts this tissue.
   std::optional<CutTissue> cut;
   /// True if the scene gives stiffness_N_per_m. If false, and if CutTissue::bone is given, the law
   /// `cutting` computes the stiffness under the tip from the bone's elastic modulus.
@@ -115,9 +115,9 @@ struct SceneLayer {
   double top_z_m = 0, thickness_m = 0;
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;                   ///< force at the puncture, and after it
-  /// Fracture toughness; 0: the scene gives puncture_N. If it is above 0, puncture_N is computed
-  /// from it for the scene's tool. In this case, cutting_N is the part of puncture_N that tears the
-  /// tissue, unless the scene gives cutting_N.
+  /// Fracture toughness; 0: the scene gives puncture_N. If the toughness is above 0, puncture_N is
+  /// computed from the toughness for the scene's tool, and cutting_N, unless the scene gives it, is
+  /// the part of puncture_N that tears the tissue.
   double toughness_J_per_m2 = 0;
   bool cutting_is_given = false;  ///< the scene gives cutting_N
   double friction_N_per_m = 0;    ///< friction on the shaft per length of cut depth
@@ -130,10 +130,10 @@ enum class ToolAxis : std::uint8_t {
   kRigid,    ///< the tool is fixed to the plate
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
-/// Whether the law `cutting` is evaluated at the pose that is predicted for the next tick, instead
-/// of the measured pose.
+/// Whether the law `cutting` is evaluated at the pose that is predicted for the next tick, and not
+/// at the measured pose.
 enum class PosePrediction : std::uint8_t {
-  kAuto,  ///< predicted pose if the device's damping is too small for the coupling
+  kAuto,  ///< predicted pose only if the device's damping is too small for the coupling
   kOn,
   kOff,
 };
@@ -160,10 +160,10 @@ struct SceneForceLaw {
   bool twist = false;  ///< true: turning the tool while pushing it makes it cut more easily
 };
 
-/// The position of the slice plane (coordinates u and v in mm; asset.md, Frames) in {B}. The
-/// point (u, v) lies at p = at_m + R_z(rotation_deg) * ((u, v) - anchor_mm), in equal units.
-/// Without rotation, u points along x, v along y and the slice normal along z, so slices are
-/// never mirrored.
+/// The position of the slice planes in {B}. A point of a slice plane has the coordinates u and v in
+/// mm (asset.md, Frames). In x and y it lies at at_m + R_z(rotation_deg) * ((u, v) - anchor_mm),
+/// with all lengths in one unit. Without rotation, u points along x, v along y and the slice normal
+/// along z, so slices are never mirrored.
 struct Placement {
   /// The point of the slice plane that lies at `at_m`; if absent, the centroid of the material in
   /// the scene's first slice. All slices have the same anchor, so that they stay aligned.
@@ -172,24 +172,24 @@ struct Placement {
   double rotation_deg = 0;
 };
 
-/// A bone volume (force law `cutting`), given instead of Scene::slices: the non-empty slices of the
-/// asset from one index to another, at their true spacing.
+/// A bone volume (force law `cutting`), which a scene gives instead of Scene::slices: the non-empty
+/// slices of the asset from index `from` to index `to`, at their true spacing.
 struct SceneBody {
   int from = 0, to = 0;     ///< AssetSlice::index, from <= to
   double top_z_m = 0;       ///< height in {B} of the highest slice
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
   double shell_factor = 1;  ///< ratio of the shell's strength to that of the bone under the tool
-  /// Radius of the area in which nothing supports the shell. There the shell breaks as a thin wall
-  /// (runtime/bone_cutting/material/thin_wall.h) if that needs less force than cutting it. 0: bone
-  /// supports the shell everywhere.
+  /// Radius of the area in which nothing supports the shell. In this area the shell breaks as a
+  /// thin wall (runtime/bone_cutting/material/thin_wall.h) if breaking needs less force than
+  /// cutting. 0: bone supports the shell everywhere.
   double shell_free_radius_m = 0;
 };
 
 struct SceneSlice {
   int index = 0;   ///< AssetSlice::index
   double z_m = 0;  ///< height in {B}
-  /// NamedTissue::name. If absent, the tissue is chosen by label or HU. If no named tissue applies,
-  /// the slice gets Scene::tissue.
+  /// NamedTissue::name. If absent, the slice gets the first of Scene::tissues that applies to it by
+  /// label or HU. If none applies, the slice gets Scene::tissue.
   std::optional<std::string> tissue;
 };
 
@@ -290,13 +290,13 @@ struct Scene {
   double duration_s = 0;
   std::optional<double> rate_Hz;
   Placement placement;
-  /// In the file's order. For a bone volume, place_body() fills this list.
+  /// The slices, in the order of the file. For a bone volume, place_body() fills this list.
   std::vector<SceneSlice> slices;
   std::optional<SceneBody> body;
   std::vector<SceneLayer> layers;    ///< ordered from the topmost downwards
   Tissue tissue;                     ///< tissue of slices to which none of `tissues` applies
   bool tissue_is_given = false;      ///< false: the file has no `tissue`; defaults apply
-  std::vector<NamedTissue> tissues;  ///< the first one that applies to a slice is chosen for it
+  std::vector<NamedTissue> tissues;  ///< a slice gets the first one that applies (SceneSlice)
   SceneForceLaw force_law;
   SceneTool tool;
   SceneHand hand;

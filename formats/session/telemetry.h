@@ -3,22 +3,22 @@
 // session (trocar-run --live FILE). telemetry.md specifies its layout to the byte.
 //
 // Contract (tests/formats/session/telemetry_test.cpp):
-//  1. The writer never waits for a reader. It reads back only two things from the memory: the
-//     command words and the live hand (item 5). Of a command word it uses only whether the word has
-//     changed and, for X-ray screening, whether it is odd. So no reader can stop the writer, or
-//     mislead it by more than the hand's limits allow.
+//  1. The writer never waits for a reader. The writer reads back only two things from the memory:
+//     the command words and the live hand (item 5). Of a command word it uses only whether the word
+//     has changed and, for X-ray screening, whether the word is odd. So no reader can stop the
+//     writer; it can only give commands, and move a live hand within the hand's limits.
 //  2. A reader gets complete values only, and never an older value after a newer one. A reader
-//     gives up after a bounded number of attempts. So it does not wait forever if the writer was
+//     gives up after a bounded number of attempts, so it does not wait forever if the writer was
 //     killed in the middle of a write.
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
-//  4. A reader validates everything that it uses, and maps only the commands for writing. The
-//     memory is sealed, so neither side can shrink it. (Shrinking it would kill the other
-//     side by SIGBUS.)
-//  5. The live hand is the pose that another process wants for a simulated hand, which a person
-//     moves. It is the only pose that a reader writes and the session reads. The session makes one
-//     attempt to read it, and gets a complete value or none, provided that only one process writes.
-//     If several processes write, or a hostile one does, the session may get any numbers. Therefore
-//     it checks each number, and does not rely on the order of the counts.
+//  4. A reader validates everything that it uses, and maps only the page of the commands and the
+//     live hand for writing. The memory is sealed, so neither side can shrink the memory. (This
+//     would kill the other side by SIGBUS.)
+//  5. The live hand is a simulated hand that a person moves: another process writes the pose that
+//     the hand shall have. The session makes one attempt to read this pose. It gets a complete
+//     value or none, provided that only one process writes. If several processes write, or a
+//     hostile one does, the session may get any numbers. Therefore the session checks each number,
+//     and does not rely on the order of the counts.
 #pragma once
 
 #include <array>
@@ -60,10 +60,10 @@ const char* to_string(TelemetryCommand command);
 enum class TelemetryEventKind : std::uint8_t {
   kPuncture = 1,  ///< a sheet was punctured (sheet, slice, cut, positions and forces)
   kFault,         ///< a fault was detected (found)
-  kNotRecovered,  ///< recovery failed (found; if its fault is kNone, the tool is still in material,
-                  ///< and retract_distance_m is the distance to retract it)
+  kNotRecovered,  ///< recovery failed because of the fault in `found`; if that is kNone, because
+                  ///< the tool is still in material (found, retract_distance_m)
   kRecovered,     ///< the session recovered (found: the fault that it recovered from)
-  kCutShown,      ///< a new mesh of `sheet` (of `slice`) was published; it has `cut` holes
+  kCutShown,      ///< a new mesh of a sheet, with `cut` holes, was published (sheet, slice, cut)
   kPaused,        ///< time stopped
   kResumed,       ///< time runs again
   kEnded,         ///< the session ended (end; found: the fault latched at the end, if any)
@@ -75,8 +75,8 @@ enum class TelemetryEventKind : std::uint8_t {
   kXrayOff,       ///< X-ray screening ended
 };
 inline constexpr std::size_t kTelemetryEventKinds = 14;
-/// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended", "hand",
-/// "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off".
+/// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended",
+/// "hand", "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off".
 const char* to_string(TelemetryEventKind kind);
 
 enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };
@@ -88,19 +88,22 @@ struct TelemetryEvent {
   TelemetryEventKind kind = TelemetryEventKind::kPuncture;
   TelemetryEnd end = TelemetryEnd::kDone;
   double t_s = 0;           ///< session time
-  std::int32_t sheet = -1;  ///< index from the top, 0 for the topmost; -1: none
+  std::int32_t sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   std::int32_t slice = -1;  ///< AssetSlice::index
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
+  /// kPuncture. force_N is the force at the tip in the tick before, trial_force_N the force that
+  /// exceeded the threshold (glossary: trial force).
   double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
   double hand_N = 0;              ///< kPuncture: force on the hand in the tick before
-  FaultDetail found;              ///< fault of the kinds that name it above
+  FaultDetail found;              ///< used by the kinds that name it above
   double retract_distance_m = 0;  ///< kNotRecovered: distance to retract the tool
 };
 
 /// The mesh of one sheet in {B}.
 struct TelemetrySheet {
   std::uint32_t cuts = 0;  ///< number of holes cut during the session
-  /// False if the mesh exceeds the sheet's region of the memory. No mesh is stored then.
+  /// False if the mesh does not fit into the sheet's region of the memory. The memory then has no
+  /// mesh of the sheet.
   bool is_shown = false;
   std::vector<float> xy_m;  ///< x and y for each vertex
   std::vector<float> hu;    ///< one value for each vertex; empty if the asset has no HU
@@ -119,8 +122,8 @@ struct TelemetryShape {
   std::vector<std::uint32_t> triangles;
 };
 
-/// The target of a live hand, as another process has written it. It is not validated here and may
-/// have any numbers.
+/// The target of a live hand, as another process has written it. The numbers are not validated and
+/// may have any value.
 struct TelemetryHand {
   std::uint64_t count = 0;  ///< changes with each message
   bool is_held = false;     ///< false: the hand has let go, and the numbers have no meaning
@@ -150,7 +153,7 @@ class TelemetryWriter {
   /// Allocates all pages, and locks them in memory if the system allows it. Errors: kUnwritable if
   /// the memory cannot be allocated; kBug if a size is above its largest value.
   static Result<std::unique_ptr<TelemetryWriter>> make(const TelemetrySizes& sizes);
-  /// Also removes the link.
+  /// Removes the link and frees the memory.
   ~TelemetryWriter();
   TelemetryWriter(const TelemetryWriter&) = delete;
   TelemetryWriter& operator=(const TelemetryWriter&) = delete;
@@ -167,8 +170,8 @@ class TelemetryWriter {
   std::uint64_t last_event() const noexcept { return events_; }
   /// Skips `count` event numbers, so that readers count as many events as lost.
   void lose_events(std::uint64_t count) noexcept;
-  /// Both functions publish a mesh. If it does not fit in its region, no mesh is stored, and
-  /// readers get is_shown = false.
+  /// sheet() publishes the mesh of a sheet, shape() the deformed sheet. If a mesh does not fit into
+  /// its region, no mesh is stored, and readers get is_shown = false.
   void sheet(std::size_t index, const TelemetrySheet& sheet) noexcept;
   void shape(const TelemetryShape& shape) noexcept;
 
@@ -178,16 +181,16 @@ class TelemetryWriter {
     return commands_[static_cast<std::size_t>(command)].load(std::memory_order_acquire);
   }
 
-  /// The word of X-ray screening. It is odd while a process requests screening. This process must
-  /// change the word at least once a second, otherwise screening ends (telemetry.md). Wait-free,
-  /// for the haptic thread.
+  /// The word of X-ray screening. The word is odd while a process requests screening. This process
+  /// must change the word at least once a second, otherwise screening ends (telemetry.md).
+  /// Wait-free, for the haptic thread.
   std::uint64_t screening() const noexcept {
     return commands_[kTelemetryCommands].load(std::memory_order_acquire);
   }
 
   /// Reads the live hand in one attempt. Returns false, and leaves `hand` unchanged, if nothing was
-  /// written yet, a write is in progress, or the session has no live hand. Wait-free, for the haptic
-  /// thread.
+  /// written yet, a write is in progress, or the session has no live hand. Wait-free, for the
+  /// haptic thread.
   bool hand(TelemetryHand& hand) const noexcept;
 
   /// The file descriptor of the memory.
@@ -246,7 +249,7 @@ class TelemetryReader {
   enum class Next : std::uint8_t {
     kNone,
     kEvent,
-    kLost,  ///< events before event.number were lost; next_event() continues with event.number
+    kLost,  ///< events before event.number were lost; the next call goes on with that event
   };
   /// Reads the next event. The first call begins with the oldest event that is kept. If the result
   /// is kLost, sets `lost` to the number of lost events.
@@ -269,8 +272,9 @@ class TelemetryReader {
   /// False if the session's process has ended, normally or not.
   bool writer_is_alive() const noexcept;
   void command(TelemetryCommand command) noexcept;
-  /// Switches X-ray screening on or off. Screening stays on for 1 s. To keep it on, call this
-  /// function again within that time. Only one process may call it during a session.
+  /// Switches X-ray screening on or off. Screening stays on for 1 s; to keep it on longer,
+  /// call this function again within this time. Only one process may call this function during
+  /// a session.
   void screen(bool is_held) noexcept;
   bool has_hand() const noexcept { return hand_ != nullptr; }
   /// Writes the live hand. Preconditions: has_hand() is true, and no other process writes

@@ -79,7 +79,7 @@ inline std::uint64_t word_of(double x) {
 inline double number_in(std::uint64_t word) {
   return std::bit_cast<double>(word);
 }
-/// The value is sign-extended.
+/// The integer is sign-extended to 64 bits.
 inline std::uint64_t word_of(std::int32_t x) {
   return static_cast<std::uint64_t>(std::int64_t{x});
 }
@@ -87,7 +87,7 @@ inline std::int32_t int_in(std::uint64_t word) {
   return static_cast<std::int32_t>(static_cast<std::uint32_t>(word));
 }
 
-/// A lock on all bytes of a file.
+/// The argument of fcntl() for a write lock on all bytes of a file.
 inline struct flock whole_file() {
   struct flock lock {};
   lock.l_type = F_WRLCK;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a record of learning needs: who did a session, in which course, and which attempt it was. A
-// code stands for the trainee, so no name has to be stored. The origin of a recording has these
-// values in its entries `trainee`, `course` and `attempt`.
+// Who did a session, in which course, and in which attempt. A code stands for the trainee, so no
+// name has to be stored. The origin of a recording (recording_origin.h) has these values in the
+// entries `trainee`, `course` and `attempt`.
 // Tests: tests/formats/session/trainee_test.cpp
 #pragma once
 
@@ -28,9 +28,9 @@ struct Trainee {
 /// Returns true if the text has 1 to 32 characters, each an ASCII letter, a digit, '-' or '_'.
 bool is_trainee_code(std::string_view text);
 
-/// The rule that a value breaks, for a message: "must be 1 to 32 letters, digits, - or _", for
-/// example. Empty if the value breaks no rule. An empty code or course is valid, because it means
-/// that none is given.
+/// trainee_code_error() checks a code or a course, attempt_error() a number. If the value is wrong,
+/// the result is a text for a message, such as "must be 1 to 32 letters, digits, - or _"; otherwise
+/// it is empty. An empty code or course is valid: it means that none is given.
 std::string trainee_code_error(std::string_view code);
 std::string attempt_error(std::int64_t attempt);
 
@@ -41,7 +41,7 @@ std::string to_json(const Trainee& trainee);
 /// Adds an entry to `origin` for each value that is given.
 void state_trainee(const Trainee& trainee, RecordingOrigin& origin);
 
-/// Reads the entries that state_trainee() wrote. Errors: kRefused if a value breaks its rule.
+/// Reads the entries that state_trainee() wrote. Errors: kRefused if a value is wrong.
 Result<Trainee> stated_trainee(const RecordingOrigin& origin);
 
 }  // namespace trocar

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Readers of the scene's sections. Each function reads the object or array of one section, and adds
-// errors to it. Internal to formats/session.
+// what is wrong to the errors of the document. Internal to formats/session.
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 #include <span>
@@ -13,7 +13,7 @@ namespace trocar {
 
 inline constexpr double kMaxPosition_m = 1.0;  ///< largest |coordinate| in the device's frame
 
-/// Reads the fields that the scene's `tissue` and each element of its `tissues` have in common.
+/// Reads the fields of a tissue, which the scene's `tissue` and each element of `tissues` have.
 void read_tissue(StrictObject& object, Tissue& tissue);
 void read_tissues(StrictObject& scene, std::vector<NamedTissue>& tissues);
 void read_layers(StrictObject& scene, std::vector<SceneLayer>& layers);
