@@ -30,8 +30,8 @@ struct Error {
   Error after(const std::string& prefix) const { return {code, prefix + message, is_temporary}; }
 };
 
-/// Holds a T or an Error. Precondition (asserted): only what is there is accessed, the T or the
-/// Error.
+/// Holds a T or an Error. Access to a T that is not there, or to an Error that is not there, is a
+/// bug (assert).
 template <typename T>
 class [[nodiscard]] Result {
  public:

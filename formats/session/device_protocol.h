@@ -144,7 +144,7 @@ struct PoseStatePacket {
 enum class DenialReason : std::uint8_t {
   kKey = 1,   ///< the hello was not made with the drive's key
   kBusy = 2,  ///< a link session with another host is alive
-  kKind = 3,  ///< the drive is of the other kind of LinkContents
+  kKind = 3,  ///< the drive is not of the kind that the hello names
 };
 /// The answer to a hello that gets no welcome, with the reason. A denial is not authenticated,
 /// because the host may lack the key. So a denial is only a hint for the operator: no decision may

@@ -22,7 +22,7 @@ namespace trocar {
 /// The tool's contact state at the active slice (RecordingRow::active_slice). The comments give the
 /// names in recordings, in quotes.
 enum class ContactPhase : std::uint8_t {
-  kFree,       ///< "free": above every slice
+  kFree,       ///< "free": the tip is above every slice
   kContact,    ///< "contact": a slice bears the force
   kPunctured,  ///< "punctured": the tip is below the slice that was last punctured
   kMissed,     ///< "beside": the tip passed a slice beside its material or through an old hole

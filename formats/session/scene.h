@@ -161,9 +161,9 @@ struct SceneForceLaw {
 };
 
 /// The position of the slice planes in {B}. A point of a slice plane has the coordinates u and v in
-/// mm (asset.md, Frames). In x and y it lies at at_m + R_z(rotation_deg) * ((u, v) - anchor_mm),
-/// with all lengths in one unit. Without rotation, u points along x, v along y and the slice normal
-/// along z, so slices are never mirrored.
+/// mm (asset.md, Frames). The point's x and y in {B} are at_m + R_z(rotation_deg) *
+/// ((u, v) - anchor_mm), with all lengths in one unit. Without rotation, u points along x, v along
+/// y and the slice normal along z, so slices are never mirrored.
 struct Placement {
   /// The point of the slice plane that lies at `at_m`; if absent, the centroid of the material in
   /// the scene's first slice. All slices have the same anchor, so that they stay aligned.

@@ -4,9 +4,9 @@
 //
 // Contract (tests/formats/session/telemetry_test.cpp):
 //  1. The writer never waits for a reader. The writer reads back only two things from the memory:
-//     the command words and the live hand (item 5). Of a command word it uses only whether the word
-//     has changed and, for X-ray screening, whether the word is odd. So no reader can stop the
-//     writer; it can only give commands, and move a live hand within the hand's limits.
+//     the command words and the live hand (item 5). Of a command word the writer uses only whether
+//     the word has changed and, for X-ray screening, whether the word is odd. So no reader can stop
+//     the writer: a reader can only give commands, and move a live hand within the hand's limits.
 //  2. A reader gets complete values only, and never an older value after a newer one. A reader
 //     gives up after a bounded number of attempts, so it does not wait forever if the writer was
 //     killed in the middle of a write.
