@@ -13,9 +13,9 @@ struct ArchiveLimits {
   std::uint64_t instance_bytes = std::uint64_t{512} << 20;  ///< largest size of one instance
   std::uint64_t study_bytes = std::uint64_t{16} << 30;      ///< largest total size of a study
   std::size_t study_instances = 20'000;  ///< largest number of instances in a study
-  int max_pdu_bytes = 16'384;  ///< size of the largest PDU (message unit) that the sender may send
+  int max_pdu_bytes = 16'384;  ///< largest protocol data unit (PDU) that the sender may send
   int acse_timeout_s = 30;     ///< longest time until an association is established
-  int dimse_timeout_s = 300;   ///< longest time to receive one instance
+  int dimse_timeout_s = 300;   ///< longest time for one instance; only the receiver checks it
   int idle_timeout_s = 60;     ///< longest wait for the next request or the next bytes
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Serves one association (a connection of the DICOM protocol) of the receiver. Each association has
-// a process of its own: if a sender crashes or blocks DCMTK, only its own association ends.
+// Serves one association (a connection of the DICOM protocol) of the receiver. The receiver starts
+// a process for each association, so that a sender who crashes or blocks DCMTK ends no other one.
 // Tests: tests/e2e/archive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
@@ -17,23 +17,24 @@ class DcmTransportLayer;
 namespace trocar::archive {
 
 struct AssociationSettings {
-  std::string ae;                    ///< AE title of this program; callers must call this title
-  std::vector<std::string> callers;  ///< AE titles of the programs that may call
+  std::string ae;                    ///< AE title of this program, which a sender must state
+  std::vector<std::string> callers;  ///< AE titles of the senders that are accepted
   ArchiveLimits limits;
   std::shared_ptr<DcmTransportLayer> tls;  ///< null if associations are not encrypted
 };
 
 /// The exit code of the association's process.
 enum class AssociationEnd : int {
-  kReleased = 0,   ///< ended properly; the instances in its folder are complete
+  kReleased = 0,   ///< the sender ended it properly; all accepted instances are on the disk
   kDropped = 20,   ///< aborted, or the connection was lost
-  kRejected = 21,  ///< rejected, or the caller sent no valid request for an association
+  kRejected = 21,  ///< not accepted, or the sender made no valid request for an association
 };
 
-/// Answers C-ECHO and C-STORE requests on the connection until it ends, and stores the instances in
-/// `folder`. `studies` gives the size that each study has already. Refusals are reported on
-/// standard error. Call the function only once in a process, because DCMTK has one external socket
-/// per process.
+/// Answers C-ECHO requests (tests of the connection) and C-STORE requests (each stores an instance)
+/// until the association ends. Instances are stored in `folder`. `studies` gives the size that a
+/// study has already, because the limits apply to the whole study. Refusals are reported on
+/// standard error. If a time limit passes, SIGALRM may end the process. Call the function only once
+/// in a process, because DCMTK accepts one external socket per process.
 AssociationEnd serve_association(int connection, const std::filesystem::path& folder,
                                  const StudyFolders& studies, const AssociationSettings& settings);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Gets one study from an archive by C-GET (`trocar-mesh fetch`).
+// Gets one study from an archive by the DICOM request C-GET (`trocar-mesh fetch`).
 // Tests: tests/e2e/archive_test.py, tests/e2e/orthanc_test.py
 #pragma once
 
@@ -26,18 +26,20 @@ struct FetchSettings {
 };
 
 struct FetchedStudy {
-  std::size_t instances = 0;  ///< all instances of the study after the fetch
-  std::uint64_t bytes = 0;    ///< sum of the sizes of `instances`
-  std::size_t added = 0;      ///< instances that the study did not have before
-  /// Instances that were left out, because the study has different ones with the same UIDs.
+  std::size_t instances = 0;  ///< number of instances in the study's folder after the fetch
+  std::uint64_t bytes = 0;    ///< total size of all `instances`
+  std::size_t added = 0;      ///< number of instances that this fetch has added to the folder
+  /// Number of instances that were not stored, because the folder has a different instance with the
+  /// same UID.
   std::size_t different = 0;
-  std::size_t left_out = 0;  ///< instances of kinds that trocar-mesh does not read
+  std::size_t left_out = 0;  ///< number of instances of kinds that trocar-mesh does not read
 };
 
-/// Writes the study to FOLDER/STUDY_UID/, whole or not at all. Errors: kRefused if the archive
+/// Writes the study to FOLDER/STUDY_UID/, whole or not at all. If that folder exists, the missing
+/// instances are added to it. Setting `stop` interrupts the fetch. Errors: kRefused if the archive
 /// cannot be reached, refuses the request, breaks off, sends damaged data or more than the limits
 /// allow, or has no images of this study; kUnwritable if the folder cannot be written or `stop` was
-/// set.
+/// set before the end.
 Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

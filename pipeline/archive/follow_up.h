@@ -19,13 +19,14 @@
 
 namespace trocar::archive {
 
-/// Adds the scans of a study to a collection and returns the result. A scan of the study replaces a
-/// scan of the same name, but keeps the `parameters` of the replaced one. All other scans and the
-/// collection's `defaults` stay as they are. `text` is the collection as JSON, or empty if there is
-/// none. `list` is the result of list_scans() for `folder`, the study's folder. Paths in the result
-/// are relative to `base`. A scan is named after the UID of its study and a digest of the UID of
-/// its series. `names` receives the names of the study's scans. Errors: kUsage if `text` is not a
-/// collection; the message names `file`.
+/// Adds the usable scans of a study, except localisers, to a collection and returns the new
+/// collection. `text` is the old collection as JSON, or empty if there is none. `list` is the
+/// result of list_scans() for `folder`, the study's folder. `study` is the study's UID. The paths
+/// of the added scans are relative to `base`. A scan's name consists of the study's UID and a
+/// digest of the UID of its series; if the scan is a single file, of the file's name. If the
+/// collection has a scan of this name, that scan is replaced, but its `parameters` are kept. All
+/// other scans and the collection's `defaults` stay as they are. The names of the study's scans are
+/// appended to `names`. Errors: kUsage if `text` is not a collection; the message names `file`.
 Result<nlohmann::ordered_json> with_study(std::string_view text, const std::filesystem::path& file,
                                           const nlohmann::json& list,
                                           const std::filesystem::path& folder,
@@ -36,28 +37,30 @@ Result<nlohmann::ordered_json> with_study(std::string_view text, const std::file
 struct FollowUpSettings {
   std::filesystem::path collection, store;  ///< absolute paths
   std::filesystem::path studies;            ///< folder of the studies, an absolute path
-  std::filesystem::path marks;  ///< folder with an empty file for each study to be meshed
-  mode_t umask = 022;           ///< file mode mask of the collection and the store
+  std::filesystem::path marks;  ///< folder with an empty file (a mark) for each study to be meshed
+  mode_t umask = 022;           ///< umask with which the collection and the store are written
 };
 
-/// A queue of complete studies. One batch runs at a time, in a process of its own. The queue
-/// survives the program: studies that wait when the program ends are meshed after its next start.
+/// A queue of complete studies that are to be meshed. One batch runs at a time, in a process of its
+/// own. The marks keep the queue on the disk: studies that are not meshed when the program ends are
+/// queued again at its next start.
 class FollowUp {
  public:
   explicit FollowUp(FollowUpSettings settings);
   FollowUp(const FollowUp&) = delete;
   FollowUp& operator=(const FollowUp&) = delete;
-  /// Stops the running batch and waits for its end. Assets that it has finished are in the store.
+  /// Stops the running batch and waits for its end. Assets that are finished stay in the store.
   ~FollowUp();
 
-  /// Marks a study that is about to be published. If the program ends before add(), the mark puts
-  /// the study into the queue at the next start.
+  /// Writes the mark of a study. Call expect() before the study is published: if the program then
+  /// ends before add(), the mark puts the study into the queue at the next start.
   void expect(const std::string& study) const;
   /// Adds a published study to the queue.
   void add(const std::string& study);
-  /// Reports a batch that has ended, and starts the next one if none is running. Does not block.
+  /// Reports a batch that has ended. If no batch is running, starts one for the next study. The
+  /// function does not block; call it regularly.
   void step();
-  /// UIDs of the studies that wait or are being meshed.
+  /// UIDs of the studies that wait or are being meshed. They must not be removed.
   std::set<std::string> busy() const;
 
  private:

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Writes an instance (one DICOM object) that arrives from the network to a DICOM file. The bytes
-// are written as they come, so that memory does not grow with the size of the instance. Only a
-// complete and checked file gets its final name.
+// Writes an instance (one DICOM object) that arrives from the network to a DICOM file. Bytes are
+// written as they arrive, so that memory does not grow with the size of the instance. The file gets
+// its final name only when it is complete and checked.
 // Tests: tests/pipeline/archive/instance_file_test.cpp
 #pragma once
 
@@ -17,25 +17,26 @@
 
 namespace trocar::archive {
 
-/// How the sender names an instance. The texts come from the network and are not checked yet.
+/// UIDs by which the sender announces an instance: its kind, the instance itself and its encoding.
+/// The texts come from the network and are not checked yet.
 struct InstanceName {
   std::string sop_class, sop_instance, transfer_syntax;
 };
 
-/// The status of the answer to a C-STORE (DICOM PS3.4, table B.2-1).
+/// The status in the answer to a C-STORE request (DICOM PS3.4, table B.2-1).
 enum class StoreStatus : std::uint16_t {
   kStored = 0x0000,
-  kDuplicate = 0x0111,       ///< another instance with the same UID has arrived before
-  kOutOfResources = 0xA700,  ///< a limit is exceeded, or the disk is full
-  kMismatch = 0xA900,        ///< not the instance that the command announced, or not an image
-  kNotUnderstood = 0xC000,   ///< the dataset cannot be parsed, or lacks a valid UID
+  kDuplicate = 0x0111,       ///< a different instance with this UID came in this association
+  kOutOfResources = 0xA700,  ///< a limit is exceeded, or the file cannot be written
+  kMismatch = 0xA900,        ///< UIDs differ from the request's, kind is not read, or no pixels
+  kNotUnderstood = 0xC000,   ///< the dataset is missing or damaged, or lacks a valid UID
 };
 
 struct StoreOutcome {
   StoreStatus status = StoreStatus::kStored;
   std::string why = {};    ///< the reason for a refusal; contains no text of the dataset
-  bool is_ours = false;    ///< true if the cause of the refusal is this computer (its disk)
-  std::string study = {};  ///< the study's UID; empty if it is not known
+  bool is_ours = false;    ///< true if the refusal is due to this computer's disk
+  std::string study = {};  ///< the study's UID; empty if the refusal came before it was read
 };
 
 struct StudySize {
@@ -43,11 +44,12 @@ struct StudySize {
   std::uint64_t bytes = 0;
 };
 
-/// The instances of one association, in a folder of its own: FOLDER/STUDY/INSTANCE.dcm.
+/// Stores the instances of one association as FOLDER/STUDY_UID/INSTANCE_UID.dcm. For each instance,
+/// call begin(), then write() for each fragment of the dataset, then finish().
 class InstanceStore {
  public:
-  /// Precondition: the folder exists. `present` gives the size that a study has already, without
-  /// the instances of this association.
+  /// Precondition: `folder` exists and no other association uses it. The limits apply to a whole
+  /// study, so `present` must return the size that a study has without this association.
   InstanceStore(std::filesystem::path folder, const ArchiveLimits& limits,
                 std::function<StudySize(const std::string& study)> present = {});
   InstanceStore(const InstanceStore&) = delete;
@@ -56,11 +58,12 @@ class InstanceStore {
 
   /// Begins the file of an instance. Errors are reported by finish().
   void begin(const InstanceName& name);
-  /// Appends bytes of the dataset. Bytes beyond the size limit, or after an error, are dropped; the
-  /// dataset is still received, so that the sender gets an answer. Returns false if the sender has
-  /// sent more than twice the limit.
+  /// Appends bytes of the dataset. After an error, or beyond `instance_bytes` of `limits`, the
+  /// bytes are dropped and finish() reports the refusal. Returns false if more than twice
+  /// `instance_bytes` have arrived; the caller must then abort the association.
   bool write(std::span<const std::uint8_t> bytes);
-  /// Closes the file, checks it and gives it its final name. A refused instance leaves no file.
+  /// Closes the file and checks it. If the instance is accepted, gives the file its final name;
+  /// otherwise removes it.
   StoreOutcome finish();
 
   /// Syncs all files to the disk. Errors: kUnwritable; the message names the folder.
@@ -78,10 +81,10 @@ class InstanceStore {
   InstanceName name_;
   int fd_ = -1;
   int error_ = 0;              // errno of the first failed step
-  std::uint64_t arrived_ = 0;  // bytes of the dataset, written or not
+  std::uint64_t arrived_ = 0;  // bytes of the dataset that have arrived, also those not written
 };
 
-/// The preamble and the file meta information (DICOM PS3.10, 7.1) of a file.
+/// The start of a file, before the dataset: preamble and meta information (DICOM PS3.10, 7.1).
 std::string file_header(const InstanceName& name);
 
 }  // namespace trocar::archive

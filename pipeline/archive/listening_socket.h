@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A socket that listens at one address. (DCMTK 3.6.7 can only listen at all addresses.)
+// A TCP socket that listens at one address of the computer. DCMTK 3.6.7 can only listen at all of
+// the computer's addresses.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 
@@ -11,7 +12,8 @@ namespace trocar::archive {
 
 class ListeningSocket {
  public:
-  /// Errors: kUsage if the address is not numeric; kRefused if the port is taken or not allowed.
+  /// If `port` is 0, the system chooses a free port. Errors: kUsage if the address is not numeric;
+  /// kRefused if the address or the port cannot be used.
   static Result<ListeningSocket> open(const std::string& address, int port);
   ListeningSocket(ListeningSocket&& other) noexcept;
   ListeningSocket& operator=(ListeningSocket&&) = delete;
@@ -19,7 +21,8 @@ class ListeningSocket {
 
   int fd() const { return fd_; }
   int port() const { return port_; }
-  /// Accepts the next connection: its descriptor, or -1 if none is waiting. Does not block.
+  /// Accepts the next connection and returns its descriptor, or -1 if no connection waits. Does not
+  /// block.
   int accept() const;
 
  private:

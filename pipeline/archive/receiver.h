@@ -20,16 +20,18 @@ struct ReceiverSettings {
   std::string address = "127.0.0.1";  ///< numeric, IPv4 or IPv6
   int port = 0;                       ///< 0: the system chooses a free port
   AssociationSettings association;
-  int max_associations = 16;  ///< open at the same time; others wait in the system's queue
-  double settle_s = 10;       ///< a study is complete after this time without a new instance
-  double keep_hours = 0;      ///< age at which studies are removed; 0: they are kept
-  std::optional<FollowUpSettings> then;
+  int max_associations = 16;  ///< at the same time; further connections wait in the system's queue
+  /// A study is published after this time without a new instance, unless an open association has
+  /// instances of it.
+  double settle_s = 10;
+  double keep_hours = 0;  ///< studies that last grew longer ago are removed; 0: never
+  std::optional<FollowUpSettings> then;  ///< the receiver itself sets `studies` and `marks`
 };
 
 /// Receives until `stop` is set. Then open associations are dropped, and the instances of all
-/// released associations are published. One line on standard output gives the port, and one line
-/// reports each study. Errors: kUnwritable if the folder cannot be used, or another receiver uses
-/// it; kUsage if the address is not numeric; kRefused if the port cannot be used.
+/// released associations are published. Standard output gets the port at the start, and a line for
+/// each study. Errors: kUnwritable if the folder cannot be used, or another receiver uses it;
+/// kUsage if the address is not numeric; kRefused if the address or the port cannot be used.
 Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The kinds of instances (SOP classes) and their encodings (transfer syntaxes) that are stored:
-// those that trocar-mesh can read.
+// The kinds of instances (SOP classes) and the encodings (transfer syntaxes) that are accepted from
+// the network. They are the ones that trocar-mesh can read.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 
@@ -15,7 +15,7 @@ std::vector<const char*> storage_classes();
 
 bool is_storage_class(std::string_view uid);
 
-/// UIDs of the transfer syntaxes; the preferred one, which is not compressed, comes first.
+/// UIDs of the transfer syntaxes, in order of preference. The uncompressed ones come first.
 std::vector<const char*> transfer_syntaxes();
 
 }  // namespace trocar::archive

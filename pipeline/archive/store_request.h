@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Answers a C-STORE request: the dataset goes from the network into an InstanceStore.
+// Answers a C-STORE request, with which the other side sends one instance. The dataset goes from
+// the network into an InstanceStore.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 
@@ -17,14 +18,15 @@ struct StoreAnswer {
   StoreOutcome outcome;             ///< valid if `network` is good
 };
 
-/// Receives the dataset that follows the request, stores it and sends the answer. If `stop` returns
-/// true, or the sender sends more than twice the size limit, `network` is bad.
+/// Receives the dataset that follows the request, stores it and sends the answer. `timeout_s` is
+/// the longest wait for the next bytes. If `stop` returns true, or the dataset is more than twice
+/// as large as the limit, receiving ends and `network` is bad.
 StoreAnswer answer_store_request(T_ASC_Association& association,
                                  T_ASC_PresentationContextID context,
                                  const T_DIMSE_C_StoreRQ& request, InstanceStore& store,
                                  int timeout_s, const std::function<bool()>& stop = {});
 
-/// Sends the answer to a request whose dataset has been received.
+/// Sends only the answer. The caller must have received the request's dataset itself.
 OFCondition send_store_response(T_ASC_Association& association, T_ASC_PresentationContextID context,
                                 const T_DIMSE_C_StoreRQ& request, StoreStatus status);
 

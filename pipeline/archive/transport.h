@@ -17,21 +17,22 @@ namespace trocar::archive {
 struct TlsFiles {
   std::filesystem::path key;   ///< private key of this side
   std::filesystem::path cert;  ///< certificate of this side
-  std::filesystem::path ca;    ///< trusted authorities, which sign the other side's certificate
+  std::filesystem::path ca;    ///< authorities; one must have signed the other side's certificate
 
   bool is_given() const { return !key.empty() || !cert.empty() || !ca.empty(); }
 };
 
-/// Checks that the three files are given together or not at all. Without them, checks that `host`
-/// is this computer, unless `insecure` is set. Errors: kUsage if a check fails (the message names
-/// the options); kRefused if `host` cannot be resolved.
+/// Checks that the three files are given together or not at all. If none is given and `insecure` is
+/// false, also checks that `host` is this computer. Errors: kUsage if a check fails (the message
+/// names the options); kRefused if `host` cannot be resolved.
 Result<void> check_transport(const TlsFiles& files, const std::string& host, bool insecure);
 
 enum class TlsRole { kServer, kClient };
 
-/// A transport layer with TLS 1.2 or later and the ciphers of BCP 195. It requires and verifies the
-/// certificate of the other side. Returns null if no files are given. Errors: kRefused if a file
-/// cannot be used (the message names it), or if OpenSSL has none of the ciphers.
+/// Makes DCMTK's transport layer with TLS 1.2 or later and the ciphers of BCP 195 (the internet's
+/// recommendations for TLS). It requires and verifies the certificate of the other side. Returns
+/// null if no files are given. Errors: kRefused if a file cannot be used (the message names it), or
+/// if OpenSSL has none of the ciphers.
 Result<std::shared_ptr<DcmTransportLayer>> make_transport(const TlsFiles& files, TlsRole role);
 
 }  // namespace trocar::archive
