@@ -11,13 +11,13 @@ namespace trocar::pipeline {
 /// A value for messages, with at most `digits` significant digits, such as "226" or "0.3125".
 std::string text_of(double value, int digits = 7);
 
-/// Lists the numbers in ascending order. Consecutive numbers become a run A-B, and `separator`
-/// stands between runs. After `max_runs` runs the remaining numbers are only counted (" and 7
-/// more").
+/// Lists the numbers in ascending order, such as "0-46, 50". Consecutive numbers are written as one
+/// range A-B, and `separator` stands between two ranges. After `max_runs` ranges the function only
+/// adds how many numbers are left (" and 7 more").
 std::string number_ranges(const std::set<int>& numbers, const std::string& separator = ", ",
                           int max_runs = 20);
 
-/// The ranges with a name before them: "slice 3" or "slices 0-46, 50".
+/// The ranges after a name, which gets an s unless there is one number: "slice 3", "slices 0-46".
 std::string named_ranges(const std::string& name, const std::set<int>& numbers, int max_runs = 20);
 
 }  // namespace trocar::pipeline

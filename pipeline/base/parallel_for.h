@@ -7,9 +7,9 @@
 
 namespace trocar::pipeline {
 
-/// Calls each of task(0), ..., task(count - 1) once, several at the same time, and returns when all
-/// have ended. The tasks start approximately in this order. What the caller wrote before the call
-/// is visible in every task, and what the tasks wrote is visible after the call.
+/// Calls each of task(0), ..., task(count - 1) once, several at the same time and in no fixed
+/// order. Returns when all have ended. What the caller wrote before the call is visible in every
+/// task, and what the tasks wrote is visible after the call.
 void parallel_for(int count, const std::function<void(int)>& task);
 
 }  // namespace trocar::pipeline

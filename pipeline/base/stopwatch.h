@@ -13,7 +13,7 @@ class Stopwatch {
 
   explicit Stopwatch(TimePoint start = std::chrono::steady_clock::now()) : start_(start) {}
 
-  /// The time in ms since the last call, or since `start` if there was none. Begins the next lap.
+  /// The time in ms since the last call of lap_ms(); at the first call, since `start`.
   double lap_ms() {
     const TimePoint now = std::chrono::steady_clock::now();
     const double ms = std::chrono::duration<double, std::milli>(now - start_).count();

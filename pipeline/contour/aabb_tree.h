@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A tree of axis-aligned bounding boxes over edges. It finds the edge nearest to a point. Each box
-// encloses consecutive edges.
+// A tree of axis-aligned bounding boxes, which finds the edge nearest to a point. Each box encloses
+// edges with consecutive indices.
 // Tests: tests/pipeline/contour/outline_distance_test.cpp
 #pragma once
 
@@ -16,8 +16,8 @@ using Edge = std::array<Point, 2>;
 
 class AabbTree {
  public:
-  /// Precondition: there is at least one edge. Searches are quick if consecutive edges are near
-  /// each other. O(n).
+  /// Precondition: there is at least one edge. Searches are quick if edges with consecutive indices
+  /// are near each other. O(n).
   explicit AabbTree(std::vector<Edge> edges);
 
   std::size_t size() const { return edges_.size(); }
@@ -37,7 +37,7 @@ class AabbTree {
   Nearest nearest(Point p, std::size_t guess) const;
 
  private:
-  static constexpr std::size_t kFan = 8;  // number of edges or boxes in a box
+  static constexpr std::size_t kFan = 8;  // a box holds this many edges or smaller boxes
   struct Box {
     Point low, high;
   };

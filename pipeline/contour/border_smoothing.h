@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Smooths the borders between labels. A border is given by its crossings with the grid lines
-// between pixels. Tested through label_borders().
+// Smooths the borders between labels. A border is given by the points at which it crosses the grid
+// lines between pixels.
 // Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
@@ -12,7 +12,8 @@
 
 namespace trocar::pipeline {
 
-/// Smallest distance between a crossing and a pixel's centre, in pixels.
+/// Smallest distance between a smoothed crossing and the centre of either of its two pixels, in
+/// pixels.
 inline constexpr double kMinPixelDistance = 0.02;
 
 /// The two ends of an open border, in pixels.
@@ -20,14 +21,17 @@ struct BorderEnds {
   Point from, to;
 };
 
-/// Moves the crossings of a border, which are half-way between two pixels, along their grid lines
-/// onto a smooth curve. The curve is the border convolved with the kernel 2 G(s) - G(sqrt(2) s),
-/// which keeps curvature; G(s) is a Gaussian of standard deviation s. Arc length is counted in
-/// crossings. s is a fourteenth of the border's length, but at most 3 crossings. Each crossing
-/// stays on its grid line between its two pixels, so nothing can cross. The areas on both sides
-/// stay the same, if that is possible with crossings between the pixels. `fixed` crossings do not
-/// move, and they divide the border. A closed border may afterwards start at another crossing.
-/// O(n).
+/// Moves the crossings of a border along their grid lines onto a smooth curve. Crossings that are
+/// `fixed` do not move. They divide the border into sections, each of which is smoothed by itself;
+/// a section of fewer than 6 crossings stays as it is. All other crossings are at first half-way
+/// between two pixels.
+///
+/// The curve is the section convolved with the kernel 2 G(s) - G(sqrt(2) s), which keeps curvature.
+/// G(s) is a Gaussian with standard deviation s along the section. Lengths are counted in
+/// crossings: s is a fourteenth of the section's length, but at most 3 crossings. Each crossing
+/// stays between its two pixels, so borders cannot cross. If this limit allows it, the areas on
+/// both sides of the border stay the same. `ends` has no value if the border is closed; such a
+/// border may afterwards start at another of its crossings. O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 
 }  // namespace trocar::pipeline

@@ -20,9 +20,8 @@ struct ChainLoop {
   MaterialNumber material = kNoMaterial;
   std::vector<DirectedChain> chains;
 
-  /// Returns the loop as a ring of points. `borders` are the borders that were walked, or others
-  /// with the same chains (such as simplified ones). The ring passes a node twice where the
-  /// material touches itself.
+  /// Returns the loop as a ring of points. `borders` are the borders that were walked, or their
+  /// simplified form. Where the material touches itself, the ring passes a node twice.
   Ring ring(const LabelBorders& borders) const {
     Ring out;
     for (const DirectedChain d : chains) {
@@ -52,8 +51,8 @@ class BorderWalk {
   }
 
   /// Calls visit(loop) for each loop around a material m for which is_wanted(m) holds. If
-  /// is_same(left, right) holds for the two materials of a chain, they are treated as one material,
-  /// and the chain is skipped.
+  /// is_same(left, right) holds for the two materials of a chain, these materials are treated as
+  /// one, and no loop contains the chain.
   template <typename Wanted, typename Same, typename Visit>
   void for_loops(const Wanted& is_wanted, const Same& is_same, const Visit& visit) const {
     std::vector<char> is_done(heads_.size(), 0);
@@ -83,8 +82,8 @@ class BorderWalk {
   MaterialNumber left(DirectedChain d) const { return d % 2 == 0 ? chain(d).left : chain(d).right; }
   MaterialNumber right(DirectedChain d) const { return left(d ^ 1U); }
 
-  // Goes clockwise around the node to the next chain that has the material on its left but not
-  // on its right.
+  // Goes clockwise around the node at which d arrives, to the next chain that leaves the node with
+  // the material on its left but not on its right.
   template <typename Same>
   DirectedChain next(DirectedChain d, const Same& is_same) const {
     if (chain(d).is_closed) return d;
@@ -99,7 +98,7 @@ class BorderWalk {
   }
 
   const LabelBorders& borders_;
-  std::vector<Head> heads_;  // for each directed chain: the node and end at which it arrives
+  std::vector<Head> heads_;  // for each directed chain: the node at which it arrives, and its end
 };
 
 }  // namespace trocar::pipeline

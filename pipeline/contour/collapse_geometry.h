@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The geometry of one step of segment collapse: the point that replaces a path of the outline and
-// keeps the area, the rounding of this point to the lattice, and its position on the contour.
+// The geometry of one step of segment collapse (area_collapse.h). A step replaces the inner
+// vertices of a path of the outline by one point that keeps the area. This header computes the
+// point, rounds it to the lattice, and finds its position on the contour.
 // Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
@@ -19,13 +20,15 @@
 
 namespace trocar::pipeline::collapse {
 
-// Special displacements: the collapse is not allowed, or it has not been evaluated yet.
+// Special values of a displacement (see Ideal): kNever if the collapse is not possible, kUnknown if
+// it has not been evaluated yet.
 inline constexpr double kNever = std::numeric_limits<double>::infinity(), kUnknown = -1;
 
 // Largest number of edges that one step replaces by two.
 inline constexpr std::size_t kMaxRun = 8;
 
-// The edge bc, the vertex a before it and the vertex d after it: as node numbers and as points.
+// The edge bc of the outline with the vertex a before it and the vertex d after it. ia to id are
+// the vertices' node numbers.
 struct Span {
   std::uint32_t ia, ib, ic, id;
   LatticePoint a, b, c, d;
@@ -35,17 +38,18 @@ struct Span {
   std::int64_t doubled() const { return abc + acd; }
 };
 
-// A point that may replace an edge because it keeps the area. `displacement` is the area that then
-// changes from one side of the outline to the other; it is kNever if there is no such point.
+// A point that keeps the area if it replaces the edge bc. `displacement` is the area that would
+// change from one side of the outline to the other. If there is no such point, it is kNever.
 struct Ideal {
   Point at;
   double displacement = kNever;
 };
 
-// The ideal point on the ray from `end` through `near`. Either the ray runs from a through b, then
-// far = c and other = d; or it runs from d through c, then far = b and other = a. `area` is twice
-// the area that the triangle a, ideal point, d must have. `cross` is twice the signed area of the
-// triangle a, near, d.
+// The ideal point on the ray from `end` through `near`. There are two such rays:
+//  - from a through b: end = a, near = b, far = c, other = d;
+//  - from d through c: end = d, near = c, far = b, other = a.
+// `area` is twice the signed area that the triangle a, ideal point, d must have. `cross` is twice
+// the signed area of the triangle a, near, d.
 inline Ideal ideal_on_ray(LatticePoint end, LatticePoint near, LatticePoint far, LatticePoint other,
                           double area, std::int64_t cross) {
   if (cross == 0) return {};
@@ -62,7 +66,8 @@ inline Ideal ideal_on_ray(LatticePoint end, LatticePoint near, LatticePoint far,
   return {e, std::abs(u * ((n.x - e.x) * (f.y - n.y) - (n.y - e.y) * (f.x - n.x)))};
 }
 
-// The two ideal points that may replace the edge, the one with the smaller displacement first.
+// The ideal points on the two rays, the one with the smaller displacement first. `area` is as in
+// ideal_on_ray().
 inline std::array<Ideal, 2> ideals(const Span& s, double area) {
   if (s.abc == 0 && is_inside_segment(s.a, s.c, s.b)) return {Ideal{point(s.c), 0}, Ideal{}};
   if (s.bcd == 0 && is_inside_segment(s.b, s.d, s.c)) return {Ideal{point(s.b), 0}, Ideal{}};
@@ -72,8 +77,8 @@ inline std::array<Ideal, 2> ideals(const Span& s, double area) {
   return {on_ab, on_dc};
 }
 
-// A path along a ring, whose inner nodes the point e is to replace. `points` has the points of the
-// path, followed by e.
+// A path along a ring. A step is to replace the path's inner nodes by the point e. `points` has the
+// points of the path, followed by e.
 struct Path {
   std::array<std::uint32_t, kMaxRun + 1> nodes;
   std::array<LatticePoint, kMaxRun + 2> points;
@@ -84,10 +89,11 @@ struct Path {
   LatticePoint e() const { return points[size]; }
 };
 
-// The point that replaces the inner nodes of a longer path. It lies on the normal of the line a-d
-// through the vertex farthest from that line. Its distance from the line is chosen so that the area
-// stays and `area_error` is corrected, but by at most the area of a triangle with the base a-d and
-// a height of one lattice step. `base2` is the squared length of a-d; areas are doubled.
+// The point that replaces the inner nodes of a path of more than three edges. It lies on the normal
+// of the line a-d through the path's vertex farthest from that line. The point's distance from the
+// line is chosen so that the ring's area stays the same and `area_error`, twice the area that the
+// ring lacks, is corrected. The correction is at most the area of a triangle with the base a-d and
+// a height of one lattice step. `base2` is the squared length of a-d.
 struct RunIdeal {
   Point at;
   double area;           // twice the area between the path a, `at`, d and the line a-d
@@ -111,8 +117,8 @@ inline RunIdeal ideal_for_run(const Path& path, std::int64_t base2, std::int64_t
   return {{apex.x - offset * (d.y - a.y), apex.y + offset * (d.x - a.x)}, area, doubled};
 }
 
-// The winding number around p of the closed polygon path.points, including e. Precondition: p lies
-// on none of its edges.
+// The winding number around p of the closed polygon through the path and e. Precondition: p lies on
+// none of its edges.
 inline int winding(const Path& path, LatticePoint p) {
   int out = 0;
   for (std::size_t i = 0; i <= path.size; ++i) {
@@ -133,9 +139,10 @@ inline bool crosses(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint
   return segments_cross(a, b, c, d);
 }
 
-// Returns true if the edge pq of the outline crosses one of the new edges a-e and e-d, or if p lies
-// in the area that the step sweeps. Precondition: pq is not an edge of the path, and `box` encloses
-// the path and e. If `is_end` is true, p is the end of an open contour, and q equals p.
+// Returns true if the edge pq of the outline prevents the step: if pq crosses one of the new edges
+// a-e and e-d, or if p lies between the path and the new edges. Precondition: pq is not an edge of
+// the path, and `box` encloses the path and e. If `is_end` is true, p is the last point of an open
+// contour, and q equals p.
 inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, LatticePoint q,
                   bool is_end) {
   const LatticePoint a = path.a(), d = path.d(), e = path.e();
@@ -160,9 +167,9 @@ inline std::optional<LatticePoint> nearest(Point p) {
                       static_cast<std::int32_t>(std::lrint(p.y))};
 }
 
-// Chooses among `near` and the eight lattice points around it, except a and d. Returns the point
-// for which the path a, point, d keeps the area best (`area` is twice the wanted area). If several
-// keep it equally well, returns the one nearest to `ideal`.
+// Chooses among `near` and the eight lattice points around it, except a and d. Returns the point e
+// for which twice the signed area of the triangle a, e, d is nearest to `area`. If several are
+// equally good, returns the one nearest to `ideal`.
 inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
                                            Point ideal, double area) {
   const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
@@ -188,18 +195,18 @@ struct ContourPosition {
   double t = 0;
 };
 
-// A vertex of the outline, linked to its neighbours. Node i begins as vertex i of the contours,
-// which are numbered ring by ring.
+// A vertex of the outline, linked to its neighbours. At first, node i is vertex i of the contours;
+// the vertices are numbered ring by ring.
 struct Node {
   LatticePoint p;
   std::uint32_t previous, next;
 };
 // The other data of a node. They are separate from Node because they are needed less often.
 struct NodeState {
-  std::uint32_t ring, k;  // k and t: a position on the contour, within the tolerance of p
+  std::uint32_t ring, k;  // k and t: a position on the contour, within the tolerance of Node::p
   double t = 0;
   double displacement = kUnknown;  // displacement if the edge to the next node collapses
-  double queued = kNever;          // the least displacement among the node's queue entries
+  double queued = kNever;          // the smallest displacement with which the node is in the queue
   ContourPosition position() const { return {k, t}; }
   void put(ContourPosition position) { k = position.k, t = position.t; }
 };
@@ -217,13 +224,13 @@ inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n)
   return k >= from ? k - from : k + n - from;
 }
 
-// Returns the position nearest to e on `part`, the part of a contour that the path a, e, d is to
-// replace. Returns no value unless the edge a-e and the contour up to that position are within the
-// tolerance of each other, and likewise the edge e-d and the rest of the contour. `tolerance2` is
-// the squared tolerance. It suffices to check that e is near its position, and that each vertex of
-// the contour is near the edge that replaces it. While a point runs along the contour, the point of
-// the edge nearest to it then runs along the whole edge, except for the ends of the edge, which are
-// near their own positions.
+// Returns the position nearest to e on `part`, the part of a contour that the edges a-e and e-d are
+// to replace. The position divides the part in two. Returns no value unless the edge a-e and the
+// first piece are within the tolerance of each other, and also the edge e-d and the second piece.
+// `tolerance2` is the squared tolerance. The function checks only that e is near its position, and
+// that each vertex of the contour is near the edge that replaces it. This suffices: while a point
+// runs along the contour, its nearest point on the edge runs along the whole edge, except near the
+// edge's ends, and the ends are near their own positions.
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {

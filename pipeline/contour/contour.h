@@ -8,7 +8,7 @@
 namespace trocar::pipeline {
 
 enum class ContourKind {
-  kSubpixel,  ///< iso-contour by marching squares, with the crossings of contour_crossing.h
+  kSubpixel,  ///< iso-contour by marching squares, between pixels (contour_crossing.h)
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 
@@ -20,19 +20,22 @@ struct PixelGrid {
   Lattice lattice;
 };
 
-/// A pixel must be at least this many lattice steps wide for the guarantees below.
+/// Smallest width of a pixel, in lattice steps, with which contours() keeps what it promises.
 inline constexpr int kMinStepsPerPixel = 8;
 
-/// Traces the outline with material on the left. Filling and the removal of a table change pixels
-/// (Field::changed). Where a border exists only because of this, the values do not say where it
-/// lies: there it is a smooth curve (border_smoothing.h) between crossings that are computed from
-/// values. Outer rings are counter-clockwise in (u, v), holes clockwise. Rings are simple, touch
-/// only at vertices and never cross (contour.cpp gives the reasons). Everything outside the image
-/// is treated as outside the material. O(pixels + vertices log vertices).
+/// Traces the outline with material on the left: outer rings are counter-clockwise in (u, v), holes
+/// clockwise. Rings are simple, touch only at vertices and never cross (contour.cpp gives the
+/// reasons). Everything outside the image is treated as outside the material. Precondition: pixels
+/// are at least kMinStepsPerPixel steps wide. O(pixels + vertices log vertices).
+///
+/// SolidBone and ScannerTable (pipeline/segment) move the values of some pixels across the
+/// iso-value (Field::changed). Between a changed and an unchanged pixel, the values do not say
+/// where the border lies. With kSubpixel, the border there is a smooth curve (border_smoothing.h)
+/// that joins the crossings computed from values.
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
 /// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are
-/// filled. (Rings inside a removed ring are even smaller, so they are removed too.)
+/// filled. Rings inside a removed ring are even smaller, so they are removed too.
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

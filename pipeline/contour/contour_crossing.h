@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Finds the point at which an iso-contour crosses the grid line between two pixels, more accurately
-// than linear interpolation. Also moves these crossings so that the chords between them enclose the
-// area of the curve.
+// than linear interpolation. Also moves such crossings so that the polygon through them has the
+// area that the curve encloses.
 #pragma once
 
 #include <array>
@@ -18,27 +18,29 @@ struct GridLine {
 };
 
 /// The crossing as a fraction in [0, 1] of the way from sample 3 to sample 4. There are two cases:
-///  - If the samples go monotonically from one constant value to another, and the iso-value
-///    is about half-way between these, the crossing is the position of a jump that gives the
-///    same sum of samples. As pixels are averages over their area, this is exact for every
-///    sharp straight edge.
-///  - Otherwise it is the only crossing of the monotone cubic interpolant (Steffen, Astronomy and
-///    Astrophysics 239, 1990), which does not overshoot and is linear if the samples are linear.
+///  - The samples rise or fall monotonically from one constant value to another, and the iso-value
+///    is about half-way between the two constants. The samples are then taken as a blurred step:
+///    the crossing is the position at which a sharp step has the same sum of samples. This is
+///    exact for every sharp straight edge, because a pixel is the average over its area.
+///  - Otherwise a cubic interpolates between samples 3 and 4 (Steffen, Astronomy and Astrophysics
+///    239, 1990), and the crossing is its only zero there. The cubic is monotone, and linear if the
+///    samples are linear.
 double crossing(const GridLine& line);
 
-/// A crossing, in pixels. It lies on the grid line from pixel (x, y) to the next pixel in u or in
-/// v, at the fraction t of the way.
+/// A crossing on the grid line from pixel (x, y) to the next pixel in u, or in v if `along_v` is
+/// true. It lies at the fraction t of the way.
 struct Crossing {
   int x = 0, y = 0;
   bool along_v = false;
-  bool fixed = false;  ///< true: it does not move, for example at the image's border
+  bool fixed = false;  ///< true if it must not move, for example at the image's border
   double t = 0;
 };
 
-/// Moves the crossings of a closed ring (material on the left) along their grid lines, so that the
-/// polygon has the area of the curve on which the crossings lay. A chord of length c cuts an area
-/// of k c^3 / 12 off a curve of curvature k. Crossings therefore move outwards where the curve is
-/// convex, by some hundredths of a pixel and at most a sixteenth. O(n).
+/// Moves the crossings of a closed ring (material on the left) along their grid lines. At first the
+/// crossings lie on a smooth curve. Afterwards the polygon through them has the area that this
+/// curve encloses. A chord of length c cuts an area of k c^3 / 12 off a curve of curvature k.
+/// Crossings therefore move outwards where the curve is convex. They move by some hundredths of a
+/// pixel, at most by a sixteenth. O(n).
 void restore_chord_areas(std::span<Crossing> ring);
 
 }  // namespace trocar::pipeline

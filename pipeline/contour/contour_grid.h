@@ -14,23 +14,23 @@
 
 namespace trocar::pipeline {
 
-/// The grid has about as many cells as there are edges.
 class ContourGrid {
  public:
-  /// Contour edges first .. last of one ring, all of which are in one cell. `next_in_cell` is the
+  /// Consecutive edges `first` to `last` of one ring that one cell lists. `next_in_cell` is the
   /// index of the cell's next run.
   struct Run {
     std::uint32_t first, last, next_in_cell;
   };
 
-  /// Makes an empty grid over the box for about this number of edges.
+  /// Makes an empty grid over the box, with about as many cells as there will be edges.
   ContourGrid(const LatticeBox& box, std::size_t edges) : cells_(box, static_cast<double>(edges)) {
     heads_.assign(cells_.count(), kNone);
     runs_.reserve(edges);
   }
 
   /// Adds an edge. Precondition: the edges of a ring are added in the ring's order and have
-  /// consecutive numbers from `first_of_ring` on. Between two rings at least one number is unused.
+  /// consecutive numbers from `first_of_ring` on. At least one number between the numbers of two
+  /// rings is unused.
   void add(std::uint32_t edge, LatticePoint from, LatticePoint to, std::uint32_t first_of_ring) {
     any_cell(box_around(from, to), [&](std::uint32_t& head) {
       if (head != kNone && runs_[head].first >= first_of_ring && runs_[head].last + 1 >= edge) {
@@ -43,7 +43,7 @@ class ContourGrid {
     });
   }
 
-  /// Returns true if is_wanted(run) holds for a run in one of the cells that the box intersects.
+  /// Returns true if is_wanted(run) holds for a run of a cell that the box intersects.
   template <typename Wanted>
   bool any_near(const LatticeBox& box, const Wanted& is_wanted) {
     return any_cell(box, [&](std::uint32_t head) {
@@ -57,7 +57,7 @@ class ContourGrid {
   static constexpr std::uint32_t kNone = 0xffffffff;
 
   // Calls visit(head) for the cells that intersect the box, until visit() returns true. Returns
-  // true in this case. Points outside the grid belong to its outermost cells.
+  // whether visit() returned true. Points outside the grid belong to its outermost cells.
   template <typename Visit>
   bool any_cell(const LatticeBox& box, const Visit& visit) {
     const auto cell = [this](std::int32_t at, std::int32_t low, std::int32_t count) {

@@ -14,11 +14,11 @@
 
 namespace trocar::pipeline {
 
-/// A border between two materials. It either is a closed ring without nodes, or it begins and ends
-/// at nodes, which are its first and last point. Both ends may be at the same node.
+/// A border between two materials, or between a material and the background. It either is a closed
+/// ring without nodes, or its first and last point are nodes. Both may be the same node.
 struct BorderChain {
   std::vector<LatticePoint> points;
-  MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< never equal; kNoMaterial is outside
+  MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< not equal; kNoMaterial: background
   bool is_closed = false;
 };
 
@@ -26,7 +26,7 @@ struct BorderChain {
 struct BorderNode {
   struct End {
     std::uint32_t chain = 0;
-    bool is_start = false;  ///< true for the chain's start, false for its end
+    bool is_start = false;  ///< true if the chain's first point is here, false if its last is
   };
   LatticePoint at;
   std::array<End, 4> ends{};  ///< chain ends, counter-clockwise; the first `count` are used
@@ -35,7 +35,7 @@ struct BorderNode {
 
 /// The borders of all materials of a slice.
 struct LabelBorders {
-  std::size_t materials = 0;
+  std::size_t materials = 0;  ///< number of materials; they have the numbers 1 to `materials`
   std::vector<BorderNode> nodes;
   std::vector<BorderChain> chains;
 };
@@ -43,42 +43,42 @@ struct LabelBorders {
 /// Traces smooth borders (border_smoothing.h) on the lattice. Precondition: pixels are at least
 /// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
 ///  - Between the centres of two neighbouring pixels of different materials lies exactly one point
-///    of a border, called a crossing. Outside the image every pixel counts as empty; the crossings
-///    at the image's border are fixed at the pixels' edges.
-///  - In a cell of four pixels with two crossings, a segment joins these. With three or four
-///    crossings, a node in the cell's middle is joined to all of them. There is no node if
-///    two diagonally opposite pixels of the cell are joined (connected_diagonal()): two segments
-///    then cut off the two remaining pixels.
-///    Within a cell no two segments intersect, and segments of two cells meet only at crossings.
-/// Every material therefore has the topology of its pixels, and no ring passes a point twice.
-/// O(pixels + crossings).
+///    of a border, called a crossing. Outside the image every pixel counts as background. The
+///    crossings at the image's border stay on the outer edges of the pixels.
+///  - A cell is the square between the centres of four pixels. If it has two crossings, a segment
+///    joins them. If it has three or four, a node in the cell's middle is joined to all of them.
+///    There is one exception: if a diagonal of the cell is connected (connected_diagonal()), two
+///    segments cut off the pixels of the other diagonal.
+///  - Within a cell no two segments intersect, and segments of two cells meet only at crossings.
+/// Every material therefore has the topology of its pixels, and no ring of a material passes a
+/// point twice. O(pixels + crossings).
 LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid);
 
-/// The outline of the union of all materials for which is_wanted() holds; see contours(). Its rings
-/// touch where the outline passes a node twice.
+/// The outline of the union of all materials for which is_wanted() holds; see contours(). Where the
+/// outline passes a node twice, it is divided into rings that touch.
 Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted);
 
-/// One outline for each material; the first belongs to material number 1. Shared borders consist of
-/// the same points, in opposite directions.
+/// One outline for each material; the first belongs to material number 1. The outlines of two
+/// neighbours have the same points along their common border, in opposite order.
 std::vector<Pslg> material_outlines(const LabelBorders& borders);
 
 /// Proves in exact integers that no point of the plane is in two materials, and that every point
-/// within the outline of their union is in one. The function checks that the outline of each
-/// material and that of the union pass check_pslg(), and that the areas of the materials add up to
-/// the area of the union. (Chains between two materials cancel in the sum of winding numbers. The
-/// sum is therefore the winding number of the union's outline, which is 0 or 1.) Errors: kBug; the
-/// message names the condition that does not hold.
+/// within the outline of their union is in one. For this the function checks that each material's
+/// outline and the union's outline pass check_pslg(), and that the areas of the materials add up to
+/// the area of the union. This suffices: in the sum of the materials' winding numbers, the chains
+/// between two materials cancel. The sum is therefore the winding number of the union's outline,
+/// which is 0 or 1. Errors: kBug; the message names the condition that does not hold.
 Result<void> check_label_borders(const LabelBorders& borders);
 
 /// Simplifies each chain; nodes do not move. The two-sided Hausdorff distance between each chain
 /// and its original is at most the tolerance, and the topology of the borders does not change.
-/// SimplificationMethod::kArea also keeps the area on both sides of each chain, and with it the
+/// SimplificationMethod::kArea also keeps the area on both sides of each chain and therefore the
 /// area of each ring. See simplify() of simplification.h.
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options);
 
-/// Largest two-sided Hausdorff distance between chains of the same index in `full` and `simple`,
-/// mm.
+/// Two-sided Hausdorff distance between a chain of `full` and the chain of the same index in
+/// `simple`, mm. Returns the largest of all chains.
 double hausdorff_mm(const LabelBorders& full, const LabelBorders& simple, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

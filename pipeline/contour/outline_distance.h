@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The distance between two outlines, which may consist of different rings. (hausdorff_mm() of
-// simplification.h compares rings that correspond to each other.)
+// The distance between two outlines that may have different numbers of rings. If ring i of one
+// outline belongs to ring i of the other, use hausdorff_mm() of simplification.h instead.
 #pragma once
 
 #include <span>
@@ -13,9 +13,9 @@ namespace trocar::pipeline {
 /// A closed polygon in mm with at least one point. The first point is not repeated at the end.
 using OutlineRing = std::vector<Point>;
 
-/// The two-sided Hausdorff distance between the rings' edges, in mm. The result is below the exact
-/// distance by at most `accuracy_mm`, which must be positive. It is 0 if neither outline has a
-/// ring, and infinite if only one of them has none.
+/// The two-sided Hausdorff distance between all edges of a and all edges of b, in mm. The result is
+/// at most `accuracy_mm` below the exact distance. Precondition: `accuracy_mm` is positive. The
+/// result is 0 if neither outline has a ring, and infinite if only one of them has none.
 double outline_distance_mm(std::span<const OutlineRing> a, std::span<const OutlineRing> b,
                            double accuracy_mm = 1e-3);
 

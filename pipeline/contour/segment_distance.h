@@ -21,7 +21,8 @@ inline double distance2_between(Point a, Point b) {
   return (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
 }
 
-/// The point of the segment ab that is nearest to p, as a fraction of the way from a to b.
+/// Finds the point of the segment ab that is nearest to p. Returns it as a fraction of the way from
+/// a to b.
 inline double fraction_along(Point a, Point b, Point p) {
   const double abx = b.x - a.x, aby = b.y - a.y;
   const double length2 = abx * abx + aby * aby;

@@ -25,11 +25,12 @@ struct LatticeSegment {
 class SegmentGrid {
  public:
   SegmentGrid() = default;
-  /// Segments whose distance along each axis is at most `max_distance` lattice steps have a common
-  /// cell.
+  /// If two segments have points whose x and y differ by at most `max_distance` lattice steps, the
+  /// segments have a common cell.
   SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance);
 
-  /// Calls visit(i, j), with i > j, once for each cell that a pair of segments has in common.
+  /// Calls visit(i, j), with i > j, for each pair of segments that have a common cell: once for
+  /// each cell that they have in common.
   template <typename Visit>
   void for_each_pair(const Visit& visit) const {
     for (const std::uint32_t newest : newest_) {
@@ -40,7 +41,8 @@ class SegmentGrid {
     }
   }
 
-  /// Calls visit(j) for each segment j in each cell of `segment`, including `segment` itself.
+  /// Calls visit(j) for each segment j in each cell of `segment`, including `segment` itself. If
+  /// segment j has several cells in common with `segment`, it is visited several times.
   /// Precondition: `segment` is in the grid.
   template <typename Visit>
   void for_each_near(const LatticeSegment& segment, const Visit& visit) const {
@@ -50,8 +52,8 @@ class SegmentGrid {
     });
   }
 
-  /// Calls visit(j) at least for the segments j within `max_distance` of the box along each axis.
-  /// May call it repeatedly for the same segment.
+  /// Calls visit(j) for every segment j that comes within `max_distance` of the box along both
+  /// axes, and possibly for others. A segment may be visited several times.
   template <typename Visit>
   void for_each_near(const LatticeBox& box, const Visit& visit) const {
     if (newest_.empty()) return;
@@ -77,7 +79,7 @@ class SegmentGrid {
     std::uint32_t segment, older;  // older: the next entry of the same cell, or kNone
   };
 
-  // Visits the cells of each row between the segment's entry and exit, widened by the margin.
+  // Visits, in each row of cells, those that the segment widened by the margin passes through.
   template <typename Visit>
   void for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
     const auto [a, b] = segment;

@@ -40,12 +40,13 @@ inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double cl
                    segment_distance2(c, d, a), segment_distance2(c, d, b)}) < clearance * clearance;
 }
 
-/// The edges of an outline, ring by ring. The last vertex of a line (a ring for which `is_open` is
-/// true) has no edge to a next vertex, so an edge of length 0 is listed for it.
+/// The edges of an outline, ring by ring: one for each vertex, to the next vertex. If is_open[r] is
+/// true, ring r is a line, and the edge of its last vertex has length 0.
 std::vector<LatticeSegment> edges_of(const Pslg& outline, const std::vector<bool>& is_open);
 
-/// Calls visit(i, j) for each tight spot. For a short edge i = j. For a pair of edges the call may
-/// be repeated. Precondition: `grid` was made of `edges` with margin_of(clearance).
+/// Calls visit(i, j) for each tight spot, where i and j are indices of edges. For a short edge
+/// i = j. For a pair of edges, visit(i, j) may be called repeatedly. Precondition: `grid` was made
+/// of `edges` with margin_of(clearance).
 template <typename Visit>
 void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid& grid,
                      double clearance, const Visit& visit) {
@@ -56,7 +57,7 @@ void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid
   });
 }
 
-/// Searches or counts the tight spots. O(n log n) typically.
+/// Returns whether there are tight spots, or how many. O(n log n) typically.
 bool has_tight_spots(const std::vector<LatticeSegment>& edges, double clearance);
 std::size_t count_tight_spots(const Pslg& outline, const std::vector<bool>& is_open,
                               double clearance);
