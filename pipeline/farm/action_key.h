@@ -12,9 +12,9 @@
 
 namespace trocar::farm {
 
-/// The action as a JSON object: "schema", "program", "parameters", and for each role of the
-/// `wanted` files (NamedFile::of) the digests of these files in order. Precondition: `files` has
-/// the digest of every wanted file.
+/// The action as a JSON object: "schema", "program", "parameters", and one array for each role
+/// (NamedFile::of). The array has the digests of those `wanted` files that have the role, in order.
+/// Precondition: `files` has the digest of every wanted file.
 nlohmann::json action_of(const std::string& program, const nlohmann::json& parameters,
                          const std::vector<NamedFile>& wanted, const std::vector<ScanFile>& files);
 

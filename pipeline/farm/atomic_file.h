@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Atomic files: a file of a store appears complete or not at all. Its bytes are written to a
 // temporary file in the store's tmp/, synced, read back and checked. Then the temporary file is
-// renamed, and its new folder is synced. The rename commits the file, also over NFS. Each step has
-// a failpoint (failpoint.h).
+// renamed to its final path, and the folder there is synced. The rename commits the file, also over
+// NFS. After each step there is a failpoint, at which a test can kill the process (failpoint.h).
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -26,19 +26,21 @@ struct AtomicFile {
   std::filesystem::path target;
   std::filesystem::path tmp;  ///< the folder of temporary files, in the same file system
   mode_t mode = 0666;         ///< reduced by the process's umask
-  bool is_synced = true;      ///< false if the file can be made again after a loss of power
-  /// An optional check of the bytes that were read back. They have been compared with the written
-  /// bytes before.
+  bool is_synced = true;      ///< false if the file may be lost in a power failure
+  /// An optional check of the bytes that were read back, in addition to the comparison with the
+  /// written bytes. An error of `prove` prevents the rename.
   std::function<Result<void>(std::span<const std::uint8_t>)> prove = {};
 };
 
-/// Replaces the target, and creates its folder if only the folder is missing. Errors: kUnwritable
-/// if the target cannot be written (the message names the target); those of `prove`. After an error
-/// the target is unchanged and the temporary file is removed.
+/// Writes or replaces the target. If the target's folder is missing, creates it, but not the
+/// folder's parents. Errors: kUnwritable if the target cannot be written (the message names the
+/// path); those of `prove`. After an error the temporary file is removed and the target is
+/// unchanged, unless only the last sync, that of the folder, failed.
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 
-/// Replaces a symbolic link in the same way, unless it leads to the target already.
+/// Makes `link` a symbolic link to `target` by a rename, which replaces an older link. The link is
+/// not synced. Errors: kUnwritable; the message names the link.
 Result<void> link_atomically(const std::filesystem::path& target, const std::filesystem::path& link,
                              const std::filesystem::path& tmp);
 

@@ -28,21 +28,22 @@ namespace trocar::farm {
 
 struct BatchSettings {
   std::filesystem::path store;
-  std::optional<std::pair<int, int>> shard;   ///< I and N: works on shard I, counted from 0, of N
-  std::optional<std::set<std::string>> only;  ///< names of the scans to work on
-  int jobs = 1;                               ///< number of concurrent scans, at least 1
-  /// rehash: read all inputs, even those whose state is unchanged. verify: verify the stored
-  /// outputs of all selected scans.
+  /// {I, N}: of the collection's scans, only each Nth is selected, beginning with scan I (counted
+  /// from 0).
+  std::optional<std::pair<int, int>> shard;
+  std::optional<std::set<std::string>> only;  ///< names of the scans to select
+  int jobs = 1;                               ///< number of scans at the same time, at least 1
+  /// rehash: read all inputs, even those whose state (scan_files.h) is unchanged.
+  /// verify: verify the stored outputs of all selected scans.
   bool rehash = false, verify = false;
   bool retry = false;  ///< try known failures (see BatchSummary::known) again
-  /// After this number of new failures (those that are not known) no further scan is started; 0: no
-  /// limit.
+  /// After this number of failures that are not known, no further scan is started; 0: no limit.
   std::size_t max_failures = 0;
   /// A flag that a signal handler sets; may be null. Once it is set, no further scan is started,
-  /// and running scans end.
+  /// and the running scans are ended.
   const std::atomic<bool>* stop = nullptr;
-  /// Called after each scan. The arguments are the numbers of finished scans, of new failures and
-  /// of all scans on which this run works.
+  /// Called after each scan. `done` counts the finished scans, `failed` the failures that are not
+  /// known, and `total` all scans on which this run works.
   std::function<void(std::size_t done, std::size_t failed, std::size_t total)> progress;
 };
 
@@ -51,9 +52,10 @@ struct FailedScan {
   Outcome outcome;
 };
 
-/// Each scan of the run is in one class: unchanged, made, found, failed, known or left.
+/// Numbers of a run. Each selected scan is in one class: unchanged, made, found, failed, known or
+/// left.
 struct BatchSummary {
-  std::size_t scans = 0;
+  std::size_t scans = 0;           ///< all selected scans
   std::size_t unchanged = 0;       ///< done by an earlier run
   std::size_t made = 0;            ///< computed by this run
   std::size_t found = 0;           ///< changed, but the store had the outputs under the new key
@@ -65,8 +67,8 @@ struct BatchSummary {
   std::uint64_t asset_bytes = 0;  ///< size of the assets of all scans that are done
   bool has_unrecorded = false;    ///< true: a failure could not be written to the index
   bool has_journal = true;        ///< false: a line of the journal could not be written
-  std::size_t products_made = 0;
-  double seconds = 0;
+  std::size_t products_made = 0;  ///< number of products (product.h) that this run made
+  double seconds = 0;             ///< duration of the run
 };
 
 struct NamedState {
@@ -74,24 +76,27 @@ struct NamedState {
   ScanState state;
 };
 
-/// The scans of the collection that this run selects. All parameters are checked before the first
-/// scan starts. Precondition: the collection's folder is the working directory.
+/// The selected scans of a collection. Precondition: the collection's folder is the working
+/// directory.
 class Batch {
  public:
-  /// `collection`, `program` and `programs` must outlive the batch. Errors: kUsage if a scan has
-  /// wrong parameters, or if the collection lacks a name of `only`.
+  /// Selects the scans, and checks the parameters of all scans of the collection. `collection`,
+  /// `program` and `programs` must outlive the batch. Errors: kUsage if a scan has wrong
+  /// parameters, or if `only` has a name that the collection lacks.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
                             const ProductPrograms& programs, BatchSettings settings);
 
   std::size_t scans() const { return wanted_.size(); }
   /// The states of the selected scans. A run would work on those that are stale. Errors: those of
-  /// opening the store.
+  /// Store::open_for_reading().
   Result<std::vector<NamedState>> dry_run() const;
-  /// The state of one scan; reads files whose time has changed. Errors: kUsage if there is no such
-  /// scan; those of opening the store.
+  /// The state of one selected scan. Files whose state has changed are read, to find out whether
+  /// their bytes have changed. Errors: kUsage if there is no such scan; those of
+  /// Store::open_for_reading().
   Result<ScanState> explain(const std::string& scan) const;
-  /// Works on the stale scans. Precondition: the process has no other threads yet. Errors: those of
-  /// opening the store.
+  /// Works on the stale scans. Precondition: the process has no other threads yet, because it
+  /// forks. Errors: those of Store::open_for_writing(), unless the store is only not writable and
+  /// no scan is stale; kBug if no process can be created.
   Result<BatchSummary> run() const;
 
  private:
@@ -100,7 +105,7 @@ class Batch {
   const ScanProgram* program_;
   BatchSettings settings_;
   std::vector<WantedScan> wanted_;
-  /// The different sets of parameters, each one once, without those that name a refused file.
+  /// Each set of parameters once. Sets that name a refused file are left out.
   std::vector<std::unique_ptr<Parameters>> parameters_;
 };
 

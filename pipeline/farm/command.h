@@ -19,10 +19,11 @@ struct Command {
   std::filesystem::path errors;       ///< file for its standard error
 };
 
-/// Runs the command, which is killed if this process dies or `stop` is set. Errors: kUsage,
-/// kRefused or kUnwritable if the command ended with exit code 2, 3 or 4; otherwise kBug.
-/// kUnwritable and kBug are temporary (Error::is_temporary). The message is the last line of the
-/// command's standard error, without the program's name in front.
+/// Runs the command and waits for its end. The command is killed if this process dies or `stop` is
+/// set. Errors: kUsage, kRefused or kUnwritable if the command ended with exit code 2, 3 or 4; kBug
+/// if it ended in another way or cannot be started. kUnwritable and kBug are temporary
+/// (Error::is_temporary). The message is the last line of the command's standard error, without the
+/// program's name in front.
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop);
 
 }  // namespace trocar::farm

@@ -6,9 +6,8 @@
 
 namespace trocar::farm {
 
-/// The function that is called at each failpoint, with the name of the failpoint. It is null unless
-/// the test program tests/pipeline/farm/trocar_mesh_failpoints.cpp sets it, which must happen
-/// before there are threads.
+/// The function that is called at each failpoint, with the name of the failpoint. Only the test
+/// program tests/pipeline/farm/trocar_mesh_failpoints.cpp sets it, before it starts threads.
 inline void (*failpoint_hook)(const char* name) = nullptr;
 
 inline void failpoint(const char* name) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Garbage collection: removes actions and contents that no scan of the index refers to.
+// Garbage collection (`--gc`): removes actions and contents to which no scan of the index refers.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -13,14 +13,14 @@
 namespace trocar::farm {
 
 struct Collected {
-  std::size_t removed = 0, kept = 0;  ///< numbers of actions and content files
+  std::size_t removed = 0, kept = 0;  ///< numbers of files: actions and contents together
   std::uint64_t bytes = 0;            ///< total size of the removed files
 };
 
-/// Removes actions that no index entry refers to, and contents that no remaining action refers to,
-/// unless they are younger than `grace` or their key is leased (lease.h). Batches may run at the
-/// same time: a file is first moved away, and is moved back if a batch has renewed its time.
-/// Errors: kUnwritable if no file can be written in the store.
+/// Removes the files of actions that no index entry refers to, and contents that no remaining
+/// action refers to. Files younger than `grace` and actions whose key is leased (lease.h) are kept.
+/// Batches may run at the same time: a file is first moved away, and is moved back if a batch has
+/// renewed its time before. Errors: kUnwritable if no file can be written in the store.
 Result<Collected> collect_garbage(const Store& store, std::chrono::nanoseconds grace);
 
 }  // namespace trocar::farm

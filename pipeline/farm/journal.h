@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The journal of a store has the times and outcomes of the work on scans. Each process has a file
-// of its own, with one line of JSON for each scan. The journal is for people, and for choosing the
-// size of tasks. The store's correctness does not depend on it.
+// The journal of a store: times and outcomes of the work on scans. Each batch writes a file of its
+// own, with one line of JSON for each scan. People read the journal, for example to choose the size
+// of tasks on a cluster. The store's correctness does not depend on it.
 // Tests: tests/e2e/batch_test.py
 #pragma once
 

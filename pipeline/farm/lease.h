@@ -20,9 +20,10 @@ namespace trocar::farm {
 /// A lease that this process holds until the object is destroyed. A thread renews the lease.
 class Lease {
  public:
-  /// Takes the lease of the key. The result is null if another process holds it. A lease is taken
-  /// over if its process is dead, or if it is unknown whether the process is alive and the lease
-  /// was not renewed for kLeaseDuration. Errors: kUnwritable if the lease cannot be written.
+  /// Takes the lease of the key. The result is null if a process holds it already. A lease is taken
+  /// over if its process is dead. It is also taken over if it is unknown whether the process is
+  /// alive, and the lease was not renewed for kLeaseDuration (store.h). The name of the scan is
+  /// written to the lease for people. Errors: kUnwritable if the lease cannot be written.
   static Result<std::unique_ptr<Lease>> take(const Store& store, const std::string& key,
                                              const std::string& scan);
   Lease(const Lease&) = delete;
@@ -40,7 +41,7 @@ class Lease {
   std::thread renewer_;
 };
 
-/// Does another process, or this one, hold a valid lease of the key?
+/// Does any process hold a valid lease of the key?
 bool is_leased(const Store& store, const std::string& key);
 
 }  // namespace trocar::farm

@@ -11,9 +11,10 @@
 
 namespace trocar::farm {
 
-/// All metrics are gauges with the label `store`: the number of scans in each class, the size of
-/// the assets of all scans that are done, the run's duration, and the time at which the run ended.
-/// From the latter the monitoring system computes the age of the run.
+/// The metrics as text. All metrics are gauges with the label `store`: the number of scans in each
+/// class of BatchSummary, the size of the assets of all scans that are done, the run's duration,
+/// and the time at which the run ended. From this time the monitoring system computes how long ago
+/// the run was.
 std::string metrics_text(const BatchSummary& summary, const std::string& store,
                          std::chrono::system_clock::time_point end);
 

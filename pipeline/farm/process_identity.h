@@ -12,8 +12,8 @@ namespace trocar::farm {
 
 struct ProcessIdentity {
   std::string host;
-  /// The first 12 digits of a digest of the boot and of the process namespace. Within one boot and
-  /// one namespace, a process number is unique at any time.
+  /// The first 12 digits of a digest of two texts: the id of the boot (of the time since the system
+  /// was started) and the process namespace. Within both, a process number is unique at any time.
   std::string boot;
   int pid = 0;
   std::uint64_t start = 0;  ///< start of the process, in kernel ticks since the boot
@@ -26,8 +26,9 @@ struct ProcessIdentity {
 /// The identity of this process. It is also correct directly after fork().
 ProcessIdentity this_process();
 
-/// The identity in a text of the form HOST.BOOT.PID.START.REST, where only HOST may contain dots;
-/// no value if the text does not have this form.
+/// Reads the identity from a text of the form HOST.BOOT.PID.START.REST, such as the name of a
+/// temporary file. Only HOST may contain dots. Returns no value if the text does not have this
+/// form.
 std::optional<ProcessIdentity> identity_in(std::string_view text);
 
 enum class Life { kAlive, kDead, kUnknown };

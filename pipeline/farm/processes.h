@@ -20,7 +20,7 @@ namespace trocar::farm {
 /// A process that has ended.
 struct Ended {
   std::size_t task = 0;
-  std::string text;                ///< text that the process sent
+  std::string text;                ///< text that `work` returned in the process
   int signal = 0;                  ///< signal that killed the process; 0: none
   int exit_code = 0;               ///< exit code if no signal killed it
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the process
@@ -35,12 +35,13 @@ class Processes {
   /// Kills the running processes and waits for them.
   ~Processes();
 
-  /// Starts a process for a task. The process sends the text that `work` returns to this process,
-  /// and is killed if this process dies. Errors: kBug if no process can be created.
+  /// Starts a process for a task by fork(). The new process calls work(), sends the text that it
+  /// returns to this process, and ends. If this process dies, the new one is killed. Errors: kBug
+  /// if no process can be created.
   Result<void> start(std::size_t task, const std::function<std::string()>& work);
   std::size_t running() const { return running_.size(); }
-  /// Waits for a process to end, at most for the given time, and returns it; no value if none has
-  /// ended.
+  /// Waits for a process to end, at most for the given time, and returns it. Returns no value if
+  /// none has ended. This can happen before the time is over, so call the function in a loop.
   std::optional<Ended> wait(std::chrono::milliseconds most);
   /// Sends a signal to all running processes.
   void signal_all(int signal) const;

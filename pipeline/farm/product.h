@@ -22,8 +22,8 @@ const char* product_name(ProductKind kind);
 std::optional<ProductKind> product_kind(std::string_view name);
 /// The name of the product's file: "preview.png", "surface.stl", "scene.json" or "check.txt".
 const char* product_file(ProductKind kind);
-/// Does trocar-run make the product, from the scan's asset? If not, trocar-mesh makes it from the
-/// scan.
+/// True if trocar-run makes the product from the scan's asset; false if trocar-mesh makes it from
+/// the scan.
 bool is_made_by_run(ProductKind kind);
 
 struct WantedProduct {

@@ -26,14 +26,15 @@ struct ProductPrograms {
   }
 };
 
-/// The parameters with which `trocar-mesh` makes a preview or a surface: those of the scan,
-/// overridden by those of the product.
+/// The parameters with which `trocar-mesh` makes a preview or a surface: the scan's parameters,
+/// overridden by the product's own.
 nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduct& product);
 
+/// The scan whose products are to be made, and how.
 struct ProductWork {
   const CollectionScan& scan;
-  const std::vector<std::filesystem::path>& inputs;
-  const nlohmann::json& action;  ///< the action of the scan's asset
+  const std::vector<std::filesystem::path>& inputs;  ///< the scan's files, or its folder
+  const nlohmann::json& action;                      ///< the action of the scan's asset
   const ProductPrograms& programs;
   const Store& store;
   bool retry = false;                       ///< try known failures (store.md) again
@@ -42,17 +43,20 @@ struct ProductWork {
 
 /// The result of making the products of a scan.
 struct ProductsDone {
-  std::size_t made = 0;
-  /// The first product that failed; its message begins with the product's name.
+  std::size_t made = 0;  ///< number of products that were made
+  /// The error of the first product that failed; the message begins with the product's name.
   std::optional<Error> failure;
   bool is_known = false;  ///< true: all failures are known ones, which were not tried again
 };
 
-/// Replaces entry.products by the wanted products. A product is made only if the store does not
-/// have it under its key. The key is a digest of the program's digest, the product's parameters,
-/// and the digests of what the product is made of: the scan's files for preview and surface, the
-/// asset for the scene, and asset and scene for the check. Errors: kUnwritable if a file of the
-/// store cannot be written; kRefused if `stop` was set.
+/// Replaces entry.products by the wanted products. Precondition: the asset of `entry` is done. A
+/// product is made only if the store does not have it under its key. The key is a digest of the
+/// program's digest, the product's parameters, and what the product is made of:
+///  - preview and surface: the action of the scan's asset;
+///  - scene: the scan's name and the digest of the asset;
+///  - check: the same as for the scene, and the digest of the scene.
+/// A product that fails is recorded in `entry` and in ProductsDone::failure. Errors: kUnwritable if
+/// a file of the store cannot be written; kRefused if `stop` was set.
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry);
 
 }  // namespace trocar::farm

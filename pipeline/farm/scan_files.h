@@ -25,25 +25,28 @@ struct ScanFile {
   std::string sha256 = {};  ///< digest of the bytes; empty if they were not read
 };
 
-/// Is the file unchanged, as far as this can be known without reading the file?
+/// Compares role, path, size, time and inode, but not the digest. If they are equal, the bytes are
+/// taken to be the same.
 bool same_state(const ScanFile& a, const ScanFile& b);
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 
-/// The scan's input paths, or the matches of its pattern in natural order. Errors: kRefused if
-/// nothing matches.
+/// The scan's input paths, or the files that match its pattern, in natural order ("s2" before
+/// "s10"). Errors: kRefused if no file matches, or if the pattern's folders cannot be read.
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
-/// The files of all paths, in their order. A folder stands for all its files in natural order. No
-/// file is read. Errors: kRefused if a path does not exist, or is neither a file nor a folder.
+/// The files of all paths, in the order of the paths. Instead of a folder, all files in it and in
+/// its sub-folders are listed in natural order. No file is read. Errors: kRefused if a path does
+/// not exist, cannot be searched, or is neither a file nor a folder.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
-/// Waits until a further change of the most recently changed file would get a different
-/// modification time. (File systems record times in steps.) After that, an unchanged time means
-/// unchanged bytes.
+/// Waits until a further change of any of the files would get a new modification time. File systems
+/// record times in steps of up to two seconds, so a change within the step of the previous change
+/// would not show. After this wait, an unchanged time means unchanged bytes.
 void let_times_settle(const std::vector<ScanFile>& files);
 
-/// Computes the digests of those `wanted` files that have none yet. Wanted files that are missing
-/// in `files` are added to it. Errors: kRefused if a file cannot be read.
+/// Computes the digests of those `wanted` files that have none yet, and writes them to `files`.
+/// Wanted files that are missing in `files` are appended. Errors: kRefused if a file cannot be
+/// read.
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files);
 
 nlohmann::json files_json(const std::vector<ScanFile>& files);

@@ -22,7 +22,7 @@ struct NamedFile {
   std::filesystem::path path;
 };
 
-/// The parameters of a scan, checked and completed.
+/// The parameters of a scan, checked and completed by the defaults.
 struct Parameters {
   /// Every option that may change a byte of the outputs, with its value or default.
   nlohmann::json canonical;
@@ -30,8 +30,8 @@ struct Parameters {
   std::vector<NamedFile> files;
 };
 
-/// A scan's asset and report. The report has no times and no paths, so the bytes of the files and
-/// the canonical parameters determine it.
+/// A scan's asset and report. The report has no times and no paths, so it depends only on the
+/// program, the canonical parameters and the bytes of the files.
 struct ScanOutputs {
   std::vector<std::uint8_t> asset;
   std::string report;
@@ -59,11 +59,13 @@ class ScanProgram {
   /// Checks parameters as a collection gives them: names of options with their values. Errors:
   /// kUsage if the parameters are wrong; kRefused if a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Must the scan be opened before its key is known? It must if only opening shows of which files
-  /// of a folder the scan consists, or whether the parameters apply to it.
+  /// Must the scan be opened before its key can be computed? It must in two cases: if only opening
+  /// shows which files of a folder belong to the scan, or whether the parameters apply to the scan.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;
-  /// Opens a scan. `inputs` are files, or one folder. Messages name the paths as given here.
+  /// Opens a scan. `given` are parameters as in parameters(). `inputs` are files, or one folder; in
+  /// messages they have the names given here. `series` selects a series in the folder. Meshing uses
+  /// `threads` threads. Errors: those of the reader.
   virtual Result<std::unique_ptr<OpenedScan>> open(const nlohmann::json& given,
                                                    const std::vector<std::filesystem::path>& inputs,
                                                    const std::string& series,

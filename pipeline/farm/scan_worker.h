@@ -18,9 +18,10 @@ struct Work {
   WantedScan wanted;
   bool rehash = false;  ///< read all inputs, even those with unchanged size, time and inode
   bool verify = false;  ///< verify the stored outputs, and make damaged ones again
-  bool retry = false;   ///< try a known failure again; it may then fail in this run
+  bool retry = false;   ///< try a known failure again; if it fails, the outcome is kFailed
   int threads = 1;
-  /// Set by a signal handler. An error is then not counted as a failure.
+  /// A flag that a signal handler sets; may be null. Once it is set, an error is not a failure: the
+  /// outcome is kInterrupted.
   const std::atomic<bool>* stop = nullptr;
 };
 
@@ -35,23 +36,27 @@ struct Outcome {
     kInterrupted,   ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
+  /// key: the key of the scan's action, empty if it is not known. reason: the failure's message.
   std::string key, reason;
+  /// signal: the signal that killed the scan's process; 0 if none did.
   int exit_code = 0, signal = 0;
+  /// Size of the asset, and total size of the input files whose digests are known.
   std::uint64_t bytes = 0, input_bytes = 0;
   std::size_t products_made = 0;
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process
-  double seconds = 0;
-  bool is_recorded = true;  ///< true: the outcome was written to the index
+  double seconds = 0;              ///< time that the scan's process took
+  bool is_recorded = true;         ///< false: the failure could not be written to the index
   nlohmann::json warnings = nlohmann::json::array();
 };
 const char* outcome_name(Outcome::Kind kind);
 nlohmann::json outcome_json(const Outcome& outcome);
 Outcome outcome_from(const nlohmann::json& value);
 
-/// Works on one scan. Errors and exceptions are returned as an outcome.
+/// Works on one scan and writes its index entry. Errors and exceptions become an outcome.
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program);
 
-/// Records a scan whose process was killed by a signal or ended without an outcome.
+/// Writes a failure to the index for a scan whose process was killed by a signal, or ended without
+/// an outcome.
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
 
 /// Checks that the bytes are a valid asset. Errors: kRefused; the message begins with `name`.

@@ -24,29 +24,30 @@ struct WantedScan {
   const ProductPrograms* programs = nullptr;  ///< paths and digests of the programs
 };
 
+/// How thoroughly a scan is compared with its index entry.
 struct Comparison {
-  bool rehash = false;  ///< true: reads all inputs
-  /// True: reads inputs whose state has changed. Such an input then makes the scan stale only if
-  /// its bytes differ.
+  bool rehash = false;  ///< true: compares the bytes of all inputs
+  /// True: compares the bytes of inputs whose state (scan_files.h) has changed. If the bytes are
+  /// the same, the input does not make the scan stale.
   bool compare_bytes = false;
   bool retry = false;  ///< true: a scan that has failed is always stale
 };
 
-/// The state of a scan, which determines what a run does with it.
+/// The state of a scan. A run works only on scans that are stale.
 struct ScanState {
   enum class Kind {
-    kDone,          ///< nothing: the scan is done and unchanged
-    kKnownFailure,  ///< nothing: the scan has failed for a lasting reason, and is unchanged
-    kStale,         ///< make it
+    kDone,          ///< done and unchanged
+    kKnownFailure,  ///< failed for a lasting reason, and unchanged
+    kStale,         ///< neither of the two: a run must make it
   };
   Kind kind = Kind::kStale;
-  /// The causes of staleness as --json shows them (store.md); none if the scan is done. A known
-  /// failure has one cause: the failure.
+  /// The causes of the state as --json shows them (store.md): changes, and recorded failures of the
+  /// scan or of its products. Empty if the scan is done.
   std::vector<nlohmann::json> why;
-  std::uint64_t asset_bytes = 0;  ///< size of the asset, if the scan is done
+  std::uint64_t asset_bytes = 0;  ///< size of the asset in the index; 0 if there is none
 };
 
-/// The state of a scan, from the index and the states of its files. Without `how.rehash` and
+/// Compares a scan with its index entry and the states of its files. Without `how.rehash` and
 /// `how.compare_bytes`, no file of the scan is read.
 ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
                    const Comparison& how);

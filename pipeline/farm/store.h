@@ -20,8 +20,8 @@
 
 namespace trocar::farm {
 
-/// If it cannot be checked whether the process of a file is alive (for example because it runs on
-/// another host), the file counts as abandoned from this age on: kStrayAge for a temporary file,
+/// A file of a process that runs on another host counts as abandoned from this age on, because it
+/// cannot be checked whether the process is alive. kStrayAge holds for a temporary file,
 /// kLeaseDuration for a lease.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
@@ -38,8 +38,8 @@ struct Outputs {
 
 /// A product of a scan (product.h), as the index has it.
 struct StoredProduct {
-  std::string key;  ///< empty if the product could not be tried
-  std::string program;
+  std::string key;      ///< empty if the product could not be tried, because another one failed
+  std::string program;  ///< digest of the program that makes the product
   nlohmann::json parameters;
   std::optional<Object> file = {};  ///< present if the product is done
   // If the product failed, as in ScanEntry:
@@ -51,8 +51,8 @@ struct StoredProduct {
 /// The index's entry of a scan.
 struct ScanEntry {
   std::string name;
-  std::string key;  ///< empty if it is unknown
-  std::string program;
+  std::string key;      ///< key of the scan's action (action_key.h); empty if it is not known
+  std::string program;  ///< digest of trocar-mesh
   nlohmann::json parameters;
   std::string series = {};
   std::vector<ScanFile> files = {};
@@ -74,10 +74,11 @@ std::optional<ScanEntry> entry_from(std::string_view text);
 class Store {
  public:
   /// Creates the store, or folders that are missing in it, and removes files that killed processes
-  /// have left in it. Errors: kUsage if the folder has other files, or is a store of another
-  /// version; kUnwritable if a file or folder cannot be written.
+  /// have left in it. Errors: kUsage if the folder has files that are not a store's, or is a store
+  /// of another version; kUnwritable if a file or folder cannot be written.
   static Result<Store> open_for_writing(const std::filesystem::path& folder);
-  /// Opens a store; one that does not exist is empty. Errors: kUsage, as in open_for_writing().
+  /// Opens a store. If the folder does not exist, the store is empty. Errors: kUsage, as in
+  /// open_for_writing(); kUnwritable if the folder cannot be listed.
   static Result<Store> open_for_reading(const std::filesystem::path& folder);
 
   const std::filesystem::path& folder() const { return folder_; }
@@ -87,22 +88,24 @@ class Store {
   std::filesystem::path entry_file(const std::string& name) const;
   std::filesystem::path lease_file(const std::string& key) const;
 
-  /// The outputs of an action, if the action and its outputs exist and have the recorded sizes.
+  /// The outputs of the action with this key, if the store has the action and has() is true for its
+  /// outputs.
   std::optional<Outputs> find(const std::string& key) const;
+  /// Do the files exist with the recorded sizes? The files are not read.
   bool has(const Outputs& outputs) const;
   bool has(const Object& object) const;
   /// Sets the modification times of the action and its outputs to now, so that --gc keeps them.
   /// Returns false if one of these files no longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes an output, unless one with its digest and size exists. `prove` checks the bytes after
-  /// they have been read back (AtomicFile::prove). Errors: kUnwritable if it cannot be written;
-  /// those of `prove`.
+  /// Writes an output. If the store has a file with its digest and size, only renews the file's
+  /// time. `prove` checks the bytes that are read back (AtomicFile::prove). Errors: kUnwritable if
+  /// the output cannot be written; those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
-  /// Like find() and put_action(), but for a product and its file. find_product() also renews the
-  /// times.
+  /// Like find() and put_action(), but for a product and its file. find_product() also sets the
+  /// times of action and file to now.
   std::optional<Object> find_product(const std::string& key) const;
   Result<void> put_product(const std::string& key, const nlohmann::json& action,
                            const Object& file) const;
@@ -112,8 +115,8 @@ class Store {
 
   /// The index entry of a scan; std::nullopt if it is missing or damaged.
   std::optional<ScanEntry> entry(const std::string& name) const;
-  /// Do the links in assets/, reports/ and products/ lead to the outputs and products of the entry?
-  /// Are there no links for outputs and products that the entry does not have?
+  /// True if the scan's links in assets/, reports/ and products/ lead to the outputs and products
+  /// of the entry, and there is no link for an output or product that the entry does not have.
   bool links_fit(const ScanEntry& entry) const;
   /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;
@@ -125,7 +128,8 @@ class Store {
   /// The current time by the clock of the store's file system. Errors: kUnwritable if no file can
   /// be written there.
   Result<std::chrono::nanoseconds> now() const;
-  /// Removes temporary files and leases of dead processes, and returns their number.
+  /// Removes temporary files and leases of dead processes, and those that count as abandoned
+  /// (kStrayAge). Returns the number of removed files.
   std::size_t remove_strays() const;
 
  private:

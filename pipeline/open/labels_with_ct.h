@@ -16,11 +16,11 @@ struct LabelsWithCt {
   std::unique_ptr<SliceStack> ct;  ///< in HU, on the grid of `labels`
 };
 
-/// Opens the label map `inputs` and the CT `ct`, both along options.axis. The other options apply
-/// to the label map only. If the label map is a DICOM segmentation, it gets the slices of the CT
+/// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
+/// only to the label map. A DICOM segmentation gets the slices of the CT
 /// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
 /// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
-/// differs from that of the label map (same_grid.h).
+/// differs from the label map's grid (same_grid.h).
 Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
                                          const std::filesystem::path& ct,
                                          const OpenOptions& options);

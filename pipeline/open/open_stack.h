@@ -13,16 +13,21 @@
 namespace trocar::pipeline {
 
 /// Opens a list of files, or the scan that search_folder() finds in one folder. Warnings:
-/// other_input if other scans in the folder are left out; those of the readers. Errors: kRefused if
-/// an input does not exist, a file is broken, nothing is usable, sizes differ, or an axis is given
-/// for DICOM slices that do not form a regular volume. kUsage if the spacing is missing, an axis is
-/// given for images, a series is given for input that is not DICOM or does not have this series, or
-/// the folder contains several volumes or folders of images.
+/// other_input if other scans in the folder are left out; those of the readers.
+///
+/// Errors: kRefused if an input does not exist, a file is broken, nothing is usable, slices differ
+/// in size, or an axis is given for DICOM slices that do not form a regular volume. kUsage if the
+/// inputs or the options do not fit together:
+///  - The spacing is missing.
+///  - An axis is given for images, or a volume's index for input that is not NIfTI.
+///  - A series is given for input that is not DICOM, or the input does not have the series.
+///  - The folder contains several volumes, or several folders of images.
+///  - More than one folder or NIfTI file is given, or files of different kinds.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
-/// Can the file be part of a scan, so that it must not be overwritten? A file can if its name is
-/// that of an image or a NIfTI file, or if its first bytes are those of a DICOM file.
+/// True if the file may be part of a scan; a program must not overwrite it then. The name of such a
+/// file is that of an image or a NIfTI file, or its first bytes are those of a DICOM file.
 bool is_scan_file(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

@@ -14,17 +14,17 @@
 
 namespace trocar::pipeline {
 
-/// Limits of a search. No study reaches these limits. A folder given by mistake (a home folder, a
-/// disk) reaches them soon, and the mistake is reported.
+/// Limits of a search. No study reaches them, but a folder given by mistake does, for example a
+/// home folder or a disk.
 struct SearchLimits {
   int depth = 16;                ///< sub-folders below this depth are left out with a warning
   std::size_t entries = 200000;  ///< a folder with more files and folders than this is refused
 };
 
-/// The regular files of a folder and its sub-folders, in natural order of their paths. Hidden files
-/// and broken links are left out. Links to folders are followed, but every folder is searched only
-/// once. Errors: kRefused if `folder` cannot be read or has too many entries. Warnings:
-/// folder_left_out for a sub-folder that cannot be read or lies too deep.
+/// The regular files of a folder and its sub-folders, in natural order of their paths ("s2" before
+/// "s10"). Hidden files and folders and broken links are left out. Links to folders are followed,
+/// but every folder is searched only once. Errors: kRefused if `folder` cannot be read or has too
+/// many entries. Warnings: folder_left_out for a sub-folder that cannot be read or lies too deep.
 Result<std::vector<std::filesystem::path>> files_below(const std::filesystem::path& folder,
                                                        std::vector<Warning>& warnings,
                                                        const SearchLimits& limits = {});
@@ -42,18 +42,20 @@ struct ScanFolder {
   std::vector<std::vector<std::filesystem::path>> images;
   bool has_own_images() const;
 
-  /// The kind of files that form the scan. DICOM slices take precedence over volumes, and volumes
-  /// over images, because volumes and images beside the slices were usually made from the slices.
-  /// Localisers and screen captures do not count as slices.
+  /// The kind of files that form the scan: kDicom if there are DICOM slices, otherwise kVolume if
+  /// there are volumes, otherwise kImages. The reason for this order is that volumes and images
+  /// which lie beside DICOM slices were usually made from the slices. Localisers and screen
+  /// captures do not count as slices, unless the folder has neither volumes nor images.
   Kind kind() const;
   /// A text that names the files left out because of kind(), such as "2 images (a.png, b.png)";
   /// empty if no file is left out.
   std::string left_out() const;
 };
 
-/// Finds the files below `folder` and reads the headers of all DICOM files. Of the options, only
-/// `spacing_mm` and `any_modality` apply. Errors: those of files_below(); kRefused if the folder is
-/// empty, or if there is no permission to read a file that may be DICOM.
+/// Finds the files below `folder` and reads the headers of all DICOM files. `extent` says whether
+/// their pixel data must be complete. Only `spacing_mm` and `any_modality` of the options are used.
+/// Errors: those of files_below(); kRefused if the folder is empty, or if there is no permission to
+/// read a file that may be DICOM.
 Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExtent extent,
                                  const OpenOptions& options, std::vector<Warning>& warnings);
 

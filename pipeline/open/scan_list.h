@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Lists the scans in a folder from their headers alone (`trocar-mesh list`). Only if two slices
-// have the same position, their pixels are read too, to find out whether the slices are copies.
+// Lists the scans in a folder from their headers alone (`trocar-mesh list`). If two slices have the
+// same position, their pixels are read too, to find out whether the slices are copies.
 // Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
@@ -14,17 +14,22 @@
 
 namespace trocar::pipeline {
 
-/// The list as JSON: `schema`, `program`, `folder` (its name), `other_files` (the number of files
-/// that belong to no scan), `why` (the reason for the choice of the scan that is `taken`, or null)
-/// and `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images. A
-/// scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,
+/// The list as JSON:
+///  - `schema`, `program`, `folder` (the folder's name)
+///  - `other_files`: the number of files that belong to no scan
+///  - `why`: the reason why one DICOM series is taken rather than another, or null
+///  - `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images
+///
+/// Each scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,
 /// `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`, `tilt_deg`, `usable`,
-/// `problem` (the reason why it is not usable) and `taken` (true for the scan that is meshed if the
-/// folder is given without --series). A DICOM series also has `uid`, `study_uid`, `study_date`,
-/// `number`, `description`, `kernel`, `modality`, `image_type`, `localiser` and `files`. A
-/// segmentation also has `segments` (`label`, `name`), and is usable with --labels. Values that are
-/// not known are null. If `folder` is a file, it is listed like the only file of a folder. Errors:
-/// kRefused if `folder` does not exist, cannot be read, or contains no scan.
+/// `problem` (the reason why the scan is not usable) and `taken`. The scan with `taken` = true is
+/// meshed if the folder is given without --series. A DICOM series also has `uid`, `study_uid`,
+/// `study_date`, `number`, `description`, `kernel`, `modality`, `image_type`, `localiser` and
+/// `files`. A segmentation also has `segments` (`label`, `name`); it is usable with --labels.
+/// Values that are not known are null.
+///
+/// If `folder` is a file, it is listed like the only file of a folder. Errors: kRefused if `folder`
+/// does not exist, cannot be read, or contains no scan.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 

@@ -14,9 +14,9 @@
 
 namespace trocar::pipeline {
 
-/// The patient directions of the four edges of the image, as letters R, L, A, P, I, S. An edge
-/// whose direction is oblique by more than 15 degrees has two or three letters. The texts are empty
-/// if the input has no orientation.
+/// The patient directions towards the four edges of the image, as letters R, L, A, P, I, S. If a
+/// direction is oblique by more than 15 degrees, it has two or three letters, the nearest patient
+/// axis first.
 struct EdgeLetters {
   std::string left, right, top, bottom;
 };
@@ -28,20 +28,22 @@ struct PreviewSlice {
   Image image;    ///< pixels within the crop
   Pslg contours;  ///< the contours that a run would simplify and mesh
   double area_mm2 = 0;
-  EdgeLetters letters;
+  EdgeLetters letters;  ///< empty for images, which have no orientation
 };
 
-/// The material in all slices shown, if the threshold or level were changed by `change`. It is
-/// computed by the same stages as a run, but without solid bone and with the scanner's table.
+/// The material that all slices shown would have together, if the threshold (or, with equalisation,
+/// the level) were changed by `change`. It is computed like in a run, except that solid bone is not
+/// made and the scanner's table is not removed.
 struct Change {
+  /// `threshold` is the changed threshold or level, `area_mm2` the area of the material.
   double change = 0, threshold = 0, area_mm2 = 0;
-  std::size_t outlines = 0;
+  std::size_t outlines = 0;  ///< number of rings
 };
 
 struct Histogram {
   double low = 0, width = 1;  ///< lower end of the first bin; width of each bin
-  /// Number of pixels in the slices shown, for each bin. The first and the last bin include all
-  /// values beyond the histogram.
+  /// Number of pixels in the slices shown, for each bin. The first bin also counts all lower
+  /// values, the last bin all higher ones.
   std::vector<std::int64_t> counts;
 };
 
@@ -54,23 +56,25 @@ struct Preview {
   double step_mm = 0;                     ///< mean distance between the scan's slices
   std::vector<PreviewSlice> shown;
   double low = 0, high = 0;  ///< range of the values in the slices shown
-  /// Minimum and maximum, over the slices shown, of the lowest value that is material. (With
-  /// equalisation this value differs between slices.)
+  /// Only with equalisation, where the same level is a different value in each slice. The lowest
+  /// value that is material is computed for each slice shown; these are the smallest and the
+  /// largest of them. If no slice has material, lowest_cut > highest_cut.
   double lowest_cut = 0, highest_cut = 0;
   Histogram histogram;          ///< empty for labels
-  std::vector<Change> changes;  ///< empty for labels; the third one has change 0
-  /// Number of voxels of each label: of all wanted labels, and of all others that occur, except 0.
+  std::vector<Change> changes;  ///< five, the third with change 0; empty for labels
+  /// Number of voxels of each label in the slices shown: of all wanted labels, and of all others
+  /// that occur, except 0.
   std::map<int, std::int64_t> label_voxels;
-  bool has_solid = false;
+  bool has_solid = false;  ///< the run would make solid bone (segment/solid_bone.h)
   bool has_table = false;  ///< a scanner's table was found and left out
-  bool is_filled = false;  ///< SolidOptions::fill_mm2 is given
+  bool is_filled = false;  ///< the inside of the bone is filled (SolidOptions::fill_mm2)
   std::vector<Warning> warnings;
 };
 
-/// Previews `count` slices, evenly spread between the first and the last slice with material. In
-/// scans of more than 64 slices, the first and the last one are found by bisection, so that only
-/// the slices that are needed are read (all of them if there is solid bone). The number of threads
-/// does not change the result. Errors: those of the first stages of mesh_stack().
+/// Previews `count` slices, evenly spread from the first to the last slice with material. If the
+/// scan has more than 64 slices, these two are found by bisection, so that few slices are read; if
+/// solid bone is made, all slices are read. The number of threads does not change the result.
+/// Errors: those of mesh_stack() up to the contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.

@@ -15,7 +15,7 @@ namespace trocar::pipeline {
 
 struct Picture {
   int width = 0, height = 0;
-  std::vector<std::uint8_t> rgb;  ///< row-major
+  std::vector<std::uint8_t> rgb;  ///< three bytes for each pixel, row by row
 };
 
 /// The text above the slices. Nothing on a sheet comes from names or texts of the input, because
@@ -32,10 +32,11 @@ struct Tile {
 struct Sheet {
   Picture picture;
   std::vector<Tile> tiles;  ///< one tile for each slice of the preview
-  /// The region of each slice that its tile shows. It contains the material of all slices, and a
-  /// margin. The tile's edges are the outer edges of these pixels.
+  /// The region that the tiles show, the same for all slices. It contains the material of all
+  /// slices shown, and a margin. The edges of a tile are the outer edges of the region's pixels.
   Crop view;
-  /// The values that are drawn black (low) and white (high); unused for labels.
+  /// Values up to window_low are drawn black, values from window_high on white. Not used for
+  /// labels.
   double window_low = 0, window_high = 0;
 };
 

@@ -26,11 +26,11 @@ std::string slices_shown(const Preview& preview);
 /// Sizes of the scan and of the region shown.
 std::string size_text(const Preview& preview, const Crop& view);
 
-/// The preview's warnings, each once, without file names. If a sentence may contain names or texts
-/// of the input, another sentence that refers to the messages on the terminal replaces it.
+/// The preview's warnings, each once, without file names. A sentence that may contain names or
+/// texts of the input is replaced by one that refers to the messages on the terminal.
 std::vector<Warning> shown_warnings(const Preview& preview);
 
-/// A sentence that explains the areas and outlines of Preview::changes.
+/// Explains the areas and outlines of Preview::changes, in one or more sentences.
 std::string changes_text(const Preview& preview);
 
 /// A number with up to `digits` significant digits.

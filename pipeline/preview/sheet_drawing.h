@@ -18,7 +18,7 @@ inline constexpr double kSmall = 0.46, kNormal = 0.54, kLarge = 0.85;  // font s
 
 enum class Align { kLeft, kCentre, kRight };
 
-/// Width in pixels of an ASCII text.
+/// Width in pixels of an ASCII text. In all functions here, `size` is a font scale.
 int text_width(const std::string& text, double size);
 
 /// Draws a text whose baseline has its left end, middle or right end at (x, y). Characters that are
@@ -30,7 +30,8 @@ void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
 /// image.
 void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align);
 
-/// The text broken into lines of at most `width` pixels.
+/// The text broken into lines of at most `width` pixels, in ASCII as draw_text() draws it. A word
+/// that is too long for a line is broken too.
 std::vector<std::string> wrapped(const std::string& text, double size, int width);
 
 /// The largest number not above `value` that is 1, 2 or 5 times a power of ten.

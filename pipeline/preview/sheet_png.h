@@ -15,10 +15,11 @@
 
 namespace trocar::pipeline {
 
-/// The picture as a PNG file. Errors: kRefused if there is not enough memory.
+/// The picture as a PNG file. Errors: kRefused if there is not enough memory; kBug if it cannot be
+/// encoded.
 Result<std::vector<std::uint8_t>> png_of(const Picture& picture);
 
-/// Was the file written by png_of()?
+/// Was the file written by png_of()? Only such a file may be overwritten by a new preview.
 bool is_sheet(const std::filesystem::path& file);
 
 /// The PNG as a `data:` URL, for an HTML page.
