@@ -26,7 +26,7 @@ struct InstanceName {
 /// The status in the answer to a C-STORE request (DICOM PS3.4, table B.2-1).
 enum class StoreStatus : std::uint16_t {
   kStored = 0x0000,
-  kDuplicate = 0x0111,       ///< a different instance with this UID came in this association
+  kDuplicate = 0x0111,       ///< the association has sent a different instance with this UID
   kOutOfResources = 0xA700,  ///< a limit is exceeded, or the file cannot be written
   kMismatch = 0xA900,        ///< UIDs differ from the request's, kind is not read, or no pixels
   kNotUnderstood = 0xC000,   ///< the dataset is missing or damaged, or lacks a valid UID

@@ -28,9 +28,9 @@ struct ReceiverSettings {
   std::optional<FollowUpSettings> then;  ///< the receiver itself sets `studies` and `marks`
 };
 
-/// Receives until `stop` is set. Then open associations are dropped, and the instances of all
-/// released associations are published. Standard output gets the port at the start, and a line for
-/// each study. Errors: kUnwritable if the folder cannot be used, or another receiver uses it;
+/// Receives until `stop` is set. At the end, open associations are dropped, and the instances of
+/// all released associations are published. Standard output gets the port at the start, and a line
+/// for each study. Errors: kUnwritable if the folder cannot be used, or another receiver uses it;
 /// kUsage if the address is not numeric; kRefused if the address or the port cannot be used.
 Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bool>& stop);
 

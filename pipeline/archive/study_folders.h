@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The folder of received studies. A complete study appears by one rename as FOLDER/STUDY_UID/.
 // Everything else is in FOLDER/.incoming/, on the same file system:
-//   associations/OWNER/STUDY/   instances of an open association; OWNER is the process that made
-//                               the folder (receiver or fetch), and a number
+//   associations/OWNER/STUDY/   instances of an open association; OWNER consists of the identity of
+//                               the process that made the folder (receiver or fetch) and a number
 //   released/OWNER/STUDY/       instances of a released association that are not yet in studies/
 //   studies/STUDY/              instances of released associations that are not published yet
 //   replaced/                   studies that are being extended or removed

@@ -15,7 +15,7 @@
 namespace trocar::pipeline {
 
 /// A border between two materials, or between a material and the background. It either is a closed
-/// ring without nodes, or its first and last point are nodes. Both may be the same node.
+/// ring without nodes, or its first and last point are nodes. The two may be the same node.
 struct BorderChain {
   std::vector<LatticePoint> points;
   MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< not equal; kNoMaterial: background

@@ -50,10 +50,10 @@ struct SimplifiedOutline {
 };
 
 /// The clearance for a tolerance: kClearance_steps, but at most half of the tolerance, because
-/// larger features may be wanted. Result and `tolerance` are in lattice steps.
+/// features above that size may be wanted. Result and `tolerance` are in lattice steps.
 double clearance_steps(double tolerance);
 
-/// Removes the tight spots that the scan does not force from `simplified.outline`. A change merges
+/// Removes from `simplified.outline` the tight spots that the scan does not force. A change merges
 /// two vertices into one or moves one vertex. It is made only if four conditions hold:
 ///  - The new edges cross nothing.
 ///  - No vertex lies in the area between the old edges and the new ones.

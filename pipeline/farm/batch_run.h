@@ -95,8 +95,8 @@ class Batch {
   /// Store::open_for_reading().
   Result<ScanState> explain(const std::string& scan) const;
   /// Works on the stale scans. Precondition: the process has no other threads yet, because it
-  /// forks. Errors: those of Store::open_for_writing(), unless the store is only not writable and
-  /// no scan is stale; kBug if no process can be created.
+  /// forks. Errors: those of Store::open_for_writing(); kBug if no process can be created. If there
+  /// is nothing to do, a store that cannot be written is no error.
   Result<BatchSummary> run() const;
 
  private:

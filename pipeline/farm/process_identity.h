@@ -12,8 +12,9 @@ namespace trocar::farm {
 
 struct ProcessIdentity {
   std::string host;
-  /// The first 12 digits of a digest of two texts: the id of the boot (of the time since the system
-  /// was started) and the process namespace. Within both, a process number is unique at any time.
+  /// The first 12 digits of a digest of two texts: the kernel's boot id, which changes with each
+  /// start of the system, and the process namespace. Where both are the same, no two processes have
+  /// the same number at a time.
   std::string boot;
   int pid = 0;
   std::uint64_t start = 0;  ///< start of the process, in kernel ticks since the boot

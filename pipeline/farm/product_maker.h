@@ -33,7 +33,7 @@ nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduc
 /// The scan whose products are to be made, and how.
 struct ProductWork {
   const CollectionScan& scan;
-  const std::vector<std::filesystem::path>& inputs;  ///< the scan's files, or its folder
+  const std::vector<std::filesystem::path>& inputs;  ///< result of inputs_of(scan)
   const nlohmann::json& action;                      ///< the action of the scan's asset
   const ProductPrograms& programs;
   const Store& store;

@@ -30,13 +30,14 @@ struct ScanFile {
 bool same_state(const ScanFile& a, const ScanFile& b);
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 
-/// The scan's input paths, or the files that match its pattern, in natural order ("s2" before
-/// "s10"). Errors: kRefused if no file matches, or if the pattern's folders cannot be read.
+/// The scan's input paths as they are given. If the scan has a pattern instead, the paths that
+/// match it, in natural order ("s2" before "s10"). Errors: kRefused if no path matches, or if the
+/// pattern's folders cannot be read.
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
-/// The files of all paths, in the order of the paths. Instead of a folder, all files in it and in
-/// its sub-folders are listed in natural order. No file is read. Errors: kRefused if a path does
-/// not exist, cannot be searched, or is neither a file nor a folder.
+/// The files of all paths, in the order of the paths. Instead of a folder, its files_below()
+/// (open/scan_folder.h) are listed. No file is read. Errors: kRefused if a path does not exist,
+/// cannot be searched, or is neither a file nor a folder.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
 /// Waits until a further change of any of the files would get a new modification time. File systems

@@ -33,7 +33,7 @@ struct Comparison {
   bool retry = false;  ///< true: a scan that has failed is always stale
 };
 
-/// The state of a scan. A run works only on scans that are stale.
+/// The state of a scan. A run works on the scans that are stale.
 struct ScanState {
   enum class Kind {
     kDone,          ///< done and unchanged

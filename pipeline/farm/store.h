@@ -20,9 +20,9 @@
 
 namespace trocar::farm {
 
-/// A file of a process that runs on another host counts as abandoned from this age on, because it
-/// cannot be checked whether the process is alive. kStrayAge holds for a temporary file,
-/// kLeaseDuration for a lease.
+/// Age from which on a file counts as abandoned if it cannot be checked whether the file's process
+/// is alive, for example because the process runs on another host. kStrayAge applies to a temporary
+/// file, kLeaseDuration to a lease.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
 /// A file of the store that is named by its digest.

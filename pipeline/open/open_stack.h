@@ -17,12 +17,12 @@ namespace trocar::pipeline {
 ///
 /// Errors: kRefused if an input does not exist, a file is broken, nothing is usable, slices differ
 /// in size, or an axis is given for DICOM slices that do not form a regular volume. kUsage if the
-/// inputs or the options do not fit together:
-///  - The spacing is missing.
+/// inputs and the options do not fit together, for example:
+///  - The input states no spacing, and none is given.
 ///  - An axis is given for images, or a volume's index for input that is not NIfTI.
 ///  - A series is given for input that is not DICOM, or the input does not have the series.
-///  - The folder contains several volumes, or several folders of images.
-///  - More than one folder or NIfTI file is given, or files of different kinds.
+///  - The folder contains several NIfTI files, or several folders of images.
+///  - A folder or a NIfTI file is given together with other inputs.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 

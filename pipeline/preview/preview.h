@@ -32,7 +32,7 @@ struct PreviewSlice {
 };
 
 /// The material that all slices shown would have together, if the threshold (or, with equalisation,
-/// the level) were changed by `change`. It is computed like in a run, except that solid bone is not
+/// the level) were changed by `change`. It is computed as in a run, except that solid bone is not
 /// made and the scanner's table is not removed.
 struct Change {
   /// `threshold` is the changed threshold or level, `area_mm2` the area of the material.
@@ -72,9 +72,9 @@ struct Preview {
 };
 
 /// Previews `count` slices, evenly spread from the first to the last slice with material. If the
-/// scan has more than 64 slices, these two are found by bisection, so that few slices are read; if
-/// solid bone is made, all slices are read. The number of threads does not change the result.
-/// Errors: those of mesh_stack() up to the contours.
+/// scan has more than 64 slices, these two are found by bisection, so that not all slices need to
+/// be read. All slices are read if solid bone is made or a scanner's table is found. The number of
+/// threads does not change the result. Errors: those of mesh_stack() up to the contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.
