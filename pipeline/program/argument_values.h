@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads values of options with a special form: several numbers, or lists of labels.
+// Reads option values that consist of several numbers, or of a list of labels.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -15,9 +15,9 @@
 
 namespace trocar::pipeline {
 
-/// The numbers in a text such as "A:B", "X,Y,Z" or "X0:X1,Y0:Y1". `pattern` has a # for each
-/// number, and the text must match the pattern completely. Errors: kUsage if it does not; the
-/// message says that the value of `option` must be `like`.
+/// The numbers in `text`, in their order. `pattern` is the form of the text with a # for each
+/// number: "#:#" for "3:12". Errors: kUsage if the text has another form; the message is "OPTION
+/// TEXT: must be LIKE".
 template <typename T>
 Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern,
                                const std::string& option, const char* like) {
@@ -39,13 +39,15 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-/// Adds the labels of a list to `labels`. The elements of a list are L or A-B, with commas between
-/// them. If `joined` is given, elements may also be joined by +, and each set of joined labels is
-/// added to `joined` instead. Errors: kUsage if the list is wrong.
+/// Adds the labels of `list`, such as "7,20-24" for 7 and 20 to 24, to `labels`. If `joined` is
+/// given, the list may also join labels by +, as in "20+21". Joined labels are added to `joined`
+/// as one set, and not to `labels`. Errors: kUsage if the list is wrong; the message names
+/// `option`.
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
                         std::vector<std::set<int>>* joined = nullptr);
 
-/// The labels of all values of --labels. Errors: kUsage if a list is wrong.
+/// The labels that all values of --labels name together. A value is a list or "all". Errors: kUsage
+/// if a list is wrong, or if a label would belong to two materials.
 Result<Labels> labels(const std::vector<std::string>& lists);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The options of trocar-mesh for meshing a scan: their names, defaults and ranges.
+// The options of trocar-mesh for meshing or previewing a scan: their names, defaults and ranges.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// The values of the options. For some options the CLI::Option is kept too, because it counts how
-/// often the option was given.
+/// The values of the options. If neither the command line nor a preset gives option X, its value
+/// is the default, and X_given->count() is 0. If the command has no option X, X_given is null.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;
@@ -31,10 +31,10 @@ struct Arguments {
               *surface_triangles_given = nullptr;
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options of meshing. Parsing writes their values to `a`, which must outlive `app`.
 void add_mesh_options(CLI::App& app, Arguments& a);
-/// Declares the options of a preview: those of meshing, except the ones for outputs that a preview
-/// does not write.
+/// Declares the options of a preview: --count, and the options of meshing except those for outputs
+/// that a preview does not write. Parsing writes their values to `a`, which must outlive `app`.
 void add_preview_options(CLI::App& app, Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -10,9 +10,10 @@
 
 namespace trocar::pipeline {
 
-/// Counts, planes, areas, boxes, centroids, mean HU and parameters of an asset, slice by slice, and
-/// the area of each material summed over the slices (formats/session/info.schema.json). `bytes` is
-/// the size of the asset's file.
+/// The JSON that `info` prints (formats/session/info.schema.json). For each slice and material, it
+/// has the position, the numbers of vertices, triangles and rings, and the area, bounding box,
+/// centroid and mean HU. For the asset it has the parameters, the area of each material over all
+/// slices, the surfaces and the HU volumes. `bytes` is the size of the asset's file.
 nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
 
 }  // namespace trocar::pipeline

@@ -13,28 +13,36 @@
 
 namespace trocar::pipeline {
 
-/// Writes for each slice with material `slice_NNNN.poly` (triangle_poly.h), `.obj` (mm, in the
-/// patient's LPS frame) and `.svg`. If the asset has several materials, the files of material M are
-/// `slice_NNNN_M.poly` and so on. The folder is created if needed, and an earlier export of the
-/// same slices is replaced. Either all files appear or none. Returns the names of files that an
-/// export of other slices has left in the folder. These files are kept, although they could be
-/// mistaken for files of this asset. Errors: kUnwritable if a file cannot be written or `stop` was
-/// set; kRefused if a mesh is not manifold.
+/// Writes three files for each slice with material: `slice_NNNN.poly` (triangle_poly.h),
+/// `slice_NNNN.obj` (mm, in the patient's LPS frame) and `slice_NNNN.svg`. NNNN is the slice's
+/// index. If the asset has several materials, the files of material M are `slice_NNNN_M.poly` and
+/// so on. The folder is created if needed, and files of the same names are replaced. All files are
+/// made before the first one appears in the folder.
+///
+/// Returns the names of files in the folder that an export of other slices has written. The
+/// function keeps these files. The caller should warn the user, who could take them for files of
+/// this asset.
+///
+/// Errors: kUnwritable if a file cannot be written or `stop` was set; kRefused if a mesh is not
+/// manifold; those of poly_text().
 Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);
 
-/// Is this the ending of a file with one surface: .stl, .ply or .obj?
+/// Is `ending` one that surface_text() accepts: ".stl", ".ply" or ".obj"?
 bool is_surface_ending(std::string_view ending);
 
-/// The surface as binary .stl, binary .ply or .obj (the latter two with normals): mm, in the
-/// patient's LPS frame, counter-clockwise seen from outside. Errors: kRefused if the surface is not
-/// manifold.
+/// The contents of a file with the surface: binary .stl, binary .ply or .obj, as `ending` says.
+/// Coordinates are in mm in the patient's LPS frame. Triangles are counter-clockwise seen from
+/// outside. The .ply and the .obj also have a normal for each vertex. Errors: kRefused if the
+/// surface is not manifold.
 Result<std::string> surface_text(const TriangleSurface& surface, const std::string& ending);
 
-/// Writes each surface as binary `.stl`, binary `.ply` and `.obj`, as surface_text() makes them.
-/// The files are `surface.stl` and so on, or `surface_M.stl` for material M of several. Either all
-/// files appear or none. Errors: those of export_asset(); kRefused if the asset has no surface.
+/// Writes each surface in the three formats of surface_text(), to `surface.stl`, `surface.ply` and
+/// `surface.obj`. If the asset has several surfaces, the files of material M are `surface_M.stl`
+/// and so on. All files are made before the first one appears in the folder. Errors: kUnwritable
+/// if a file cannot be written or `stop` was set; kRefused if the asset has no surface, or if a
+/// surface is not manifold.
 Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
                              const std::atomic<bool>* stop = nullptr);
 

@@ -19,12 +19,12 @@ struct BatchArguments {
        retry = false, strict = false, quiet = false;
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_batch_options(CLI::App& app, BatchArguments& a);
 
 /// Runs the batch and returns the exit code: 0; 2 for wrong options or a wrong collection; 3 if a
-/// scan failed that is not a known failure (farm/store.md), or, with --strict, if there is any
-/// failure; 4 if the store could not be written or a signal interrupted the run.
+/// scan failed in this run, or, with --strict, if a failure of an earlier run was not tried again;
+/// 4 if an output could not be written or a signal interrupted the run.
 int run_batch(const BatchArguments& a);
 
 }  // namespace trocar::pipeline

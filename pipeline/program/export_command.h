@@ -13,10 +13,10 @@ struct ExportArguments {
   bool surface = false;  ///< writes the surfaces instead of the slices
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_export_options(CLI::App& app, ExportArguments& a);
 
-/// Writes the files and returns the exit code.
+/// Verifies the asset, writes the files and returns the exit code.
 int run_export(const ExportArguments& a);
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The farm's interface to meshing (farm/scan_program.h). A scan's parameters are the options of
-// trocar-mesh, read by the same parser.
+// Implements the interface by which the build farm opens and meshes scans (farm/scan_program.h).
+// The parameters of a scan in a collection are options of trocar-mesh. The parser of the command
+// line reads them.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -14,8 +15,8 @@ namespace trocar::pipeline {
 
 class FarmScans : public farm::ScanProgram {
  public:
-  /// Errors: kUsage if trocar-mesh does not have an option, or if a collection must not give it;
-  /// those of the command line, with the same messages.
+  /// Errors: kUsage if `given` names an option that trocar-mesh does not have, or one that a
+  /// collection must not give; otherwise the errors of the same options on the command line.
   Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
   /// False if all inputs, and the CT of --hu if there is one, are NIfTI files.
   bool opens_first(const std::vector<std::filesystem::path>& inputs,
@@ -26,7 +27,7 @@ class FarmScans : public farm::ScanProgram {
                                                  int threads) const override;
 };
 
-/// The options that a collection may give as parameters, without the leading --.
+/// The names of the options that a collection may give as parameters, without the leading --.
 std::vector<std::string> collection_options();
 
 }  // namespace trocar::pipeline

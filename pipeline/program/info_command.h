@@ -13,7 +13,7 @@ struct InfoArguments {
   bool as_json = false;
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_info_options(CLI::App& app, InfoArguments& a);
 
 /// Prints the description and returns the exit code.

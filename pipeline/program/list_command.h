@@ -10,10 +10,10 @@ namespace trocar::pipeline {
 
 struct ListArguments {
   std::filesystem::path folder;
-  bool as_json = false, as_collection = false;
+  bool as_json = false, as_collection = false;  ///< as_collection: --manifest
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_list_options(CLI::App& app, ListArguments& a);
 
 /// Prints the scans and returns the exit code, which is 3 if none of them can be meshed.

@@ -7,8 +7,9 @@
 
 namespace trocar::pipeline {
 
-/// Meshes the scan and returns the exit code. Asset, report and stages (--dump-stages) are each
-/// written only if `a` names a file for it.
+/// Meshes the scan, writes the output and returns the exit code. The ending of `a.output` decides
+/// whether the output is the asset or only its surface. If `a` names files for them, a report
+/// (--report) and the intermediate results of one slice (--dump-stages) are written too.
 int run_mesh(const Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Opening a scan with the options of the command line, for a run, a preview or a batch.
+// Opens a scan with the options of the command line, for meshing, a preview or a batch.
 // Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
@@ -13,16 +13,21 @@
 
 namespace trocar::pipeline {
 
-/// Opens the scan and, with --hu, the CT on the same grid.
+/// Opens the scan. If --hu is given, the scan is a label map, and the CT of --hu is opened too; the
+/// two must have the same voxel grid. Errors: those of open_stack() and open_labels_with_ct().
 Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
 
-/// All files that are read. An output must not overwrite one of them.
+/// The files of the scan, of the CT of --hu and of --names. The caller must not write an output
+/// over one of them.
 std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan);
 
-/// Checks whether the threshold makes sense for the scan's values. The default threshold and the
-/// presets have no meaning for grey levels. A threshold outside 0..255 selects all pixels of an
-/// image or none. Adds the warnings default_threshold and threshold_out_of_range. Errors: kUsage if
-/// the scan consists of images and no threshold, or a preset, was given.
+/// Checks whether the threshold suits a scan whose values are not HU. The default threshold and the
+/// presets are meant for HU only. With --labels or --equalize nothing is checked.
+///  - Images: a missing threshold is an error (kUsage), and so is a preset. A threshold outside
+///    0..255 selects all pixels or none; the function then adds the warning threshold_out_of_range
+///    to the stack.
+///  - DICOM other than CT: if there is a preset or no threshold, the function adds the warning
+///    default_threshold to the stack.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack);
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Printing of errors and warnings for all commands of trocar-mesh, and the endings of file names.
+// Prints errors and warnings of trocar-mesh, and finds the endings of file names.
 // Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
@@ -13,13 +13,13 @@ namespace trocar::pipeline {
 
 inline constexpr const char* kProgram = "trocar-mesh";
 
-/// Prints the error's message and returns its exit code.
+/// Prints the error's message to standard error and returns its exit code.
 int fail(const Error& error);
 
 /// Prints a warning to standard error.
 void print_warning(const Warning& warning);
 
-/// Extension of a file name in lower case, with its dot.
+/// The extension of a file name in lower case, with its dot; empty if there is none.
 std::string ending_of(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Presets of trocar-mesh. A preset is a list of options, which `--explain` prints. An option of a
-// preset can also be given explicitly with another value.
+// Presets of trocar-mesh. A preset is a named list of options with values, which `--explain`
+// prints. If the command line gives an option of the preset too, the command line's value counts.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -15,19 +15,20 @@
 namespace trocar::pipeline {
 
 struct Preset {
-  std::string_view name, words;
-  /// Names with --, and values.
+  std::string_view name, words;  ///< words: what the preset is for
+  /// The name of each option, with --, and its value.
   std::vector<std::pair<std::string_view, std::string_view>> options;
 };
 
 std::span<const Preset> presets();
 
-/// The words of a command line, with those options of its `--preset` added that it does not give
-/// itself. The words are unchanged if no preset has the given name.
+/// Returns the words of a command line together with the options of its `--preset`. An option that
+/// the command line gives itself is not added. `--max-area` also excludes the preset's
+/// `--max-area-px`. If no preset has the name that `--preset` gives, nothing is added.
 std::vector<std::string> with_preset_options(const std::vector<std::string>& words);
 
-/// The options and the meaning of the preset `name`, or of all presets if `name` is empty. Errors:
-/// kUsage if there is no such preset.
+/// A text with the options and the purpose of the preset `name`, or of all presets if `name` is
+/// empty. Errors: kUsage if there is no such preset.
 Result<std::string> explain_presets(const std::string& name);
 
 }  // namespace trocar::pipeline

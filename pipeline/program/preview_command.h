@@ -7,7 +7,7 @@
 
 namespace trocar::pipeline {
 
-/// Writes the sheet and returns the exit code.
+/// Writes the picture or page and returns the exit code.
 int run_preview(const Arguments& a);
 
 }  // namespace trocar::pipeline

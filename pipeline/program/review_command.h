@@ -9,16 +9,16 @@
 namespace trocar::pipeline {
 
 struct ReviewArguments {
-  std::filesystem::path store, page, against;  ///< against: store to compare with; may be empty
+  std::filesystem::path store, page, against;  ///< against: store to compare with, or empty
   bool as_json = false, quiet = false;
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_review_options(CLI::App& app, ReviewArguments& a);
 
 /// Writes the pages and returns the exit code: 0, even if assets are damaged or differ from those
-/// in `against`; 2 for wrong options; 3 for a folder that is not a store, or an empty store; 4 if a
-/// page could not be written or a signal interrupted the review.
+/// in `against`; 2 for wrong options; 3 if a folder is not a store, or if `store` has no scans; 4
+/// if a page could not be written or a signal interrupted the review.
 int run_review(const ReviewArguments& a);
 
 }  // namespace trocar::pipeline

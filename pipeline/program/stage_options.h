@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Translation of the command line's options to the options of the stages.
+// Translates the options of the command line to those of opening and meshing a scan.
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
@@ -11,16 +11,19 @@
 
 namespace trocar::pipeline {
 
-/// The options of meshing. Errors: kUsage; the message names the option.
+/// The options of meshing. The function also reads the files of --names and --input-key. Errors:
+/// kUsage if an option has a wrong value or excludes another option, with a message that names the
+/// option; the errors of reading those files.
 Result<StackOptions> stack_options(const Arguments& a);
 
-/// The options of opening the scan. Errors: kUsage; the message names the option.
+/// The options of opening the scan. Errors: kUsage if an option has a wrong value; the message
+/// names the option.
 Result<OpenOptions> open_options(const Arguments& a);
 
-/// "transverse", "coronal" or "sagittal".
+/// "transverse" for kAxial, "coronal" or "sagittal".
 const char* axis_name(SliceAxis axis);
 
-/// The parameters in the form in which reports and assets store them.
+/// The options of meshing and opening as the parameters that reports and assets store.
 nlohmann::json parameters_json(const StackOptions& options, const OpenOptions& input);
 
 }  // namespace trocar::pipeline

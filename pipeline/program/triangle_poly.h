@@ -9,8 +9,9 @@
 
 namespace trocar::pipeline {
 
-/// The outline's vertices and segments in mm, and a point inside each hole. To find these points,
-/// the function triangulates the holes. Errors: those of triangulate().
+/// The contents of the file: the outline's vertices and segments in mm in the slice plane, and a
+/// point inside each hole. To find these points, the function triangulates the holes. Errors: those
+/// of triangulate().
 Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

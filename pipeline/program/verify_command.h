@@ -16,10 +16,11 @@ struct VerifyArguments {
   bool deidentified = false;  ///< also refuses texts that may identify the patient
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_verify_options(CLI::App& app, VerifyArguments& a);
 
-/// Checks every asset, prints the outcomes and returns the exit code of the first failure, or 0.
+/// Checks every asset and prints the outcome. Returns 0 if all assets are valid, otherwise the exit
+/// code of the first failure.
 int run_verify(const VerifyArguments& a);
 
 }  // namespace trocar::pipeline

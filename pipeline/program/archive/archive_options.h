@@ -13,14 +13,14 @@ namespace trocar::pipeline {
 struct ArchiveArguments {
   archive::ArchiveLimits limits;
   archive::TlsFiles tls;
-  int instance_mb = 512, study_gb = 16;
-  bool insecure = false;
+  int instance_mb = 512, study_gb = 16;  ///< largest instance in MiB, largest study in GiB
+  bool insecure = false;                 ///< allows unencrypted scans on the network
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_archive_options(CLI::App& app, ArchiveArguments& a);
 
-/// The limits that the options give.
+/// Returns a.limits with the sizes replaced by those of `instance_mb` and `study_gb`, in bytes.
 archive::ArchiveLimits limits_of(const ArchiveArguments& a);
 
 }  // namespace trocar::pipeline

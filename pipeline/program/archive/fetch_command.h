@@ -18,11 +18,12 @@ struct FetchArguments {
   ArchiveArguments archive;
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_fetch_options(CLI::App& app, FetchArguments& a);
 
-/// Fetches the study and returns the exit code: 0; 2 for wrong options; 3 if the archive refuses,
-/// breaks off or has no such study; 4 if the folder cannot be written or a signal ended the fetch.
+/// Fetches the study and returns the exit code: 0; 2 for wrong options; 3 if a TLS file cannot be
+/// used or the archive does not deliver the study (fetch.h); 4 if the folder cannot be written or a
+/// signal ended the fetch.
 int run_fetch(const FetchArguments& a);
 
 }  // namespace trocar::pipeline

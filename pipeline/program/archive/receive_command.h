@@ -16,13 +16,13 @@ struct ReceiveArguments {
   std::filesystem::path folder;
   std::string ae, listen = "127.0.0.1";
   int port = 0, max_associations = 16;
-  std::vector<std::string> from;
-  std::vector<std::filesystem::path> then;
+  std::vector<std::string> from;            ///< AE titles of the accepted senders
+  std::vector<std::filesystem::path> then;  ///< collection and store of --then, or empty
   double settle_s = 10, keep_hours = 0;
   ArchiveArguments archive;
 };
 
-/// Declares the options; `a` must outlive the app.
+/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_receive_options(CLI::App& app, ReceiveArguments& a);
 
 /// Receives until a signal ends the program, and returns the exit code: 0; 2 for wrong options; 3
