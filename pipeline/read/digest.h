@@ -18,9 +18,9 @@ Result<std::string> digest_file(const std::filesystem::path& file);
 
 inline constexpr std::size_t kMinKeyBytes = 16, kMaxKeyBytes = 64;
 
-/// The keyed digest of an input, hexadecimal: BLAKE2b-256 of the concatenated hexadecimal digests
-/// of its files. (The files can thus be digested in parallel.) Precondition: the key has
-/// kMinKeyBytes to kMaxKeyBytes bytes.
+/// The keyed digest of an input, hexadecimal: BLAKE2b-256 of the concatenated results of
+/// digest_file() for its files. Only a holder of the key can compute it and so recognise the input.
+/// Precondition: the key has kMinKeyBytes to kMaxKeyBytes bytes.
 std::string digest_input(const std::vector<std::string>& file_digests,
                          const std::vector<std::uint8_t>& key);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Unpacks a gzip file (RFC 1952) as a stream. ISA-L does the work, about twice as fast as zlib.
+// Unpacks a gzip file (RFC 1952) as a stream with Intel's library ISA-L, about twice as fast as
+// zlib would.
 #pragma once
 
 #include <cstdint>
@@ -16,16 +17,16 @@ namespace trocar::pipeline {
 class GzipReader {
  public:
   /// Precondition: is_gzip(descriptor) holds, and the caller keeps the descriptor open. The file is
-  /// read from its start by pread(). `name` is used in messages.
+  /// read from its start. Messages name `name`.
   GzipReader(int descriptor, std::string name);
 
   static bool is_gzip(int descriptor);
 
   /// Fills `to` with the next unpacked bytes and returns their number, which is less than to.size()
-  /// only at the end of the data. A gzip file consists of members, which are unpacked one after the
-  /// other. The checksum of a member is verified when its last bytes are read. Bytes behind the
-  /// last member are ignored, as gzip does. A file that ends early is not an error: the data end
-  /// there. Errors: kRefused if the gzip data are damaged.
+  /// only at the end of the data. A gzip file consists of members, which are unpacked one after
+  /// another. The checksum of a member is verified when its last bytes are read. Bytes behind the
+  /// last member are ignored, as by the program gzip. If the file ends early, the data end there
+  /// without an error. Errors: kRefused if the gzip data are damaged.
   Result<std::size_t> read(std::span<char> to);
 
  private:

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Calls functions of ISA-L and then clears the upper halves of the vector registers. Version 2.30
-// leaves them in use, because its code for AVX2 and AVX-512 has no vzeroupper. This slows down all
-// later SSE code of the thread: after a .nii.gz, contours and simplification took 1.35 to 1.65
-// times as long.
+// Calls functions of Intel's library ISA-L and then clears the upper halves of the vector
+// registers. ISA-L 2.30 leaves the upper halves in use, because its code for AVX2 and AVX-512 has
+// no vzeroupper. All later SSE code of the thread would then be slow: after a .nii.gz was read,
+// contours and simplification took 1.35 to 1.65 times as long.
 #pragma once
 
 #include <isa-l/igzip_lib.h>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Compares the voxel grids of two stacks. The grids must be equal, because nothing is resampled.
+// Compares the voxel grids of two stacks, for example of a label map and its CT. The two are used
+// together only if the grids are equal, because nothing is resampled.
 // Tests: tests/pipeline/open/labels_with_ct_test.py
 #pragma once
 
@@ -10,20 +11,21 @@
 
 namespace trocar::pipeline {
 
-/// Largest allowed distance between corresponding voxels of two stacks, in voxels.
+/// Largest difference in spacing, orientation or origin that is allowed. It is given as a shift of
+/// a slice's pixels, relative to the sides of a voxel.
 inline constexpr double kSameVoxel = 1e-3;
 
-/// Describes how `plane` differs from `other`, both with width x height pixels, for example
-/// "spacing is 1 x 1 mm, not 1 x 1.5". The result is std::nullopt if all pixels lie within
-/// kSameVoxel of those of `other`. `step_mm` is the height of a voxel.
+/// Describes how `plane` differs from `other`, for example "spacing is 1 x 1 mm, not 1 x 1.5".
+/// Returns std::nullopt if there is no difference above kSameVoxel. Either plane has width x height
+/// pixels. `step_mm` is the distance between slices.
 std::optional<std::string> plane_difference(const SlicePlane& plane, const SlicePlane& other,
                                             int width, int height, double step_mm);
 
-/// The distance from a slice to the next one; for the last slice, from the slice before it. If
-/// there is only one slice, the smaller of its pixel spacings.
+/// The distance from a slice to the next slice. For the last slice, it is the distance from the
+/// slice before. If there is only one slice, it is the smaller of that slice's pixel spacings.
 double slice_step_mm(const SliceStack& stack, int slice);
 
-/// The first difference between the grid of a stack and another grid.
+/// The first difference between the grids of two stacks.
 struct GridDifference {
   int slice = -1;    ///< index of the slice; -1 if sizes, first slices or slice distances differ
   std::string what;  ///< description, such as "size is ... voxels, not ..."

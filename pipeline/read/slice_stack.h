@@ -27,7 +27,7 @@ inline constexpr float kNoData_HU = -1024;
 struct Image {
   int width = 0, height = 0;
   std::vector<float> values;
-  std::size_t not_numbers = 0;  ///< number of NaN pixels, which `values` has as background
+  std::size_t not_numbers = 0;  ///< number of NaN pixels; `values` has background in their place
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
@@ -36,24 +36,25 @@ struct Warning {
   std::string code;   ///< stable name, for scripts
   std::string where;  ///< the files or slices concerned
   std::string sentence;
-  /// Replaces `sentence` in reports if the sentence could identify the patient, otherwise empty.
+  /// If `sentence` could identify the patient: the text that replaces it in reports. Otherwise
+  /// empty.
   std::string shared = {};
 };
 
 /// The attributes by which a DICOM series describes itself, in UTF-8. Missing ones are empty.
 struct SeriesInfo {
-  std::string uid;  ///< if the files state none: a text made from what the images have in common
+  std::string uid;  ///< if the files state none: made of size, orientation, frame of reference
   std::string study_uid, study_date;
   std::optional<int> number;
   std::string description, kernel, modality;
-  std::string image_type;  ///< the stored values with backslashes between them
+  std::string image_type;  ///< the values of ImageType with backslashes between them
 };
 
 /// The unit of an image's values.
 enum class PixelUnit {
-  kHounsfield,    ///< DICOM after rescale, NIfTI after scl_slope/inter
-  kGrey,          ///< image files: 0..255 for any bit depth, or labels
-  kUncalibrated,  ///< DICOM that is not CT, after rescale
+  kHounsfield,    ///< HU: CT in DICOM after the rescale, NIfTI after scl_slope and scl_inter
+  kGrey,          ///< grey levels of 0..255 of image files, or labels
+  kUncalibrated,  ///< values of DICOM that is not CT, after the rescale
 };
 
 /// The plane of a slice. Plane coordinates are (u, v) in mm: u along a row, v along a column, with
@@ -78,8 +79,9 @@ class SliceStack {
   virtual std::string name(int slice) const = 0;
   /// Reads the pixels of a slice. Errors: kRefused; the message names file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
-  /// Waits until a gzipped volume is completely unpacked (OpenOptions::unpack_behind). Errors:
-  /// kRefused if the volume is damaged, even in a part that no slice needed, such as the checksum.
+  /// Waits until a volume that was opened with OpenOptions::unpack_behind is completely unpacked.
+  /// Errors: kRefused if the volume is damaged, even in a part that no slice needed, such as the
+  /// checksum.
   virtual Result<void> finish() const { return {}; }
   /// The time that read() has waited so far for a volume to be unpacked, added up over all threads.
   virtual double waited_ms() const { return 0; }
@@ -88,33 +90,36 @@ class SliceStack {
   std::optional<SeriesInfo> series;             ///< the series of the slices; DICOM input only
   std::optional<VoxelConflict> voxel_conflict;  ///< set if a NIfTI states two voxel sizes
   std::string modality;  ///< such as "MR" if pixel_unit() is kUncalibrated; otherwise empty
-  /// The files that the slices come from, in the order in which digest_input() takes them.
+  /// The files that the slices come from, in the order in which digest_input() gets their digests.
   std::vector<std::filesystem::path> files;
   /// The names that a DICOM segmentation gives its labels, as stored, in UTF-8; empty for other
   /// input.
   std::map<int, std::string> label_names;
 };
 
-/// The anatomical axis along which slices are stacked. The directions are those that are usual in
-/// DICOM, in terms of the patient. Axial: u points to the left, v to the back, and slices are
-/// ordered from the feet upwards. Coronal: u points to the left, v downwards, and slices are
-/// ordered from front to back. Sagittal: u points to the back, v downwards, and slices are ordered
-/// from left to right.
+/// The anatomical axis along which slices are stacked. It determines the directions in the patient
+/// of u, v and the order of the slices, as is usual in DICOM:
+///  - Axial: u points to the left, v to the back; slices are ordered from the feet to the head.
+///  - Coronal: u points to the left, v to the feet; slices are ordered from front to back.
+///  - Sagittal: u points to the back, v to the feet; slices are ordered from left to right.
 enum class SliceAxis { kAxial, kCoronal, kSagittal };
 
 struct OpenOptions {
-  std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; used for input without a spacing
-  std::string series;    ///< UID, number or description; see named_series()
-  std::set<int> labels;  ///< wanted if as_labels is set; must not overlap; empty: all
-  /// The CT from which a DICOM segmentation was made, opened along its stored axis. The opened
-  /// segmentation has all slices of the CT, even those for which the file has no frame.
+  /// Pixel sizes x and y, and slice distance z, for input that states none.
+  std::optional<std::array<double, 3>> spacing_mm;
+  std::string series;  ///< UID, number or description; see named_series()
+  /// The wanted labels if as_labels is set; empty: all. Wanted segments of a DICOM segmentation
+  /// must not overlap.
+  std::set<int> labels;
+  /// The CT from which a DICOM segmentation was made, opened along its stored axis. If it is given,
+  /// the opened segmentation has all slices of the CT, even those for which the file has no frame.
   const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis, or axial for a NIfTI volume
-  std::optional<int> volume;      ///< index of the volume in a NIfTI that holds several
+  std::optional<int> volume;      ///< index of the wanted volume in a NIfTI that holds several
   bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations
   bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
-  /// Unpack a gzipped volume on another thread, while its first slices are already read. Damage is
-  /// then reported by SliceStack::read() and finish().
+  /// Unpack a gzipped volume on another thread, while its first slices are already read. If the
+  /// volume is damaged, SliceStack::read() and finish() return the error.
   bool unpack_behind = false;
 };
 
@@ -122,6 +127,7 @@ struct OpenOptions {
 /// no files.
 std::string input_name(const SliceStack& stack);
 
+/// Largest width or height of a slice in pixels. Larger slices are refused.
 inline constexpr int kMaxImageSide = 1 << 15;
 /// Slices with more pixels than this (8192 x 8192) are refused, because a header of a few bytes can
 /// claim any size.

@@ -16,7 +16,7 @@ namespace trocar::pipeline {
 struct StackShape {
   std::vector<double> gaps_mm;  ///< distances along the normal, from each slice to the next
   double step_mm = 0;           ///< median of gaps_mm; 0 for a single slice
-  double shift_mm = 0;          ///< largest shift within the planes from one slice to the next
+  double shift_mm = 0;  ///< largest distance within the plane from one slice's origin to the next
   /// Gantry tilt: the angle between the normal and the line from the first position to the last.
   double tilt_deg = 0;
 
@@ -25,8 +25,8 @@ struct StackShape {
   std::optional<std::size_t> first_uneven() const;
 };
 
-/// Precondition: the positions, which are the origins of the slices in mm, ascend along the unit
-/// vector `normal`.
+/// `positions` are the origins of the slices in mm, and `normal` is a unit vector. Precondition:
+/// the positions ascend along the normal.
 StackShape stack_shape(const std::vector<Eigen::Vector3d>& positions,
                        const Eigen::Vector3d& normal);
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// NIfTI files state the size of their voxels twice: by the matrix of the sform, which is used here,
-// and by pixdim. The two sizes can differ. For example, if a converter did not correct a tilted
-// gantry, the axes of the sform are not at right angles, and a voxel is smaller than the product of
-// its sides.
+// NIfTI files state the size of their voxels twice: by the matrix of the sform, which trocar-mesh
+// uses, and by pixdim. The two sizes can differ, and with them the volume of the material. For
+// example, if a converter did not correct a tilted gantry, the axes of the sform are not at right
+// angles, and the volume of a voxel is less than the product of its sides. This header finds such
+// differences and warns of them.
 #pragma once
 
 #include <Eigen/Core>
@@ -26,22 +27,23 @@ std::string shear_text(const Eigen::Matrix3d& columns);
 
 /// Compares the voxel size of the sform with that of pixdim. The columns of `axes_mm` are the steps
 /// along the axes of the array according to the sform. `pixdim_mm` has the sides of a voxel
-/// according to pixdim; a side that is not positive and finite counts as not stated, and the side
-/// of the sform replaces it. There is a conflict if a side of the sform differs from that of pixdim
-/// by more than 1 % of the latter, or if two columns deviate from a right angle by more than 1e-3
-/// rad (0.06 degrees). The caller must set `pixel_mm2` of the result.
+/// according to pixdim. A side that is not positive and finite is not stated; the side of the sform
+/// is then taken for it. There is a conflict if a side by sform differs from the side by pixdim by
+/// more than 1 % of the side by pixdim, or if two columns deviate from a right angle by more than
+/// 1e-3 rad (0.06 degrees). The caller must set `pixel_mm2` of the result.
 std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
                                             const std::array<double, 3>& pixdim_mm);
 
-/// The two volumes of the material: the number of its pixels (area over all slices / pixel_mm2)
-/// times either volume of a voxel.
+/// The volume of the material, computed with the voxel of the sform and with that of pixdim.
 struct MaterialVolumes {
   double sform_mm3 = 0, pixdim_mm3 = 0;
 };
+/// `area_mm2` is the area of the material, summed over all slices.
 MaterialVolumes material_volumes(const VoxelConflict& conflict, double area_mm2);
 
-inline constexpr const char* kVoxelVolume = "voxel_volume";
-/// The warning kVoxelVolume. Its text has all four volumes.
+inline constexpr const char* kVoxelVolume = "voxel_volume";  ///< the code of the warning
+/// A warning that states the reason of the conflict, the two volumes of a voxel and the two volumes
+/// of the material.
 Warning voxel_volume_warning(const VoxelConflict& conflict, const MaterialVolumes& material,
                              const std::string& file);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads the headers of the images in a DICOM file: single CT slices, and enhanced (multi-frame) CT
-// with its functional groups. The result has one entry for each frame and no types of DCMTK.
+// Reads the header of a DICOM file: a single slice, an enhanced (multi-frame) image or a
+// segmentation. The result has one entry for each frame. It has no types of DCMTK, the library that
+// parses the file.
 // Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
@@ -20,9 +21,11 @@ namespace trocar::pipeline {
 /// One slice: a file, or one frame of a multi-frame file.
 struct DicomFrame {
   std::filesystem::path file;
-  int frame = 0, frames = 1;  ///< the index of the frame, and the number of frames in the file
+  int frame = 0, frames = 1;  ///< index of the frame from 0, and number of frames in the file
   std::string sop_uid, frame_of_reference;
-  Eigen::Vector3d position, u, v;  ///< LPS mm; u, v unit vectors at right angles
+  /// The centre of the first pixel in LPS, mm, and the unit vectors along a row (u) and along a
+  /// column (v), which are at right angles.
+  Eigen::Vector3d position, u, v;
   double spacing_u_mm = 0, spacing_v_mm = 0;
   bool has_spacing = false;         ///< true: the file states the spacing
   double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
@@ -31,8 +34,9 @@ struct DicomFrame {
   int rows = 0, columns = 0;
   int bits_allocated = 16, bits_stored = 16, high_bit = 15;
   bool is_signed = false;
-  /// CT only: PixelPaddingValue and PixelPaddingRangeLimit as stored values, ascending; they are
-  /// equal if the file states no range. Pixels with values in this range have no data.
+  /// The lowest and the highest stored value of pixels without data (PixelPaddingValue and
+  /// PixelPaddingRangeLimit). std::nullopt if the file states none, and for segmentations and
+  /// images of kind ImageContent::Kind::kOther.
   std::optional<std::array<int, 2>> padding;
   std::optional<double> stated_tilt_deg;  ///< GantryDetectorTilt
 
@@ -41,11 +45,12 @@ struct DicomFrame {
   bool has_dense_padding() const {
     return padding && (hu((*padding)[0]) > 0 || hu((*padding)[1]) > 0);
   }
-  std::string name() const;  ///< the file's name, and the frame's number if there are several
+  /// The file's path and, if the file has several frames, the frame's number from 1.
+  std::string name() const;
 };
 
-/// The plane of the frame, moved so that its origin is `position`. Its z_mm is measured along the
-/// frame's own normal.
+/// The plane of the frame, moved so that its origin is `position`. SlicePlane::z_mm is measured
+/// along the frame's own normal, and not along that of the first slice.
 SlicePlane plane_of(const DicomFrame& frame, const Eigen::Vector3d& position);
 
 /// The segments of a segmentation (SEG).
@@ -58,15 +63,17 @@ struct DicomSegments {
 struct DicomFile {
   enum class Kind {
     kNotImage,   ///< not DICOM, or DICOM without pixels
-    kLocaliser,  ///< a scout view; `problem` states why it is not a slice
+    kLocaliser,  ///< a scout view, by which a scan is planned
     kImages,
-    kSegmentation,  ///< a label map; `problem` states why it is not a slice
-    kUnusable,      ///< `problem` states the reason
+    kSegmentation,  ///< a label map
+    kUnusable,
   };
   std::filesystem::path file;
   Kind kind = Kind::kNotImage;
-  SeriesInfo series;        ///< its UID is empty if the file states none
-  std::string problem;      ///< one line, with the file's name
+  SeriesInfo series;  ///< series.uid is empty if the file states none
+  /// Why the file is unusable, or why a localiser or segmentation is not meshed as a CT: one line
+  /// with the file's name. Otherwise empty.
+  std::string problem;
   bool is_capture = false;  ///< true: it can never be a slice, like a picture of a screen
   ImageContent content;
   std::vector<DicomFrame> frames;
@@ -77,22 +84,24 @@ struct DicomFile {
 /// broken.
 std::string without_control(std::string text);
 
-/// Are the first 132 bytes of the file those of a DICOM file? The name of the file does not matter.
+/// Does the file have "DICM" at byte 128, as the DICOM file format requires? The name of the file
+/// does not matter.
 bool has_dicom_preamble(const std::filesystem::path& file);
 
-/// Should a file in a folder be parsed? It should if it has the preamble, or if its first bytes are
-/// the tag of a group with which DICOM files without a preamble begin.
+/// Should a file in a folder be parsed as DICOM? True if has_dicom_preamble(), or if the file
+/// begins with group 2 or 8, as DICOM files without a preamble do.
 bool may_be_dicom(const std::filesystem::path& file);
 
 enum class DicomExtent {
   kWhole,   ///< pixels are not decoded, but must be complete
-  kHeader,  ///< data behind the header are not read, and may be missing
+  kHeader,  ///< nothing behind the header is read; the pixels may be missing
 };
 
-/// Reads the headers of a file. The function never fails: the result states the problem. If
-/// `spacing_mm` is given, it applies to frames that state no pixel spacing. Unless `any_modality`
-/// is set, images of another modality than CT are kUnusable, and localisers have no frames.
-/// Segmentations are kSegmentation in any case.
+/// Reads the header of a file. The function never fails: `kind` and `problem` of the result say
+/// what is wrong with the file. Frames that state no pixel spacing get x and y of `spacing_mm`; if
+/// `spacing_mm` is missing too, the file cannot be used. Unless `any_modality` is set, images of
+/// kind ImageContent::Kind::kOther are kUnusable, except segmentations, and localisers have no
+/// frames.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
                              bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);

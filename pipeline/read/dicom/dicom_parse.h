@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Parses DICOM files into DCMTK's objects, with limits against hostile files.
+// Parses DICOM files into objects of the library DCMTK, with limits against hostile files.
 // Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
@@ -12,28 +12,32 @@
 
 namespace trocar::pipeline {
 
-/// Registers DCMTK's codecs (RLE, JPEG, JPEG-LS) and the elements read here, and silences its log.
-/// Thread-safe; only the first call has an effect.
+/// Registers DCMTK's decoders (RLE, JPEG, JPEG-LS), calls add_known_dicom_elements(), and silences
+/// DCMTK's log. Thread-safe; only the first call has an effect. read_dicom_headers() calls it.
 void set_up_dcmtk();
 
-/// Loads `file`. Values longer than some kilobytes stay in the file until they are needed, except
-/// in a deflated file. Even if the result is bad, `format` has what could be read. The result is
-/// also bad if nested sequences need more than 512 KiB of stack, or if there are more than 512 MiB
-/// of values (which even a small deflated file may have). DCMTK itself has no such limits.
+/// Loads `file` into `format`. Values of more than 4 KiB stay in the file until they are needed,
+/// except those of a deflated file. If the result is bad, `format` has what could be read.
+///
+/// Two limits, which DCMTK itself does not have, make the result bad: nested sequences may need at
+/// most 512 KiB of stack, and at most 512 MiB of values may be read into memory. Even a small
+/// deflated file can exceed the second limit.
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
 
-/// The same as load_dicom() up to the pixel data, which are not read and may be missing.
+/// Does the same as load_dicom(), but stops before the pixel data, which may be missing.
 OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format);
 
-/// The element's text; empty if there is none. `item` may be null here and in the functions below.
+/// The first value of the element `tag` of `item` as text. Empty if `item` is null or has no such
+/// element.
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag);
 /// The text of an element, converted to UTF-8, without spaces around it. The element belongs to
 /// `item`, one of the dataset's items, or to the dataset itself if `item` is null. Use the function
 /// for texts that may contain letters beyond ASCII.
 std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item = nullptr);
-/// Reads `count` finite numbers; false if the element does not have them.
+/// Reads `count` numbers of an element to `out`. Returns false if `item` is null, or if the element
+/// does not have so many finite numbers.
 bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count);
-/// The element's value, or `otherwise` if the element is missing.
+/// The value of an unsigned 16-bit element, or `otherwise` if `item` is null or does not have it.
 int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);
 
 /// The pixel data element; null if there is none.

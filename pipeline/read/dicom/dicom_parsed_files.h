@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A cache of parsed multi-frame files, which stay parsed while their frames are read.
+// A cache of parsed multi-frame DICOM files, so that a file is not parsed again for each frame.
 // Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
@@ -15,9 +15,10 @@
 
 namespace trocar::pipeline {
 
-/// Keeps parsed multi-frame files that no thread is using, so that a file is not parsed again for
-/// each of its frames. take() gives a file to the calling thread, so there are never more parsed
-/// files than threads.
+/// Keeps the parsed multi-frame files that no thread is using. A thread calls take() to get the
+/// file of a frame, reads the frame, and calls give_back(). Before take() parses a file, it drops
+/// an unused one, so there are never more parsed files than threads. Thread-safe. Errors of take():
+/// kRefused if the file cannot be parsed.
 class ParsedFiles {
  public:
   Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {

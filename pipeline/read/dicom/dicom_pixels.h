@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The pixels of one DICOM frame, in HU.
+// Decodes the pixels of one DICOM frame.
 // Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
@@ -10,12 +10,14 @@
 
 namespace trocar::pipeline {
 
-/// Decodes the pixels of a frame. `format` is the loaded file that `h` describes. Supported are
-/// uncompressed pixels in either byte order, deflated files, RLE, JPEG baseline, extended and
-/// lossless, JPEG-LS (DCMTK) and JPEG 2000 (OpenJPEG). Of an uncompressed or encapsulated file only
-/// this frame is read, and `format` does not keep its pixels. Dense padding
-/// (DicomFrame::has_dense_padding()) becomes kNoData_HU. Errors: kRefused if the pixels are damaged
-/// or truncated, or have another transfer syntax.
+/// Decodes the pixels of the frame `h` and applies the rescale, which gives HU for a CT. `format`
+/// is the loaded file of the frame. Unless the file is deflated, only the pixels of this frame are
+/// read, and `format` does not keep them. If `h` has dense padding
+/// (DicomFrame::has_dense_padding()), pixels with padding become kNoData_HU.
+///
+/// Supported transfer syntaxes: uncompressed pixels in either byte order, deflated files, RLE, JPEG
+/// baseline, extended and lossless, JPEG-LS, and JPEG 2000. Errors: kRefused if the pixels are
+/// damaged or truncated, or have another transfer syntax.
 Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format);
 
 }  // namespace trocar::pipeline

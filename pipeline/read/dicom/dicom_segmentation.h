@@ -11,10 +11,14 @@
 
 namespace trocar::pipeline {
 
-/// Opens a segmentation. Its labels are the numbers of the segments. Precondition: `file` comes
-/// from read_dicom_headers(). Slices without a frame are empty. Errors: kRefused if the frames do
-/// not fit each other or options.segmented_ct; those of resliced(). SliceStack::read() refuses a
-/// slice in which wanted segments overlap. Warnings: frames_left_out, uneven_spacing.
+/// Opens a segmentation as a stack whose values are segment numbers, and 0 outside all segments. If
+/// options.segmented_ct is set, the stack has the slices of that CT. Otherwise it extends along the
+/// normal from the lowest frame to the highest. A slice without a frame is empty. Preconditions:
+/// `file` comes from read_dicom_headers(), and its kind is kSegmentation.
+///
+/// Errors: kRefused if the frames contradict each other, or if a frame lies on no slice of
+/// options.segmented_ct; those of resliced(). SliceStack::read() refuses a slice in which two
+/// wanted segments (options.labels) overlap. Warnings: frames_left_out, uneven_spacing.
 Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
                                                       const OpenOptions& options);
 

@@ -15,14 +15,16 @@
 namespace trocar::pipeline {
 
 /// Opens the series that options.series names or, if options.series is empty, the one that
-/// choose_series() prefers. With options.as_labels, opens a segmentation if there is one. `where`
-/// names the input in messages. Errors: kRefused if there is no usable slice; kUsage if there are
-/// several segmentations; those of dicom_series.h, open_segmentation() and resliced().
+/// choose_series() prefers. If options.as_labels is set, a segmentation is opened instead, if there
+/// is one. It must be in the series options.series or, if options.series is empty, anywhere in the
+/// input. `headers` are results of read_dicom_headers(). `where` names the input in messages.
+/// Errors: kRefused if there is no usable slice; kUsage if there are several segmentations; those
+/// of dicom_series.h, open_segmentation() and resliced().
 Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);
 
-/// Reads the headers of the files first, and then does the same.
+/// Reads the headers of `files` and opens them as above. Precondition: `files` is not empty.
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options);
 

@@ -19,40 +19,45 @@ struct Warning;
 
 /// The kind of a file's images. It is the first of the following kinds whose condition holds:
 /// 1. kLocaliser: a value of ImageType contains LOCALIZER, SURVIEW (as REF_SURVIEW does) or SCOUT.
-/// 2. kOther: the modality is not CT, or a value of ImageType contains MOSAIC or SCREEN SAVE, or
-///    the file is a Secondary Capture without a rescale, or a CT whose RescaleType neither begins
-///    with HU nor is US (unspecified).
+/// 2. kOther: there is a modality other than CT, or a value of ImageType contains MOSAIC or SCREEN
+///    SAVE, or the file is a Secondary Capture without a rescale, or a CT whose RescaleType neither
+///    begins with HU nor is US (unspecified).
 /// 3. kCt: the modality is CT.
 /// 4. kUnknown: there is no modality.
 /// The modality comes from the attribute Modality. If this attribute is missing or empty, the
-/// modality comes from the SOP class, provided that scanners write this class.
+/// modality comes from the SOP class, if modality.cpp lists that class.
 struct ImageContent {
   enum class Kind { kCt, kUnknown, kLocaliser, kOther };
   Kind kind = Kind::kUnknown;
-  /// The modality, such as "CT". If something else decided the kind, it follows the modality: a
-  /// value of ImageType ("MR MOSAIC", "CT LOCALIZER"), SECONDARY CAPTURE or the RescaleType. Empty
-  /// if unknown. At most 34 characters: A to Z, 0 to 9, _ and spaces; ? replaces any other
-  /// character.
+  /// The modality, such as "CT"; empty if unknown. If the kind depends on more than the modality,
+  /// the reason follows: a value of ImageType ("MR MOSAIC", "CT LOCALIZER"), SECONDARY CAPTURE or
+  /// the RescaleType. The name has at most 34 characters: A to Z, 0 to 9, _, spaces, and ? in place
+  /// of any other character.
   std::string name;
 
-  /// Is it a DICOM segmentation (SEG)?
+  /// Is the file a DICOM segmentation (SEG)?
   bool is_segmentation() const { return kind == Kind::kOther && name == "SEG"; }
 };
 
+/// The kind and the name of the images of a dataset.
 ImageContent image_content(DcmItem& data);
 
-/// The reason why a kLocaliser or kOther is not meshed, with advice and without the file's name.
+/// The reason why images of kind kLocaliser or kOther are not meshed, and what to do. The text does
+/// not name the file.
 std::string why_not_ct(const ImageContent& content);
 
-/// Decides what happens to localisers. If `files` (or, if `wanted` is not empty, the series
-/// `wanted`) has other images, localisers are left out of the scan. If there are only localisers,
-/// `any_modality` turns them into ordinary images. Errors: kRefused if there are only localisers
-/// and `any_modality` is not set; the message names the first localiser.
+/// Decides whether localisers are images of the scan. The function looks at all files or, if
+/// `wanted` is not empty, at those of the series with the UID `wanted`. If there are other DICOM
+/// images beside the localisers, the localisers stay kLocaliser, and group_series() leaves them
+/// out. If there are only localisers and `any_modality` is set, they become kImages, or kUnusable
+/// if they have no frames. Errors: kRefused if there are only localisers and `any_modality` is not
+/// set; the message names the first localiser.
 Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string& wanted,
                                bool any_modality);
 
-/// The modality of the files in `used` if it is not CT, otherwise empty. Warnings: not_hu if the
-/// modality is not CT; no_modality if a file does not state one.
+/// ImageContent::name of the first file in `used` whose content is neither kCt nor kUnknown; empty
+/// if there is none. Warnings: not_hu if the result is not empty; otherwise no_modality if a file
+/// in `used` is kUnknown.
 std::string other_modality(const std::vector<DicomFile>& files,
                            const std::set<std::filesystem::path>& used,
                            std::vector<Warning>& warnings);

@@ -11,17 +11,19 @@
 namespace trocar::pipeline {
 
 enum class Levels {
-  kTo255,   ///< 0..255; 16-bit levels are scaled and keep their fractions
-  kStored,  ///< the stored numbers, 1 to 16 bits, or the indices of a palette; for labels
+  kTo255,   ///< grey levels of 0..255; levels of 16 bits are divided by 257, and not rounded
+  kStored,  ///< the stored numbers of 1 to 16 bits, or the indices of a palette; used for labels
 };
 
-/// Reads PNG (by ISA-L or libspng), JPEG and BMP (libjpeg-turbo) and TIFF (libtiff). The format is
-/// recognised by the first bytes. Images have 8 or 16 bits per channel and are grey or coloured.
-/// The size is checked before anything is decoded. Errors: kRefused if the file cannot be read, a
-/// TIFF has several pages, the decoder warns (because it has substituted missing pixels), or labels
-/// are wanted but the image is coloured or a JPEG. The message names the file and the reason.
-/// (OpenCV's imread is not used: it prints to stderr, accepts up to 2^30 pixels, and tries further
-/// formats.)
+/// Reads a PNG, JPEG, BMP or TIFF; the first bytes tell the format. Images have up to 16 bits per
+/// channel. Colours are converted to grey levels. The size is checked before anything is decoded.
+///
+/// Errors: kRefused if the file cannot be read or is damaged, if a TIFF has several pages, or if
+/// labels are wanted but the image is coloured or a JPEG. The message names the file and the
+/// reason.
+///
+/// OpenCV's imread() is not used, because it prints to stderr, accepts up to 2^30 pixels and tries
+/// further formats.
 Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted = Levels::kTo255);
 
 }  // namespace trocar::pipeline

@@ -12,10 +12,11 @@
 
 namespace trocar::pipeline {
 
-/// Opens one slice for each file, in the order of `files`, with the pixel sizes and the slice
-/// distance of options.spacing_mm. Errors: kUsage if the spacing is missing; those of
-/// read_image_file(). SliceStack::read() refuses an image whose size differs from the first one's.
-/// Warnings: missing_slice if the numbers in the names have a gap.
+/// Makes a stack with one slice for each file, in the order of `files`. options.spacing_mm gives
+/// the pixel sizes and the slice distance. Only the first image is decoded here. Precondition:
+/// `files` is not empty. Errors: kUsage if the spacing is missing; those of read_image_file().
+/// SliceStack::read() refuses an image whose size differs from that of the first image. Warnings:
+/// missing_slice if the numbers in the file names have a gap.
 Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
                                                 const OpenOptions& options);
 

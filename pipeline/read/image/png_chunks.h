@@ -13,7 +13,7 @@
 namespace trocar::pipeline {
 
 /// Iterates over the chunks of a PNG file. A chunk consists of length, name, data, and the checksum
-/// of name and data.
+/// of name and data. The functions below next() describe the chunk to which next() went last.
 class PngChunks {
  public:
   using Bytes = std::span<const std::uint8_t>;
@@ -31,7 +31,7 @@ class PngChunks {
     return true;
   }
   bool is(std::string_view name) const { return std::memcmp(named_.data(), name.data(), 4) == 0; }
-  /// Does the checksum of the chunk agree with its data?
+  /// Does the checksum agree with the name and the data?
   bool is_whole() const { return gzip_checksum(named_) == checksum_; }
   Bytes data() const { return named_.subspan(4); }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Decodes the pixels of a plain PNG (W3C recommendation, third edition). ISA-L unpacks the pixels,
-// more than twice as fast as zlib.
+// Decodes the pixels of the usual kinds of PNG (W3C recommendation, third edition). Intel's library
+// ISA-L unpacks the pixels, more than twice as fast as zlib.
 // Tests: tests/pipeline/read/image/png_pixels_test.cpp
 #pragma once
 
@@ -17,12 +17,14 @@ struct PngRows {
   int sample_bytes = 0;       ///< 1 or 2
 };
 
-/// Decodes the pixels of a PNG without interlacing, with samples of 8 or 16 bits, to `pixels`: row
-/// after row, with interleaved channels, and samples of 16 bits in the host's byte order. `file`
-/// has all bytes of the file, `rows` describes the rows according to the header, and `pixels` must
-/// have count * row_bytes bytes. The checksums of the data are checked. If anything in the data is
-/// damaged or unusual, returns false and leaves `pixels` undefined. The caller then uses a complete
-/// decoder, which finds the error or is more lenient.
+/// Decodes a PNG without interlacing and with samples of 8 or 16 bits. `file` has all bytes of the
+/// file, and `rows` describes the rows as the header does. The pixels are written to `pixels`, row
+/// after row, with interleaved channels. Samples of 16 bits get the host's byte order. The
+/// checksums of the data are verified.
+///
+/// If the data are damaged or unusual, or `pixels` does not have count * row_bytes bytes, returns
+/// false and leaves `pixels` undefined. The caller must then use a complete decoder, which finds
+/// the error or is more lenient.
 bool decode_png_pixels(std::span<const std::uint8_t> file, const PngRows& rows,
                        std::span<std::uint8_t> pixels);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads headers of NIfTI-1 and -2, and checks them before anything is allocated. libnifti2 swaps
-// the bytes of a header and interprets it, but it never gets the file itself.
+// Reads headers of NIfTI-1 and -2, and checks the sizes in them before anything is allocated. The
+// library libnifti2 only interprets a header in memory; it never opens the file.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -22,13 +22,15 @@ struct NiftiHeader {
   /// Number of voxels along each axis of the array. The first index varies fastest in the file.
   std::array<std::int64_t, 3> n{};
   std::int64_t volumes = 1;  ///< number of volumes in the file
-  int datatype = 0;          ///< NIFTI_TYPE_... code; one real number for each voxel
+  int datatype = 0;          ///< NIFTI_TYPE_... code of a real number
   int bytes_per_voxel = 0;
-  bool swapped = false;         ///< true: voxels do not have the host's byte order
-  std::int64_t data_start = 0;  ///< byte offset in the (unpacked) file
-  double slope = 1, intercept = 0;
-  bool has_voxel_size = true;  ///< false: the columns of T_lps_voxel have length 1
-  Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< mm
+  bool swapped = false;             ///< true: voxels do not have the host's byte order
+  std::int64_t data_start = 0;      ///< offset of the wanted volume in the (unpacked) file, bytes
+  double slope = 1, intercept = 0;  ///< value = slope * stored + intercept
+  /// False if the file does not state all sides of a voxel. The caller must then scale the first
+  /// three columns of T_lps_voxel, whose lengths are meaningless.
+  bool has_voxel_size = true;
+  Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< maps voxel indices to LPS, mm
   /// If T_lps_voxel comes from the sform: the sides of a voxel according to pixdim in mm, without
   /// signs. A side that the file does not state is zero or not finite.
   std::optional<std::array<double, 3>> pixdim_beside_sform_mm;
@@ -36,12 +38,15 @@ struct NiftiHeader {
   std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }
 };
 
-/// Parses the first bytes of a file (NIfTI-1 needs 348, NIfTI-2 540). Messages name `file`. If the
-/// file has more than three dimensions, `volume` is the index of the wanted volume. It counts along
-/// the further dimensions, of which the fourth varies fastest. Errors: kRefused if the file is not
-/// NIfTI or is one of a pair of files, the voxels are not real scalars, sides or offset are out of
-/// range, or the affine matrix is not finite; kUsage if the file has several volumes and `volume`
-/// is missing, or if `volume` is beyond the last one. Warnings: no_orientation.
+/// Parses `head`, the first kNiftiHeadBytes bytes of a file or all if it has fewer. Messages name
+/// `file`. A file with more than three dimensions may hold several volumes. Volumes are numbered
+/// from 0 in the order of the file, and `volume` is the number of the wanted volume.
+///
+/// Errors: kRefused if the file is not NIfTI or is one of a pair of files (.hdr and .img), if the
+/// voxels are not real scalars, if sides or offset are out of range, if the unit of length is
+/// unknown, or if the matrix from voxels to the patient is not finite or out of range; kUsage if
+/// the file has several volumes and `volume` is missing, or if there is no volume of that number.
+/// Warnings: no_orientation.
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
                                        const std::string& file, std::optional<int> volume,
                                        std::vector<Warning>& warnings);

@@ -14,19 +14,22 @@
 
 namespace trocar::pipeline {
 
-/// Opens the file. Errors: those of parse_nifti_header(), VolumeFile::open() and open_voxels();
-/// kUsage if the file states no voxel size and options.spacing_mm is missing. Warnings: those of
+/// Opens the file with slices along options.axis, or with axial slices if that is not set.
+/// Errors: those of parse_nifti_header(), VolumeFile::open() and open_voxels(); kUsage if the file
+/// states no voxel size and options.spacing_mm is missing. Warnings: those of
 /// parse_nifti_header(), no_modality, spacing_ignored.
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
                                                const OpenOptions& options);
 
-/// The same as open_nifti(), but without the voxels: read() of the stack then returns an error.
+/// Does the same as open_nifti(), but reads the header only, for example to list the file. read()
+/// of the stack returns an error.
 Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& file,
                                                       const OpenOptions& options);
 
-/// Makes a stack of the slices along `axis`. `header` describes the array and `voxels` has its
-/// values. `name` is used in messages. Errors: kRefused if the axes span no volume, rows and
-/// columns of the planes are not at right angles, or the planes are too small or too large.
+/// Makes a stack with slices along `axis` from an array of voxels: `header` describes the array,
+/// and `voxels` has its values. Slices lie along the axis of the array that is nearest to `axis`.
+/// Messages name `name`. Errors: kRefused if the axes of the array span no volume, if rows and
+/// columns of a slice are not at right angles, or if a slice is too small or too large.
 Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
                                                 VolumeFile voxels, SliceAxis axis);
 

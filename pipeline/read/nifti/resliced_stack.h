@@ -11,9 +11,10 @@
 
 namespace trocar::pipeline {
 
-/// Slices the volume of a stack along `axis`, in the same way as a NIfTI volume. The voxels are
-/// written to a temporary file. `where` names the input in messages. Errors: kRefused if the slices
-/// are tilted or not evenly spaced, or if there is only one.
+/// Reads all slices of a stack, writes the voxels to a temporary file, and returns a stack of these
+/// voxels with slices along `axis` (open_voxels()). `where` names the input in messages. Errors:
+/// kRefused if the slices are tilted or not evenly spaced, if there is only one, or if there is no
+/// space for the temporary file; those of SliceStack::read() and open_voxels().
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
                                              const std::string& where);
 
