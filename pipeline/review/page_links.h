@@ -8,10 +8,11 @@
 
 namespace trocar::pipeline {
 
-/// Links are relative, so that page and store can be moved together. If symbolic links would make a
-/// relative link wrong, links are absolute (`file:///...`): a browser resolves `..` by the text of
-/// the page's address, without looking at symbolic links. A relative link is therefore used only if
-/// it is right both for the page's path as it was given and for its path without symbolic links.
+/// Links are relative if possible, so that page and store can be moved together. A browser resolves
+/// `..` in a link by the text of the page's address, and does not know which folders are symbolic
+/// links. Links are therefore relative only if they lead to the store both from the page's path as
+/// it was given and from that path with symbolic links resolved. Otherwise links are absolute
+/// (`file:///...`).
 class PageLinks {
  public:
   PageLinks(const std::filesystem::path& page, const std::filesystem::path& store);
@@ -19,7 +20,7 @@ class PageLinks {
   std::string to(const std::filesystem::path& file) const;
 
  private:
-  std::string store_;  // the URL of the store, empty or with a slash at its end
+  std::string store_;  // the URL of the store with a slash at its end; empty for the page's folder
 };
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// `trocar-mesh review`: HTML pages with a picture of every asset of a store, and the differences
-// from another store.
+// `trocar-mesh review`: HTML pages with a picture of every asset of a store. On request, the pages
+// also show the differences from another store.
 // Tests: tests/e2e/review_test.py
 #pragma once
 
@@ -13,29 +13,32 @@
 
 namespace trocar::pipeline {
 
-inline constexpr std::size_t kScansPerPage = 240;
+inline constexpr std::size_t kScansPerPage = 240;  ///< largest number of cards on a page
 
 struct ReviewOptions {
   std::filesystem::path store;
-  std::filesystem::path against;  ///< store to compare with; empty: no comparison
-  std::filesystem::path page;     ///< NAME.html; further pages are NAME-2.html and so on
-  const std::atomic<bool>* stop = nullptr;
+  std::filesystem::path against;            ///< store to compare with; empty: no comparison
+  std::filesystem::path page;               ///< NAME.html; further pages are NAME-2.html and so on
+  const std::atomic<bool>* stop = nullptr;  ///< the caller sets it to end the review early
+  /// Called after each page with the number of scans on the pages written so far.
   std::function<void(std::size_t done, std::size_t total)> progress = {};
 };
 
 /// Writes the pages and returns the numbers shown in them as JSON (`trocar.review/1`).
 ///
-/// Each scan has a card with its picture. A page shows up to kScansPerPage cards: first those of
-/// scans that differ, the most serious differences first, then those of scans that failed or are
-/// damaged, then the others by name. A card links to the scan's report, asset and products in the
-/// store, and names the products that failed. A missing or damaged asset is reported on its card. A
-/// page needs no other file to be shown.
+/// Each scan of the store has a card with its picture. The cards of scans that differ come first,
+/// the most serious differences at the front. The cards of scans that failed or are damaged follow,
+/// and then all other cards; these two groups are sorted by name. A card links to the scan's
+/// report, asset and products in the store, and names the products that failed. A missing or
+/// damaged asset is reported on its card. A page contains everything that it shows, except the
+/// files behind these links.
 ///
-/// The first page has an index of all scans (scan_index.h). It searches, filters and sorts the
-/// scans of all pages, and its results link to the cards. The other pages link to the first page
-/// and have no index of their own, because the size of a review would then grow with the square of
-/// the number of scans. Only one page and the index are in memory at a time. The first page is
-/// written last. Pages of an earlier, longer review with the same name are removed.
+/// The first page has an index of all scans (scan_index.h). By the index, the page searches,
+/// filters and sorts the scans of all pages; the results link to the cards. The other pages link to
+/// the first page. They have no index of their own, because otherwise the size of a review would
+/// grow with the square of the number of scans. Only one page and the index are in memory at a
+/// time. The first page is written last. Pages of an earlier, longer review with the same name are
+/// removed.
 ///
 /// Errors: kRefused if a folder is not a store, or the store has no scans; kUnwritable if a page
 /// cannot be written, or `stop` was set.

@@ -19,7 +19,9 @@ inline constexpr std::size_t kMaxIndexed = 100'000;
 class ScanIndex {
  public:
   struct Row {
-    /// kDone: the asset could be read. kDamaged: the index entry or the asset cannot be read.
+    /// kDone: the asset could be read. kDamaged: the asset, or the scan's entry in the store's
+    /// index, cannot be read. kDifferent: the scan differs from that of the store to compare with.
+    /// kFailedProduct: a product of the scan failed.
     enum Flag : std::uint8_t {
       kDone = 1,
       kFailed = 2,
@@ -28,16 +30,19 @@ class ScanIndex {
       kFailedProduct = 16
     };
     std::string name;
-    unsigned flags = 0;
+    unsigned flags = 0;  ///< a sum of values of Flag
+    /// Numbers of the asset; std::nullopt if the asset could not be read. An asset without
+    /// triangles has `bytes` only.
     std::optional<std::uint64_t> bytes = {}, triangles = {}, slices = {};
   };
 
-  /// Makes an index for this number of scans, of which only the first kMaxIndexed are kept.
+  /// Makes an index for `scans` scans. Only the first kMaxIndexed of them get a row.
   explicit ScanIndex(std::size_t scans);
-  /// Sets the row of a scan. `place` is its number in the order of the pages.
+  /// Sets the row of a scan. `place` is the number of the scan's card, counted from 0 over all
+  /// pages. If `place` is kMaxIndexed or more, nothing happens.
   void set(std::size_t place, Row row);
   /// The rows as one array for each column, because that is the shortest text. The position of a
-  /// scan in the arrays determines its page. "further" is the number of scans that are not kept.
+  /// scan in the arrays determines its page. "further" is the number of scans without a row.
   nlohmann::json as_json() const;
 
  private:

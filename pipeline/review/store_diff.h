@@ -12,24 +12,26 @@
 
 namespace trocar::pipeline {
 
-/// A value of the asset in the store (`now`) and of the asset in the other store (`before`).
+/// A value in the reviewed store (`now`), and the same value in the store to compare with
+/// (`before`).
 template <typename T>
 struct Both {
   T now{}, before{};
 };
 
+/// The differences between two assets. Slices with material correspond to each other if their index
+/// and material are equal. In the numbers of slices, each material of a slice counts as a slice.
 struct AssetDifference {
-  /// The largest two-sided Hausdorff distance between the outlines of a slice in the two assets,
-  /// over the slices with material in both. If the planes of a slice differ, the outlines are
-  /// compared in the plane of the newer asset. Accurate to 0.001 mm.
+  /// The largest two-sided Hausdorff distance between the outlines of corresponding slices. If the
+  /// planes of two slices differ, the outline of `before` is projected onto the plane of `now`, and
+  /// its largest distance from that plane counts too. Accurate to 0.001 mm.
   double hausdorff_mm = 0;
-  int worst_slice = -1;    ///< slice with this distance; -1 if no slice has material in both
-  int slices_changed = 0;  ///< slices whose outline or number of triangles differs
-  Both<int> slices_alone;  ///< slices with material in only this one of the assets
+  int worst_slice = -1;    ///< slice with this distance; -1 if no slices correspond
+  int slices_changed = 0;  ///< corresponding slices whose outlines or numbers of triangles differ
+  Both<int> slices_alone;  ///< slices with material that have no corresponding slice
   Both<double> area_mm2;
   Both<std::uint64_t> triangles;
 };
-/// Compares two assets, whose slices correspond by index and material.
 AssetDifference compare_assets(const Asset& now, const Asset& before);
 
 struct ScanDifference {
@@ -37,22 +39,27 @@ struct ScanDifference {
   enum class Kind { kDamaged, kFailed, kGone, kChanged, kRepaired, kNew };
   std::string name;
   Kind kind = Kind::kChanged;
-  std::string reason;        ///< reason of kDamaged or kFailed
-  AssetDifference geometry;  ///< differences of kChanged
-  Both<std::uint64_t> bytes;
+  std::string reason;         ///< reason of kDamaged or kFailed
+  AssetDifference geometry;   ///< set if the kind is kChanged
+  Both<std::uint64_t> bytes;  ///< sizes of the assets
 };
-/// "damaged", "failed" (the scan had not failed before), "gone" (the scan has no entry any more),
-/// "changed", "repaired" (the scan had failed before), "new".
+/// The name of a kind:
+///  - "damaged": the scan's entry in the reviewed store or one of its two assets cannot be read.
+///  - "failed": the scan failed, but not in the store to compare with.
+///  - "gone": only the store to compare with has the scan.
+///  - "changed": the two assets differ.
+///  - "repaired": the scan has an asset, but is failed or damaged in the store to compare with.
+///  - "new": the scan has an asset, and is missing in the store to compare with.
 const char* name_of(ScanDifference::Kind kind);
 
 struct StoreDiff {
-  std::size_t same = 0;  ///< number of scans whose assets are byte-identical or that failed in both
+  std::size_t same = 0;  ///< number of scans whose assets are equal, or that failed in both stores
   std::vector<ScanDifference> differences;
 };
-/// Compares two stores. Reads only assets whose digests differ. The differences are ordered by
-/// kind, then by the number of slices with material in only one asset, then by distance, then by
-/// the difference of area, of triangles and of bytes, then by name. Errors: kUnwritable if `stop`
-/// was set; the comparison then ends early.
+/// Compares two stores. Only assets whose digests differ are read. The differences are ordered by
+/// kind, then by the number of slices without a corresponding slice, by hausdorff_mm, and by the
+/// differences of area, triangles and bytes, always the largest first, and last by name. Errors:
+/// kUnwritable if `stop` was set; the comparison then ends early.
 Result<StoreDiff> compare_stores(const farm::Store& now, const farm::Store& before,
                                  const std::atomic<bool>* stop = nullptr);
 

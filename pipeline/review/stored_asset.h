@@ -12,7 +12,7 @@
 
 namespace trocar::farm {
 
-/// The data of a scan in the index. The data are small, so that those of all scans fit into memory.
+/// The data of a scan in the store's index. The data of all scans together fit into memory.
 struct IndexedScan {
   enum class Status { kDone, kFailed, kDamaged };
   std::string name;
@@ -21,11 +21,12 @@ struct IndexedScan {
   std::string reason;  ///< set if the status is not kDone
 };
 
-/// All scans of the index, sorted by name. An entry that cannot be read has the status kDamaged.
+/// All scans of the store's index, sorted by name. A scan whose entry cannot be read is kDamaged.
 std::vector<IndexedScan> indexed_scans(const Store& store);
 
-/// Reads an asset. Errors: kRefused if the file is missing, does not have its digest, or is not an
-/// asset; the message names the file and the remedy.
+/// Reads the asset `object` and checks that its bytes have the digest object.sha256. Errors:
+/// kRefused if the file is missing, has another digest, or is not an asset; the message names the
+/// file.
 Result<Asset> read_stored_asset(const Store& store, const Object& object);
 
 }  // namespace trocar::farm
