@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Self-intersections of a triangle surface, by CGAL's exact predicates.
+// Finds the self-intersections of a triangle surface by exact predicates of the library CGAL.
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
