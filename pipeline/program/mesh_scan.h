@@ -22,7 +22,7 @@ Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
 std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan);
 
 /// Checks whether the threshold suits a scan whose values are not HU. The default threshold and the
-/// presets are meant for HU only. With --labels or --equalize nothing is checked.
+/// thresholds of presets are meant for HU only. With --labels or --equalize nothing is checked.
 ///  - Images: a missing threshold is an error (kUsage), and so is a preset. A threshold outside
 ///    0..255 selects all pixels or none; the function then adds the warning threshold_out_of_range
 ///    to the stack.

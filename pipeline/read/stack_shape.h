@@ -16,7 +16,7 @@ namespace trocar::pipeline {
 struct StackShape {
   std::vector<double> gaps_mm;  ///< distances along the normal, from each slice to the next
   double step_mm = 0;           ///< median of gaps_mm; 0 for a single slice
-  double shift_mm = 0;  ///< largest distance within the plane from one slice's origin to the next
+  double shift_mm = 0;  ///< largest in-plane shift of a slice's origin relative to the slice before
   /// Gantry tilt: the angle between the normal and the line from the first position to the last.
   double tilt_deg = 0;
 

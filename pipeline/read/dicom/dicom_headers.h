@@ -62,7 +62,7 @@ struct DicomSegments {
 
 struct DicomFile {
   enum class Kind {
-    kNotImage,   ///< not DICOM, or DICOM without pixels
+    kNotImage,   ///< not DICOM, or DICOM without an image
     kLocaliser,  ///< a scout view, by which a scan is planned
     kImages,
     kSegmentation,  ///< a label map
