@@ -17,20 +17,21 @@ namespace trocar::pipeline {
 /// The materials of an asset. Key: MeshedMaterial::first_label; value: index in Asset::materials.
 using MaterialIndices = std::map<int, int>;
 
-/// The name of the material that `first_label` identifies, which is the name of its label. For a
-/// material of several joined labels, the name consists of as many of their names as fit into
-/// kMaxNameBytes.
+/// Returns the name of the material with this first label. A material of one label has that label's
+/// name. A material of joined labels has their names, with " + " between them. If not all names fit
+/// into kMaxNameBytes, the text ends with the number of the missing ones, as in "L1 + L2 + 3 more".
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label);
 
-/// Asset::materials, in the order of `indices`.
+/// Makes Asset::materials: one entry for each entry of `indices`, in the same order.
 std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels& wanted,
                                            const MaterialIndices& indices);
 
-/// One segmentation for each material of the asset, which selects only this material.
+/// Returns one segmentation for each entry of `indices`, in the same order; it selects only the
+/// pixels of that material. If `segmentation` is not Labels, returns `segmentation` alone.
 std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
                                                  const MaterialIndices& indices);
 
-/// Returns those of `labels` whose material is not in the asset.
+/// Returns the `labels` that belong to a material that is missing from `indices`.
 std::set<int> labels_without_material(const std::set<int>& labels, const Labels& wanted,
                                       const MaterialIndices& indices);
 

@@ -8,9 +8,9 @@
 
 namespace trocar::pipeline {
 
-/// The quantisation grid of the slices `first` to `last`. It covers the image of the slices, or the
-/// crop of the image, and a margin. It therefore contains every vertex. Errors: those of
-/// asset_grid().
+/// Returns the grid to which Draco quantises the vertices of the slices `first` to `last`, both
+/// included. It covers the image of these slices, or the crop of the image, and a margin. It
+/// therefore contains every vertex. Errors: those of asset_grid().
 Result<DracoGrid> encoding_grid(const SliceStack& stack, int first, int last,
                                 const MeshOptions& options);
 

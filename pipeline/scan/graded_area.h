@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A bound on the area of triangles that depends on the position, so that triangles are smaller
+// A bound on the area of triangles for each position, so that triangles are smaller
 // where HU change.
 #pragma once
 
@@ -9,12 +9,12 @@
 
 namespace trocar::pipeline {
 
-/// The bound at a position is the area of an equilateral triangle. The edge length of this triangle
-/// is such that HU change by at most `hu_per_edge` along an edge, according to the gradient of the
-/// image (Sobel's, which averages noise over nine pixels). The bound is never below kMinArea_px2. A
-/// short edge length at one position also limits the edge lengths around this position: they grow
-/// by at most half of the distance from it. So every triangle that is large enough to contain such
-/// a position is refined.
+/// The bound at a position is the area of an equilateral triangle. Along an edge of this triangle
+/// HU change by at most `hu_per_edge`, according to the gradient of the image (Sobel's, which
+/// averages noise over nine pixels). Two rules modify the bound. It is at least kMinArea_px2, in
+/// areas of a pixel. And the edge length at a pixel exceeds the edge length at any other pixel by
+/// at most half of the distance between the two. Therefore a large triangle is also refined if HU
+/// change in only a part of it, and not at its centroid, where refinement evaluates the bound.
 class GradedArea {
  public:
   static constexpr double kMinArea_px2 = 1;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The HU of everything in a scan on a coarse grid (--context), for X-ray pictures. Such a volume of
-// a head can show a face. The pitch is the spacing of the grid.
+// The HU of a whole scan, not only of the material, on a coarse grid for X-ray pictures
+// (--context). In such a volume of a head, a face can be recognised. The pitch is the spacing
+// of the grid.
 // Tests: tests/e2e/hu_volume_test.py
 #pragma once
 
@@ -10,17 +11,21 @@
 
 namespace trocar::pipeline {
 
-/// The pitch if none is given: 2 mm if slices are at most 128 mm wide and high, 3 mm up to 256 mm,
-/// otherwise 4 mm.
+/// The default pitch: 2 mm if the longer side of the image is at most 128 mm, 3 mm if it is at most
+/// 256 mm, otherwise 4 mm.
 double default_context_mm(const SlicePlane& plane, int width, int height);
 
-/// Encodes the HU of slices `first` to `last` on a coarse grid. Along each axis the pitch is a
-/// multiple of the spacing of the scan. It is the largest multiple up to 1.05 * pitch_mm, but at
-/// least the spacing of the scan. (A coarser grid would lose edges of bone in an X-ray picture.)
-/// Only planes that would have more than 4096 samples a side are coarser than that. A sample is the
-/// mean over a block of pixels and over the neighbouring slices, with weights that fall to zero at
-/// the next planes of the grid. The image is cropped by options.crop. The result does not depend on
-/// the number of threads. Errors: those of stack.read().
+/// Encodes the HU of the slices `first` to `last`, both included, cropped by options.crop.
+///
+/// Along each axis the pitch is n times the spacing of the scan. The number n is the largest one
+/// for which the pitch is at most 1.05 * pitch_mm, but at least 1. (A coarser grid would lose edges
+/// of bone in an X-ray picture.) Exception: if a plane would have more than 4096 samples along a
+/// side, n is larger.
+///
+/// The value of a sample is a mean over a block of pixels and over the slices near the sample's
+/// plane. The weight of a slice decreases linearly with its distance from this plane, and is zero
+/// at the next plane of the grid on either side. The result does not depend on the number of
+/// threads. Errors: those of stack.read().
 Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int last,
                                        double pitch_mm, const MeshOptions& options);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The HU of slices for the asset (formats/asset/hu_volume.h). If the scan's pixels are about 1 mm
-// or coarser, every pixel is used, otherwise every second, third, ... pixel.
+// Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). Samples
+// are about 1 mm apart: if pixels are narrower than 0.57 mm, only every second, third, ...
+// pixel is a sample.
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
@@ -20,20 +21,26 @@ struct HuSampling {
   int columns_each = 1, rows_each = 1;
 };
 
-/// The sampling of the (cropped) slices of a stack. For pixels of up to 1.15 mm the pitch of the
-/// samples is between 0.57 and 1.15 mm; coarser pixels are all samples. Samples within the margin
-/// around the material are stored, so that means over a needle's cross-section are possible at the
-/// border of bone. The margin is 1.5 mm, or one pitch if that is larger. Stored HU are multiples of
-/// a step. The step is 72 HU at a pitch of 1 mm and inversely proportional to the pitch, from 8 to
-/// 96 HU. The rounding errors of a mean over 3 mm are then 2 to 5 HU, whatever the pitch.
+/// Chooses the sampling for slices of `width` x `height` pixels, which are already cropped. The
+/// pitch is the distance between samples. If pixels are at most 1.15 mm wide, the pitch is between
+/// 0.57 and 1.15 mm. If they are wider, every pixel is a sample.
+///
+/// The asset stores the samples in the material and in a margin around it. Thanks to the margin,
+/// the mean HU over a needle's cross-section can also be computed at the border of bone. The margin
+/// is 1.5 mm, or one pitch if that is larger.
+///
+/// Stored HU are multiples of a step. The step in HU is about 72 divided by the pitch in mm, but at
+/// least 8 and at most 96. With this step, the rounding error of a mean over 3 mm is 2 to 5 HU,
+/// whatever the pitch.
 HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options);
 
-/// The samples of an image of HU inside the box, row by row. Between samples HU are bilinear. If
-/// the samples are coarser than the pixels, they are the least-squares fit to the pixels in and
-/// around the box.
+/// Computes the samples inside the box, row by row. If every pixel is a sample, the result has the
+/// values of the pixels. Otherwise the samples are a least-squares fit: their bilinear
+/// interpolation approximates the pixels in and around the box.
 std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box);
 
-/// The encoded plane of a slice; it has no bytes if it is empty. Errors: those of hu_mask().
+/// Encodes the plane of the slice `index`. The plane has no bytes if no sample is stored. Errors:
+/// those of hu_mask().
 Result<EncodedHuPlane> encode_hu(int index, const Image& hu, const HuSampling& sampling,
                                  const Lattice& lattice, Outlines outlines);
 

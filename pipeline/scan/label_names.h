@@ -12,30 +12,32 @@
 
 namespace trocar::pipeline {
 
-/// A name is 1 to 64 bytes of UTF-8 without control or format characters, and does not begin or end
-/// with a space.
+/// A name has 1 to kMaxNameBytes bytes of UTF-8. All its characters can be printed, and its first
+/// and last character are not spaces.
 inline constexpr std::size_t kMaxNameBytes = 64;
 /// Labels 1 to kMaxLabel can have names; 0 is the background.
 inline constexpr int kMaxLabel = 999'999'999;
 
 class LabelNames {
  public:
-  /// Reads the names that the argument of --names gives: a table (verse, totalsegmentator) or a
-  /// JSON file {"20": "L1", ...}. Errors: kRefused if there is no such file, it is larger than 1
-  /// MiB or not JSON, a key is not a label, a name is invalid, or a label or name occurs twice.
+  /// Reads names. `what` is the argument of --names: a built-in table (verse, totalsegmentator) or
+  /// a JSON file {"20": "L1", ...}. Errors: kRefused if the file cannot be read, is larger than 1
+  /// MiB or is not a JSON object with entries; if a key is not a label or a name is not valid; or
+  /// if a label or name occurs twice.
   static Result<LabelNames> named(const std::string& what);
-  /// Is the argument of --names the name of a table?
+  /// Is `what` the name of a built-in table?
   static bool is_table(const std::string& what);
 
-  /// Adds the names that the input itself gives to labels that have no name yet. A name that is
-  /// already in use is skipped, and characters that a name cannot have are replaced by "?".
+  /// Adds names that the input itself contains: a label without a name gets its name in `of_input`.
+  /// A name that another label already has is skipped. Characters that a name cannot have are
+  /// replaced by "?", and bytes beyond kMaxNameBytes are left out.
   void add_defaults(const std::map<int, std::string>& of_input);
 
   /// The name of a label, or "label 20" if it has none.
   std::string name_of(int label) const;
 
-  /// Lists labels for a message: "labels 20-24" or, if they have names, "labels 20 (L1), 22 (L3)".
-  /// If labels have names, only the first eight are listed.
+  /// Lists labels for a message: "labels 20-24" if none of them has a name, otherwise "labels 20
+  /// (L1), 22 (L3)". A list with names ends after eight labels with the number of the rest.
   std::string list(const std::set<int>& labels) const;
 
  private:

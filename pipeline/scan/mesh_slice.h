@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One slice from pixels to verified meshes of its materials.
+// Turns the pixels of one slice into verified meshes of its materials.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp, tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -24,15 +24,17 @@ struct MeshOptions : MaterialOptions {
   ContourKind contour = ContourKind::kSubpixel;
   SimplificationOptions simplification;
   RefinementOptions refinement;
-  /// Largest area of a triangle, in pixels of the slice. Replaces refinement.max_area_mm2.
+  /// Largest area of a triangle as a multiple of a pixel's area. If set, it replaces
+  /// refinement.max_area_mm2.
   std::optional<double> max_area_px2;
   Lattice lattice;
-  const SliceStack* hu = nullptr;  ///< the CT of a label map (open/labels_with_ct.h), if any
-  /// Give the asset the HU of the slices, if the input is in HU or is a label map with its CT.
+  const SliceStack* hu = nullptr;  ///< CT of a label map (open/labels_with_ct.h) or null
+  /// Stores the HU of the slices in the asset. This has no effect unless the input is in HU or is a
+  /// label map with its CT.
   bool hu_volume = true;
-  /// Fit a field of HU to the mesh, for the same input as hu_volume.
+  /// Fits a field of HU to each mesh (hu_field.h). Needs the same input as hu_volume.
   bool hu_field = false;
-  /// Change of HU along an edge (graded_area.h), for input in HU; 0: areas are not graded.
+  /// Makes triangles smaller where HU change: GradedArea's `hu_per_edge` (graded_area.h). 0: off.
   double grade_hu = 0;
 };
 
@@ -41,24 +43,27 @@ struct StageTimes {
          refine_ms = 0, check_ms = 0, hu_ms = 0;
 };
 
-/// One material of a slice, with all of its data that the asset, the report and the pictures
-/// contain.
+/// One material of a slice, with all of its data that the asset, the report and the
+/// pictures of --dump-stages need.
 struct MeshedMaterial {
-  /// In a label map: the smallest of the material's labels, which identifies it in every slice.
+  /// In a label map: the smallest of the material's labels. It identifies the material
+  /// in every slice.
   int first_label = 0;
   Pslg contours;  ///< at full resolution, without small rings
   Pslg pslg;      ///< the simplified contours
-  SliceMesh cdt;  ///< constrained Delaunay triangulation of `pslg`, without the outside
+  SliceMesh cdt;  ///< constrained Delaunay triangulation of the inside of `pslg`
   Refined refined;
   ProvedOutline outline;  ///< boundary of the refined mesh: `pslg` with its Steiner points
   MeshQuality quality;
-  /// The mean HU of the pixels that are material, before small regions are dropped. Present for
-  /// input in HU that is segmented by a threshold, and for a label map with its CT.
+  /// The mean HU of the material's pixels. It includes small regions that are dropped later.
+  /// Present for input in HU that is segmented by a threshold, and for a label map with its CT.
   std::optional<double> mean_hu;
-  std::optional<HuField> hu;  ///< field over refined.mesh, with MeshOptions::hu_field
-  /// Two-sided Hausdorff distance between `contours` and `pslg`, ring by ring, or border by border
-  /// if there are several materials. If areas are kept (SimplificationMethod::kArea), it is the
-  /// distance between `contours` and `outline`, which includes the points of refinement.
+  std::optional<HuField> hu;  ///< field over refined.mesh, if MeshOptions::hu_field is set
+  /// The largest two-sided Hausdorff distance between a ring of `contours` and its simplified ring
+  /// in `pslg`. If the slice has several materials, the chains of their borders
+  /// (contour/label_borders.h) are compared instead of rings. If areas are kept
+  /// (SimplificationMethod::kArea), the distance is the one between `contours` and `outline`,
+  /// because refinement then also moves the outline.
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   int holes = 0;
@@ -66,29 +71,32 @@ struct MeshedMaterial {
 
 struct MeshedSlice {
   bool all_material = false;  ///< whether every pixel is material
-  /// The materials of the slice; at least one entry, whose mesh is empty if nothing is material. In
-  /// a label map: the materials with a mesh, ascending by `first_label`, whose outlines have passed
-  /// check_shared_borders().
+  /// The materials of the slice. There is at least one entry; if nothing is material,
+  /// its mesh is empty. In a label map there is one entry for each material with a
+  /// mesh, ascending by `first_label`. If there are several entries, their outlines
+  /// have passed check_shared_borders().
   std::vector<MeshedMaterial> materials;
   std::set<int> labels;         ///< the wanted labels that occur in the slice
-  std::size_t not_numbers = 0;  ///< Image::not_numbers, including that of the CT of a label map
-  ValueTally values;            ///< statistics of input in HU, or with material chosen by labels
+  std::size_t not_numbers = 0;  ///< number of NaN pixels in the slice and in the label map's CT
+  ValueTally values;            ///< statistics of HU or labels; empty for other input
   double max_area_bound_mm2 = 0;
-  std::optional<Image> hu;  ///< the cropped HU of all pixels, with MeshOptions::hu_volume
+  std::optional<Image> hu;  ///< HU of all pixels in the crop, for MeshOptions::hu_volume
   StageTimes times;
 
   double area_mm2() const;
 };
 
-/// Errors: kRefused if the pixels are too fine for the lattice, or the image is too large for it.
+/// Checks that a slice fits the lattice. Errors: kRefused if pixels are narrower than
+/// kMinStepsPerPixel lattice steps, or if the image is wider or higher than
+/// kMaxAssetSpan lattice steps.
 Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice);
 
 /// Meshes one slice. Every PSLG has passed check_pslg(), and every mesh check_delaunay_mesh()
-/// (formats/geometry/mesh_validity.h). Several materials share one network of borders
-/// (contour/label_borders.h) and have passed check_shared_borders()
-/// (formats/geometry/shared_borders.h). Errors: those of stack.read() and check_lattice(); kRefused
-/// if there are too many materials; kUsage if several materials have options that only one material
-/// can have; kBug if an outline or mesh failed its check.
+/// (formats/geometry/mesh_validity.h). If the slice has several materials, two neighbours share
+/// their border point by point (contour/label_borders.h), and the outlines have passed
+/// check_shared_borders() (formats/geometry/shared_borders.h). Errors: those of stack.read() and
+/// check_lattice(); kRefused if there are too many materials; kUsage if an option needs a single
+/// material and there are several; kBug if an outline or mesh failed its check.
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 }  // namespace trocar::pipeline

@@ -21,42 +21,44 @@ namespace trocar::pipeline {
 struct StackOptions {
   MeshOptions mesh;
   SolidOptions solid;
-  bool keep_table = false;  ///< false: the scanner's table is left out (scanner_table.h)
-  LabelNames names;         ///< names of labels; other labels get the names in the scan
-  std::optional<SurfaceOptions> surface;      ///< adds a surface for display
+  bool keep_table = false;  ///< false: the scanner's table is removed (scanner_table.h)
+  LabelNames names;         ///< a label without a name here gets its name from the scan
+  std::optional<SurfaceOptions> surface;      ///< if set, surfaces for display are added
   std::optional<SliceAxis> axis;              ///< axis along which the stack was opened
-  std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
+  std::optional<std::pair<int, int>> slices;  ///< first and last index; no value: all
   int threads = 0;                            ///< 0: all cores
-  std::vector<std::uint8_t> input_key;        ///< key of the input's digest; empty: no digest
+  std::vector<std::uint8_t> input_key;        ///< key for the input's digest; empty: no digest
   bool lines = false;                         ///< Asset::lines
   bool colours = false;                       ///< Asset::colours
   /// Pitch of Asset::context, mm. 0: default_context_mm(); no value: the asset gets no context.
   std::optional<double> context_mm;
   std::optional<int> dump_slice;  ///< slice whose StackResult::stages are wanted
-  std::function<void(int done, int total)> progress;  ///< called by any thread, one call at a time
-  const std::atomic<bool>* stop = nullptr;            ///< set by a signal handler to stop early
-  /// Start of the report's total_ms, which includes opening the scan.
+  /// Called after each slice by the thread that meshed it; never by two threads at the same time.
+  std::function<void(int done, int total)> progress;
+  const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
+  /// The report's total_ms counts from here. Opening the scan is included if this is set before.
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 
 struct StackResult {
-  std::string input_key_digest;  ///< empty without a key
+  std::string input_key_digest;  ///< empty if input_key is empty
   std::vector<std::uint8_t> glb;
   std::vector<AssetSurface> surfaces;  ///< the surfaces in the glb
   nlohmann::json report;
   nlohmann::json stages;  ///< contours, outline and meshes of slice dump_slice, or null
 };
 
-/// Checks the options against the stack. Errors: kUsage if slices or crop are outside the stack, or
-/// if vertex colours, areas graded by HU (graded_area.h) or a context are wanted but the values are
-/// not HU.
+/// Checks the options against the stack. Errors: kUsage if slices or crop are outside the stack, if
+/// the crop is less than two pixels wide or high, or if vertex colours, areas graded by HU
+/// (graded_area.h) or a context are wanted but there are no HU.
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
-/// Meshes the stack. The same stack and options give the same glb, with any number of threads. If
-/// values are not HU, report and asset state this (formats/asset/asset.md). warnings.h describes
-/// the warnings in the report. If a slice fails, there is no asset. If several slices fail, the
-/// error of the lowest one is returned. Errors: those of check_ranges() and mesh_slice(); kRefused
-/// if no slice has any material; kUnwritable if StackOptions::stop has interrupted the run.
+/// Meshes the stack. The same stack and options give the same glb, with any number of threads.
+/// `parameters` is stored in asset and report, which also state the modality if values are
+/// uncalibrated (formats/asset/asset.md). warnings.h describes the warnings in the report. If a
+/// slice fails, there is no asset. If several slices fail, the error of the one with the lowest
+/// index is returned. Errors: those of check_ranges() and mesh_slice(); kRefused if no slice has
+/// any material; kUnwritable if StackOptions::stop has interrupted the run.
 Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
                                const nlohmann::json& parameters);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Makes the report of a run (--report), the measures of a slice that the asset stores, and the
-// contours, outlines and meshes of one slice for pictures (--dump-stages).
+// Makes JSON from the results of a run: entries of the report (--report), the measures of a slice
+// that the asset stores, and the data of one slice for pictures (--dump-stages).
 // Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
@@ -13,21 +13,21 @@
 
 namespace trocar::pipeline {
 
-/// An entry of the report's `slices[]`, without its times.
+/// Makes an entry of the report's `slices[]`, without its member `ms` (see stage_times()).
 nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& material,
                             double max_area_bound_mm2);
 nlohmann::json stage_times(const StageTimes& times);
 
-/// The part of an entry of `slices[]` that the asset stores.
+/// Makes the part of an entry of `slices[]` that the asset stores, too.
 nlohmann::json slice_measures(const MeshedMaterial& material);
 
-/// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm. Those of
-/// all materials are combined.
+/// Lists contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm.
+/// Each list combines all materials.
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 
-/// The entry `asset` of the report, without the part about the surface. `bytes` is the size of the
-/// file.
+/// Makes the entry `asset` of the report, without `surface_bytes`. `bytes` is the size of
+/// the asset's file.
 nlohmann::json asset_report(const AssetSizes& sizes, std::size_t bytes);
 
 /// Largest resident memory that this process has used so far.

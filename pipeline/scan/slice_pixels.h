@@ -13,14 +13,14 @@
 namespace trocar::pipeline {
 
 struct SlicePixels {
-  Field field;  ///< all materials together
-  /// The values before segmentation, if `field` no longer has them.
+  Field field;  ///< treats all materials as one
+  /// The values before segmentation, if a later stage needs them and `field` no longer has them.
   std::optional<Image> original;
   std::optional<Image> ct;           ///< the CT of a label map
-  bool needs_hu = false;             ///< true: the slice's own values are used as HU
+  bool needs_hu = false;             ///< a later stage uses the slice's own values as HU
   std::optional<double> solid_mean;  ///< result of SolidBone::apply()
-  /// The pixels of each material if the slice has several. If it has one, this is empty, because
-  /// `field` has that material.
+  /// The material of each pixel if the slice has several materials. If it has one, this is empty,
+  /// because `field` suffices.
   MaterialImage several = {};
 
   /// The image of HU for the HU field and graded areas; null if there is none.
@@ -47,7 +47,7 @@ Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOpt
 
 /// Segments a slice. Sets these members of `out`: materials (at least one entry, with first_label
 /// and mean_hu), labels, values and all_material. Errors: kRefused if there are too many materials;
-/// kUsage if several materials have options that only one material can have.
+/// kUsage if an option needs a single material and there are several.
 Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
                                   SliceImages images, MeshedSlice& out);
 

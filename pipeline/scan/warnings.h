@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The warnings of a run: those of slices and of the whole scan, and their entries in the report.
+// Collects the warnings about slices and about the whole scan, and makes the report's entries.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -11,7 +11,7 @@
 
 namespace trocar::pipeline {
 
-/// A warning of one slice. `value` replaces a # in the sentence.
+/// A warning about one slice. In the report, `value` replaces the first # of the sentence.
 struct SliceWarning {
   std::string code;
   int slice = 0;
@@ -23,19 +23,21 @@ struct SliceWarning {
 std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
                                          const Segmentation& segmentation, const LabelNames& names);
 
-/// Makes `warnings[]` of the report. It has one entry for each code, in the order in which the
-/// codes first occur. An entry has `code`, `where`, `sentence`, and all `slices` (numbers) or
-/// `places` (the texts of Warning::where). If the values of the slices differ, the sentence states
-/// the lowest and the highest.
+/// Makes `warnings[]` of the report, with one entry for each code, in the order in which the codes
+/// first occur. An entry has `code`, `where` and `sentence`. It also has `slices` (numbers) if the
+/// warnings concern slices, and `places` (the texts of Warning::where) if they concern the scan. If
+/// SliceWarning::value differs between slices, the sentence states the lowest and the highest.
 nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
                              const std::vector<SliceWarning>& of_slices);
 
-/// One warning for each code, as in warnings_json().
+/// Merges the warnings of each code into one, as warnings_json() does.
 std::vector<Warning> grouped(const std::vector<Warning>& warnings);
 
-/// `warnings[]` of a run: the warnings of the stack and of the slices, voxel_volume
-/// (read/voxel_volume.h), face (a face can be recognised in the asset), and those of
-/// label_map_detection.h. `values` and `area_mm2` are totals over all meshed slices.
+/// Makes `warnings[]` for a run. It contains the warnings of the stack and of the slices
+/// and, if they apply: voxel_volume (the input states two voxel sizes,
+/// read/voxel_volume.h), face (the threshold is so low that a face can be recognised in the
+/// asset), and the result of value_warning() in label_map_detection.h. `values` and
+/// `area_mm2` are totals over all meshed slices.
 nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                             const ValueTally& values, double area_mm2,
                             const std::vector<SliceWarning>& of_slices);
