@@ -17,27 +17,29 @@ struct VoxelGrid {
   std::array<std::vector<double>, 3> at_mm;
   std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
   std::size_t size() const { return count(0) * count(1) * count(2); }
-  /// The width of voxel i along an axis: half of the distance between its two neighbours. At either
-  /// end of the axis it is the distance to the only neighbour, and 1 if there is none.
+  /// The width of voxel i along an axis: half of the distance between its two neighbours. A
+  /// voxel at an end of the axis has the distance to its only neighbour. A voxel without
+  /// neighbours has the width 1.
   double width_mm(std::size_t axis, std::size_t i) const;
 };
 
-/// The grid of a scan whose slices are parallel and in ascending order (check_parallel()). Its
-/// origin is the centre of the first pixel of the first slice.
+/// Returns the grid of a scan. Precondition: the slices are parallel and in ascending order
+/// (check_parallel()). Positions along x and y begin at 0, the centre of the first pixel; positions
+/// along z are SlicePlane::z_mm.
 VoxelGrid grid_of(const SliceStack& stack);
 
-/// Components connected by faces, edges or corners, as runs of voxels along x. Component c has the
-/// volume volume_mm3[c].
+/// The connected components of a volume, as runs of neighbouring voxels along x. Voxels that share
+/// a face, an edge or a corner are connected. Component c has the volume volume_mm3[c].
 struct VoxelComponents {
   struct Run {
     std::size_t begin = 0, end = 0;  ///< voxels [begin, end)
-    std::uint32_t component = 0;     ///< numbered in the order of their first voxels
+    std::uint32_t component = 0;     ///< components are numbered by their first voxels
   };
   std::vector<Run> runs;
   std::vector<double> volume_mm3;
 };
 
-/// The components of the voxels that are != 0. O(voxels).
+/// Finds the components of the nonzero voxels. O(voxels).
 VoxelComponents find_components(const VoxelGrid& grid, std::span<const std::uint8_t> voxels);
 
 }  // namespace trocar::pipeline

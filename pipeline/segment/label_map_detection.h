@@ -14,14 +14,14 @@
 namespace trocar::pipeline {
 
 /// Statistics of the values of some slices, for the rules below. A pair is two pixels side by side
-/// or one above the other. A pair is counted only if at least one of its values lies strictly
-/// between the lowest and the highest value of the slice, because saturated levels and the
-/// background are uniform in any picture.
+/// or one above the other. Saturated levels and the background are uniform in any picture.
+/// Therefore a pair is counted only if at least one of its values lies strictly between the lowest
+/// and the highest value of the slice.
 struct ValueTally {
   double low = 0, high = 0;
   std::int64_t pixels = 0;
   bool has_fractions = false;  ///< whether a value is not a whole number
-  std::set<int> values;        ///< the whole values, up to kMaxLabels + 1 of them
+  std::set<int> values;        ///< the different whole numbers, at most kMaxLabels + 1
   std::int64_t equal = 0;      ///< number of pairs of equal values
   std::int64_t steps = 0;      ///< number of pairs that differ, but by at most 1
   std::int64_t jumps = 0;      ///< number of pairs that differ by more than 1
@@ -34,23 +34,26 @@ struct ValueTally {
 inline constexpr std::size_t kMaxLabels = 256;
 
 /// Computes the statistics of a slice. Without `as_labels` the function stops at the first negative
-/// value, because none of the rules below can apply then. (A CT with air has one among its first
-/// pixels.) The statistics are then those of the pixels read so far. O(pixels).
+/// value, because no rule below can apply then. (A CT with air has a negative value among its first
+/// pixels.) The result then counts the pixels read so far and no pairs. O(pixels).
 ValueTally tally_values(const Image& image, bool as_labels);
 
+/// Checks the statistics by the three rules below. Returns a warning that names the values found
+/// and what to try, or no value. `where` is the name of the input.
+///
 /// Rule 1, looks_like_labels, applies to a scan in HU whose material is not chosen by labels. All
 /// of these conditions must hold:
 ///  - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
 ///    or fat, below 0. A crop inside the body has noise.)
-///  - At least two values are not 0. Or one value is not 0, it is at most 255, and the threshold is
-///    not half of it. (With a threshold at half of its level, a binary image gives the same mesh as
-///    a label map.)
+///  - At least two values are not 0. A single value that is not 0 is sufficient if it is at most
+///    255 and the threshold is not half of it. (If the threshold is half of it, the mesh is the
+///    same as with --labels.)
 ///  - No value is above 255, or two labels differ by 1. Labels are small or numbered one after
 ///    another, whereas the HU of a phantom's materials are neither.
-///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more than
-///    16 values, at least 40 % of the unequal pairs differ by more than 1. (In a CT in a window of
-///    8 bits less than 10 % of the pairs are equal. Where the CT is smoothed, its values change by
-///    1.)
+///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more
+///    than 16 values, at least 40 % of the unequal pairs differ by more than 1. (In a CT in a
+///    window of 8 bits less than 10 % of the pairs are equal. Where the CT is smooth,
+///    neighbours differ by 1.)
 ///
 /// Rule 2, looks_like_ct, applies to any scan whose material is chosen by labels. One of these
 /// conditions must hold:
@@ -62,11 +65,9 @@ ValueTally tally_values(const Image& image, bool as_labels);
 /// Rule 3, looks_offset, applies to a scan in HU whose material is chosen by a threshold. All of
 /// these conditions must hold: no value is negative, more than 256 are different, and at least 15 %
 /// of the pixels are 964 to 1,124, which is soft tissue with 1,024 added. (In a CT about 1 % of the
-/// pixels are bone as dense as that.)
+/// pixels are bone with such values.)
 ///
-/// Only rule 2 applies to images (grey levels), because their threshold is never the default, and
-/// pictures of few levels are usual. The function returns a warning that names the values found and
-/// what to try, or no value. `where` is the input's name.
+/// If the values are not HU, only rule 2 applies, because pictures with few grey levels are usual.
 std::optional<Warning> value_warning(const ValueTally& tally, PixelUnit unit,
                                      const Segmentation& how, const std::string& where);
 

@@ -18,19 +18,20 @@ using MaterialNumber = std::uint16_t;
 inline constexpr MaterialNumber kNoMaterial = 0;
 inline constexpr std::size_t kMaxMaterials = 65'535;
 
-/// The material of each pixel. `values` is row-major, as in Image; a value is kNoMaterial, or one
-/// more than the index of the pixel's material.
+/// The material of each pixel. `values` is row-major, as in Image. A value is kNoMaterial, or one
+/// more than the index of the pixel's material in `labels`.
 struct MaterialImage {
   int width = 0, height = 0;
   std::vector<MaterialNumber> values;
-  /// One set for each material: those of its labels that occur in the image.
+  /// One set for each material, with its labels that occur in the image.
   std::vector<std::set<int>> labels;
 
   MaterialNumber at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
-/// Assigns each pixel to the first material that contains its label. A value that is not a whole
-/// number is no label. Precondition: there are at most kMaxMaterials materials. O(pixels).
+/// Assigns each pixel to the first material that contains its label, or to kNoMaterial. A value
+/// that is not a whole number is no label. Precondition: there are at most kMaxMaterials
+/// materials. O(pixels).
 MaterialImage material_image(const Image& labels, std::span<const Labels> materials);
 
 /// The materials of a label map (Labels::joined) that occur in an image.
@@ -44,17 +45,18 @@ struct LabelMaterials {
 /// materials occur. O(pixels + m log m) for m materials.
 Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted);
 
-/// The connected diagonal in a cell of four pixels a, b, c, d (counter-clockwise), in which every
-/// two pixels that share an edge have different materials.
+/// The diagonal along which a cell of four pixels a, b, c, d (counter-clockwise) is connected. In
+/// the cell, two pixels that share an edge always have different materials.
 enum class Diagonal : std::uint8_t {
-  kNone,  ///< the materials touch in a point
+  kNone,  ///< no diagonal is connected
   kAC,
   kBD,
 };
 
 /// A diagonal is connected if both of its pixels have the same material. If this holds for both
 /// diagonals, only the diagonal of the material with the lower number is connected. Background is
-/// never connected, so that two materials on the other diagonal touch in a point.
+/// never connected. If it is on one diagonal and two different materials are on the other, these
+/// materials touch in a point.
 inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialNumber c,
                                    MaterialNumber d) {
   const bool ac = a == c && a != kNoMaterial, bd = b == d && b != kNoMaterial;
@@ -62,15 +64,15 @@ inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialN
   return bd ? Diagonal::kBD : Diagonal::kNone;
 }
 
-/// Merges small components. A component consists of connected pixels of one material. If its area
-/// is less than `min_pixels`, it is merged into the material with which it has the longest border,
-/// or into the background. The smallest component is merged first. A hole (connected background
-/// that does not extend to the image's border) is treated as a component, so small holes are
-/// filled. If two borders are equally long, the material with the lowest number is chosen, and
-/// background last. Every pixel belongs to one component before and after the merging, so no gap or
-/// overlap arises. The area of a component is the area within its outline half-way between pixels
-/// (half a pixel for a single pixel), without its holes. The area of a merged component is the sum
-/// of the areas of its components. O(pixels + n log n) for n components.
+/// Merges small components into their neighbours. A component consists of connected pixels of one
+/// material. If its area is less than `min_pixels`, it becomes a part of the material with which it
+/// has the longest border, or of the background. If two borders are equally long, the material with
+/// the lowest number is chosen, and background last. The smallest component is merged first. A hole
+/// (connected background that does not extend to the image's border) is treated as a component, so
+/// small holes are filled. Every pixel belongs to one component before and after the merging, so no
+/// gap or overlap arises. The area of a component is the area within its outline half-way between
+/// pixels (half a pixel for a single pixel), without its holes. The area of a merged component is
+/// the sum of the areas of its components. O(pixels + n log n) for n components.
 void merge_small_components(MaterialImage& image, double min_pixels);
 
 }  // namespace trocar::pipeline

@@ -20,21 +20,23 @@ struct PlaneGrid {
 /// Huttenlocher, Distance transforms of sampled functions, Theory of Computing 8, 2012.)
 void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
                        std::vector<float>& squared_mm2);
-/// The same in a volume whose voxels are at these positions along x, y and z.
+/// The same in a volume. `at_mm` has the positions of the voxels along x, y and z.
 void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
                        std::span<const std::uint8_t> set, std::vector<float>& squared_mm2);
 
 /// Finds the pixels that `solid` (row-major, nonzero) encloses. Sets `enclosed` to 1 at these
-/// pixels and to 0 elsewhere. A disc of radius `radius_mm` moves in from the plane's border without
-/// touching `solid`. The pixels outside `solid` that the disc never covers are enclosed if their
-/// region (connected by edges) is at most `largest_mm2` large. A gap of up to twice the radius is
-/// therefore treated as closed. With radius 0, pixels that are not connected to the border are
-/// enclosed. If `near_mm2` is given, it receives squared_distances() of `solid`, but distances
-/// beyond `near_mm` may be infinite. O(pixels * (1 + max(radius_mm, near_mm) / spacing)).
+/// pixels and to 0 elsewhere.
 ///
-/// The flood runs in the background eroded by the disc, and only the flooded pixels are dilated. (A
-/// test of connectivity after a morphological closing would leak where an inner and an outer disc
-/// touch.)
+/// A disc of radius `radius_mm` moves in from the plane's border without touching `solid`. The
+/// pixels outside `solid` that it never covers form regions (connected by edges). The pixels of a
+/// region are enclosed if its area is at most `largest_mm2`. A gap of up to twice the radius is
+/// therefore treated as closed. With radius 0, the regions are those that are not connected to the
+/// border. If `near_mm2` is given, it receives squared_distances() of `solid`, but distances beyond
+/// `near_mm` may be infinite. O(pixels * (1 + max(radius_mm, near_mm) / spacing)).
+///
+/// The background is eroded by the disc and flooded from the border. Then only the flooded pixels
+/// are dilated. (Connectivity after a morphological closing would be a wrong test, because it leaks
+/// where a disc inside touches a disc outside.)
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
                    double largest_mm2, std::vector<std::uint8_t>& enclosed, double near_mm = 0,
                    std::vector<float>* near_mm2 = nullptr);

@@ -14,8 +14,8 @@ namespace trocar::pipeline {
 struct Threshold {
   double value = 226;  ///< HU on calibrated input, grey level 0..255 on images
 };
-/// The paper's method: histogram equalisation and then a threshold on the equalised levels. Before
-/// equalisation, the range of values of a slice in HU is mapped to 0..255.
+/// The paper's method: histogram equalisation and then a threshold on the equalised levels. Values
+/// that are not grey levels are first mapped from the slice's own range to 0..255.
 struct Equalize {
   double level = 230;
 };
@@ -27,8 +27,8 @@ struct Labels {
   /// material by itself.
   std::vector<std::set<int>> joined = {};
 };
-/// Are the labels several materials? Always false with `all`, because their number then depends on
-/// the label map.
+/// Do the labels form several materials? With `all` the result is false, because their number then
+/// depends on the label map.
 inline bool are_several(const Labels& labels) {
   return !labels.all && labels.labels.size() > 1 &&
          !(labels.joined.size() == 1 && labels.joined[0] == labels.labels);
@@ -41,21 +41,21 @@ struct Field {
   float iso = 0;
   bool is_mask = false;       ///< whether the values are 0 and 1 only, which cannot be interpolated
   std::set<int> labels = {};  ///< the wanted labels that occur in the image
-  /// 1 for each pixel whose value was moved across the iso-value (by SolidBone or
-  /// ScannerTable); empty if there is no such pixel. Between a changed pixel and an unchanged one,
-  /// the values do not say where the border lies (see contour.h).
+  /// 1 for each pixel whose value SolidBone or ScannerTable moved across the iso-value, otherwise
+  /// 0; empty if there is no such pixel. Between a changed pixel and an unchanged one, the values
+  /// do not say where the border lies (see contour.h).
   std::vector<std::uint8_t> changed = {};
 };
 
-/// Moves the value of a pixel to the wanted side of the iso-value by mirroring it at the iso-value,
-/// and marks the pixel in Field::changed. Precondition: the value is on the other side.
+/// Makes a pixel material (`wanted`) or background: mirrors its value at the iso-value and marks
+/// the pixel in Field::changed. Precondition: the value is on the other side of the iso-value.
 void put_on_side(Field& field, std::size_t pixel, bool wanted);
 
-/// The mean of `values`, an image of the same size, over the pixels that are material; no value if
-/// there is no such pixel. The order of summation is fixed, so the result has the same bits
-/// everywhere.
+/// The mean of `values` over the pixels that are material in `field`; no value if there is no such
+/// pixel. Precondition: both images have the same size. The order of summation is fixed, so the
+/// result has the same bits everywhere.
 std::optional<double> mean_of_material(const Field& field, const Image& values);
-/// The mean of the field's own values.
+/// The mean of the field's own values over its material.
 inline std::optional<double> mean_of_material(const Field& field) {
   return mean_of_material(field, field.image);
 }

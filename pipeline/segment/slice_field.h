@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The field of one slice of a scan: its pixels within a crop, after segmentation. If wanted, the
-// scanner's table is removed from the field, and SolidBone adds and removes voxels.
+// scanner's table is removed, and SolidBone adds and removes pixels.
 // Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
@@ -15,19 +15,19 @@
 namespace trocar::pipeline {
 
 struct Crop {
-  int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< pixels, both ends included
+  int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< first and last column and row, both included
 };
 
 /// The choice of material in a scan.
 struct MaterialOptions {
   Segmentation segmentation = Threshold{};
   std::optional<Crop> crop;
-  const SolidBone* solid = nullptr;     ///< if not null, its voxels are the material
-  const ScannerTable* table = nullptr;  ///< if not null: a table to leave out, not in `solid`
+  const SolidBone* solid = nullptr;     ///< if not null, the voxels of `solid` are the material
+  const ScannerTable* table = nullptr;  ///< table to remove, or null; must not be in `solid`
   double min_region_mm2 = 1;  ///< islands below this area are dropped, holes below it are filled
 };
 
-/// The slice's values within the crop, if there is one. Errors: those of stack.read().
+/// Reads a slice and, if `crop` has a value, crops it. Errors: those of stack.read().
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop);
 
 struct SliceField {

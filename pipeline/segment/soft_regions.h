@@ -3,11 +3,13 @@
 // contrast medium.
 //
 // The scan is averaged over blocks of about kBlock_mm. A region is a set of connected blocks that
-// lie deeper than 7 mm below the surface of the material or, in a second pass, deeper than 4 mm.
-// The deepest regions are examined first, because depth separates a vessel from a bone that it
-// touches. A region is soft if its mean is below kMaxSoft_HU and above the mean of the shell
-// between the region and the surface. (Bone has a denser cortex in this shell, whereas a vessel's
-// edge fades.) Each block belongs to the nearest region, which is soft or bone.
+// lie deeper than 7 mm below the surface of the material. A second pass searches the rest of the
+// material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone that
+// touch are separate there.) The shell of a region is the material around it at the surface. A
+// region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone has a
+// denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the surrounding
+// tissue.) Each block of material near a region belongs to the nearest region and is soft if this
+// region is soft.
 // Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 
@@ -28,13 +30,15 @@ inline constexpr double kMaxSoft_HU = 500;
 class BlockMeans {
  public:
   explicit BlockMeans(const VoxelGrid& grid);
-  /// Adds a slice of the grid, in HU. Several threads may add different slices at the same time.
+  /// Adds the slice with this index, in HU. Several threads may add different slices at
+  /// the same time.
   void add(std::size_t slice, const Image& image);
-  /// Computes the means. The caller calls this function once, after all slices were added.
+  /// Computes the means. The caller calls this function once, after adding all slices.
   void finish();
 
   const VoxelGrid& grid() const { return blocks_; }
   const std::vector<float>& hu() const { return hu_; }
+  /// The index of the block that contains voxel (x, y, z).
   std::size_t block(std::size_t x, std::size_t y, std::size_t z) const {
     const auto at = [this](std::size_t axis, std::size_t i) {
       return std::min(i / size_[axis], blocks_.count(axis) - 1);
@@ -55,12 +59,12 @@ struct SoftRegions {
   std::vector<std::uint16_t> limit_HU;
   int count = 0;                   ///< number of soft regions
   double volume_mm3 = 0;           ///< volume of the blocks of all soft regions
-  double low_HU = 0, high_HU = 0;  ///< least and largest mean of a soft region
-  bool touches_bone = false;       ///< true if a soft region is connected with bone
+  double low_HU = 0, high_HU = 0;  ///< least and largest mean among the soft regions
+  bool touches_bone = false;       ///< a soft region is connected with over 1 ml of bone
 };
 
-/// O(blocks + n), where n is the number of blocks in the bounding boxes of all regions of at least
-/// 0.3 ml.
+/// Finds the soft regions for a threshold of bone. O(blocks + n), where n is the number of blocks
+/// in the bounding boxes of all regions of at least 0.3 ml.
 SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
 
 }  // namespace trocar::pipeline

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Solid bone from a threshold. The material of a segmentation is freed of specks, its enclosed
-// interior is filled, and only the wanted components are kept. The result is a volume of the
-// whole scan (one byte for each voxel), so that a slice's material does not depend on which
-// slices are meshed.
+// Makes solid bone from the material of a segmentation: removes specks, fills the enclosed
+// interior, and keeps only the wanted components. The result is a volume of the whole scan (one
+// byte for each voxel), so that a slice's material does not depend on which slices are meshed.
 //
 // A table (scanner_table.h) is removed first. Then these steps follow. A step is skipped if its
 // option is not given.
@@ -10,12 +9,12 @@
 //     specks would close gaps.
 //     With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
-//     directions of slices. Canals (canals.h) along the patient's long axis stay open. Input in HU
-//     is never filled below kAir_HU.
+//     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. In a
+//     scan in HU, voxels below kAir_HU are never filled.
 //     With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
 //  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is removed.
-//  4. seeds: only material that is connected to the first seed is kept, and of this only what is
-//     nearer to the first seed than to any other seed, along paths in the material.
+//  4. seeds: only material that is connected to the first seed and nearer to it than to any other
+//     seed is kept. Distances are lengths of paths in the material (nearest_seed.h).
 //  5. largest: only the N components of the largest volume are kept.
 // A component is a set of voxels connected by faces, edges or corners.
 #pragma once
@@ -45,9 +44,9 @@ inline constexpr double kColumn_mm = 75, kColumnCore_mm = 20;
 inline constexpr double kMaxSeedDistance_mm = 10;
 
 struct SolidOptions {
-  /// Radius of the disc that find_enclosed() moves. Gaps of up to twice this width count as closed.
+  /// Radius of the disc of find_enclosed(). A gap of up to twice this radius counts as closed.
   double close_mm = 0;
-  std::optional<double> fill_mm2;  ///< largest region that is filled in a plane; may be infinite
+  std::optional<double> fill_mm2;  ///< largest area that is filled in a plane, or infinite
   double min_volume_mm3 = 0;
   bool column = false;                        ///< keep the spinal column alone; needs fill_mm2
   int largest = 0;                            ///< number of components that are kept; 0: all
@@ -63,26 +62,26 @@ struct SolidOptions {
 /// The material of a scan, voxel by voxel.
 class SolidBone {
  public:
-  /// Reads all slices, several at the same time. Errors: those of reading; kRefused if the slices
-  /// are not parallel or not in ascending order, the mask is unusable or on another grid, a seed is
-  /// not near any material, there is no canal with `column`, or nothing is left. O(voxels log
-  /// voxels) with seeds, otherwise O(voxels).
+  /// Reads all slices on several threads. Errors: those of reading; kRefused if the slices are not
+  /// parallel or not in ascending order, the mask is unusable or on another grid, a seed is not
+  /// near any material, there is no canal with `column`, or nothing is left. O(voxels log voxels)
+  /// with seeds, otherwise O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
                                 std::optional<SliceAxis> axis, const SolidOptions& options,
                                 const ScannerTable* table = nullptr);
 
-  /// Is the pixel material? Its position is counted in the whole slice.
+  /// Is pixel (x, y) of the whole, uncropped slice material?
   bool inside(int slice, int x, int y) const {
     return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
   }
   /// Makes a slice's field agree with the voxels. Values on the wrong side of the iso-value are
   /// mirrored at it and marked in Field::changed. Where the values alone give the same border as
   /// the voxels, the outline does not change. Elsewhere the border is a smooth curve (contour.h).
-  /// (offset_x, offset_y) is the position of a cropped field in its slice. Returns the mean of the
-  /// material's values before the change; no value if nothing is material.
+  /// If the field is cropped, (offset_x, offset_y) is the slice's pixel at which it begins. Returns
+  /// the mean of the original values over the material; no value if nothing is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
-  /// Warning: contrast_filled if there is soft tissue above the threshold.
+  /// Warning: contrast_filled if filling is wanted and there is soft tissue above the threshold.
   const std::vector<Warning>& warnings() const { return warnings_; }
   /// Volumes that were added to the material and removed from it, for the report.
   double filled_mm3() const { return filled_mm3_; }
