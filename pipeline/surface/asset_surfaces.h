@@ -13,11 +13,12 @@
 
 namespace trocar::pipeline {
 
-/// Adds the surface of each material in the slices `first` to `last` to the asset, and the warnings
-/// about these surfaces to `warnings`. Returns the report of the surfaces. `materials` gives the
-/// segmentation of each of the asset's materials, in the order of the asset, and replaces
-/// options.segmentation. Errors: those of read_surface_volume() and make_display_surface();
-/// kRefused if the asset has only one material and none of its components is large enough.
+/// Makes the surface of each material from the slices `first` to `last`, both included. Adds the
+/// surfaces to `asset` and warnings about them to `warnings`. Returns the entry `surface` of the
+/// report. `materials` has the segmentation of each material of the asset, in the same order; the
+/// function uses these segmentations instead of options.segmentation. Errors: those of
+/// read_surface_volume() and make_display_surface(); kRefused if the asset has only one material
+/// and none of its components is large enough.
 Result<nlohmann::json> add_surfaces(const SliceStack& stack, int first, int last,
                                     const MaterialOptions& options, const SurfaceOptions& wanted,
                                     const std::vector<Segmentation>& materials, Asset& asset,

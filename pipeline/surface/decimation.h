@@ -13,13 +13,14 @@
 
 namespace trocar::pipeline {
 
-/// Collapses vertices of a surface into neighbours, in ascending order of error. The error is the
-/// sum, over the original triangles around a vertex, of area times squared distance from the
-/// triangle's plane (Garland and Heckbert 1997), plus a small multiple of the fourth power of the
-/// edge's length. A collapse removes two triangles, keeps the surface closed and manifold, turns no
-/// triangle by more than 60 degrees, and creates no triangle that intersects a neighbour. Distant
-/// parts of the surface may still intersect each other: the caller must find such triangles and
-/// call undo(). Deterministic. Memory: 250 bytes for each vertex.
+/// Reduces the number of triangles of a closed surface. It collapses vertices into neighbours,
+/// roughly in ascending order of error. The error is the sum, over the original triangles around a
+/// vertex, of area times squared distance from the triangle's plane (Garland and Heckbert 1997),
+/// plus a small multiple of the fourth power of the edge's length. A collapse removes two
+/// triangles, keeps the surface closed and manifold, turns no triangle by more than 60 degrees, and
+/// creates no triangle that intersects a triangle nearby. Distant parts of the surface may still
+/// intersect each other. The caller must find such triangles and call undo() and decimated() again.
+/// Deterministic. Memory: 250 bytes for each vertex.
 class Decimation {
  public:
   /// The vertex `from` was merged into the vertex `to`.
@@ -31,15 +32,16 @@ class Decimation {
   /// `stop` is set, collapses end early.
   explicit Decimation(const TriangleSurface& fine, const std::atomic<bool>* stop = nullptr);
 
-  /// Returns the surface with this number of triangles, or with the smallest possible number if
-  /// that is larger. Collapses of the last call that were not undone are made again as long as they
-  /// are needed, and then further ones are added.
+  /// Returns the surface with at most this number of triangles or, if that is impossible, with as
+  /// few as possible. The function first repeats the collapses of the last call that were not
+  /// undone, as far as they are needed and still possible. Then it makes further collapses.
   TriangleSurface decimated(std::size_t triangles);
 
-  /// Undoes collapses near some triangles, which are given by their indices in the last result of
-  /// decimated(). For each corner of these triangles, the last collapses that led to this corner
-  /// are undone, at most `most` of them. Their vertices `from` are not collapsed again. Returns
-  /// false if there was no such collapse.
+  /// Undoes collapses near some triangles, with effect on the next call of decimated(). `triangles`
+  /// has indices into the last result of decimated(). For each corner of these triangles, the
+  /// function undoes the last collapses that led to this corner, at most `most` of them. The
+  /// vertices `from` of these collapses are never collapsed again. Returns false if there was no
+  /// such collapse.
   bool undo(const std::vector<std::size_t>& triangles, std::size_t most);
 
  private:

@@ -24,30 +24,32 @@ namespace trocar::pipeline {
 struct SurfaceOptions {
   int triangles = 50'000;  ///< wanted number of triangles; fewer if the isosurface has fewer
   /// False: the number of triangles is doubled until the distances are within
-  /// DisplaySurface::bound_mm. True: it is not doubled. In both cases the surface has more
-  /// triangles if it would otherwise intersect itself, because collapses are then undone.
+  /// DisplaySurface::bound_mm. True: the number is not doubled. In both cases the surface gets more
+  /// triangles than that if it would otherwise intersect itself.
   bool at_most = false;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
 };
 
 struct DisplaySurface {
   TriangleSurface surface;  ///< in the patient's frame (LPS)
-  /// The distance from the surface to the zero level. It includes the rounding to the lattice.
+  /// Distances from the surface to the zero level of the volume. They include the rounding of the
+  /// surface to the lattice.
   SurfaceDistance distance;
-  /// The distance from the zero level to the surface, which shows what the surface leaves out.
+  /// Distances from the zero level to the surface. They are large where the surface leaves out
+  /// material or a hole.
   SurfaceDistance left_out;
   /// Wanted bound of distance.p99_mm and left_out.p99_mm: half of the mean side of a voxel.
   double bound_mm = 0;
-  std::size_t parts = 0;                  ///< number of closed surfaces
+  std::size_t parts = 0;                  ///< connected parts, each of them closed
   std::size_t mesher_triangles = 0;       ///< number of triangles of the isosurface
-  std::array<int, 3> coarsened{1, 1, 1};  ///< number of voxels averaged along each axis
+  std::array<int, 3> coarsened{1, 1, 1};  ///< voxels averaged along each axis; 1: no averaging
   double mesher_ms = 0, decimate_ms = 0, check_ms = 0;
 
   bool is_within_bound() const { return std::max(distance.p99_mm, left_out.p99_mm) <= bound_mm; }
 };
 
 /// Makes the surface. If SurfaceOptions::at_most is set and the isosurface has more than 32 times
-/// as many triangles as wanted, voxels are averaged before the isosurface is computed
+/// as many triangles as wanted, the isosurface is computed again from averages of voxels
 /// (DisplaySurface::coarsened). Deterministic. Errors: kRefused if the surface is outside the range
 /// of coordinates, or if it intersects itself even without collapses, because slices are too close
 /// together for its lattice; kUnwritable if SurfaceOptions::stop was set. Memory: 350 bytes for

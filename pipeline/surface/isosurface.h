@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The zero level of a volume as a closed triangle surface, by marching cubes. Neighbouring cells
-// choose the same topology at ambiguous faces.
+// The zero level of a volume as a closed triangle surface, by marching cubes. If only two opposite
+// corners of a face are material, both cells at the face choose the same topology.
 // Tests: tests/pipeline/surface/isosurface_test.cpp
 #pragma once
 
@@ -10,13 +10,13 @@
 
 namespace trocar::pipeline {
 
-/// The surface of the material, in the patient's frame (LPS). Its lattice has a step of at most a
-/// 64th of a voxel's shortest side, unless such a step needs more than 14 bits. On each edge of the
-/// grid between material and outside, the surface has one vertex. The vertex lies where the linear
-/// interpolation is zero, but at least a 16th of the edge away from the ends of the edge. A few
-/// ambiguous cells also have a vertex in their middle. The surface is closed, manifold and oriented
-/// by construction. At a slice's height it follows the slice's contour. The vertices are in the
-/// order of the voxels. Errors: kRefused if a coordinate exceeds kMaxSpaceCoordinate. O(voxels).
+/// Makes the surface of the material, in the patient's frame (LPS). The surface is closed, manifold
+/// and oriented by construction. At a slice's height it follows the slice's contour. On each edge
+/// of the grid between material and outside, the surface has one vertex. The vertex lies where the
+/// linear interpolation is zero, but at least a 16th of the edge away from the ends of the edge. A
+/// few ambiguous cells also have a vertex in their middle. The vertices are in the order of the
+/// voxels. The step of their lattice is at most a 64th of a voxel's shortest side, but not below
+/// 2^-14 mm. Errors: kRefused if a coordinate exceeds kMaxSpaceCoordinate. O(voxels).
 Result<TriangleSurface> isosurface(const SurfaceVolume& volume);
 
 }  // namespace trocar::pipeline

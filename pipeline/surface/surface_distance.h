@@ -10,21 +10,23 @@
 
 namespace trocar::pipeline {
 
-/// Percentiles of distances that were measured at about 20,000 or more evenly spread points.
+/// Median, 99th percentile and maximum of distances that were measured at many evenly
+/// spread points.
 struct SurfaceDistance {
   double p50_mm = 0, p99_mm = 0, max_mm = 0;
 };
 
-/// The distance from the surface, which is in the patient's frame, to the zero level of the
-/// trilinear interpolation. The result is never smaller than the true distance.
+/// Measures the distances from 20,000 points of the surface to the zero level of the trilinear
+/// interpolation. No measured distance is smaller than the true one. The surface is in the
+/// patient's frame.
 SurfaceDistance distance_from(const TriangleSurface& surface, const SurfaceVolume& volume);
 
-/// The distance from points in the volume's frame to the surface.
+/// Measures the distances from the points, which are in the volume's frame, to the surface.
 SurfaceDistance distance_to(const TriangleSurface& surface, const SurfaceVolume& volume,
                             const std::vector<Eigen::Vector3d>& points);
 
-/// Points at which edges of the grid meet the zero level: all of them or, if they are many, 20,000
-/// to 40,000 that are evenly chosen. O(voxels).
+/// Returns the points at which edges of the grid meet the zero level, in the volume's frame. If
+/// there are 40,000 or more, returns 20,000 to 40,000 that are evenly chosen. O(voxels).
 std::vector<Eigen::Vector3d> points_on_zero(const SurfaceVolume& volume);
 
 }  // namespace trocar::pipeline

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A scan as a volume whose zero level is the surface of the material. The volume is the trilinear
-// interpolation of the fields from which the slices' contours are made. At a slice's height it
-// equals the slice's field, so a plane there cuts the surface along the slice's contour.
+// interpolation of the fields from which the slices' contours are made, minus the iso-value. At a
+// slice's height it equals the slice's field minus the iso-value, so a plane there cuts the surface
+// along the slice's contour. (The mask of a label map is smoothed first.)
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
@@ -14,7 +15,8 @@
 
 namespace trocar::pipeline {
 
-/// Small components that were left out of the surface.
+/// Small components that were left out of the surface: of the material (specks) and of the
+/// outside (holes).
 struct DroppedComponents {
   std::size_t specks = 0, holes = 0;
   double largest_mm3 = 0;  ///< volume of the largest speck or hole
@@ -22,13 +24,13 @@ struct DroppedComponents {
 
 /// The values of voxels and their positions. A position is in mm, in the frame of the first slice
 /// that was read: along its rows (u), along its columns (v) and along its normal. The outermost
-/// layer of voxels is an added border outside the material. The surface is therefore closed, half a
-/// voxel beyond the voxels that were read.
+/// layer of voxels is an added border outside the material. The surface is therefore closed: at the
+/// border of the scan it lies half a voxel beyond the voxels that were read.
 struct SurfaceVolume {
   std::array<int, 3> size{};               ///< voxels along a row, along a column, slices
   double u_mm = 0, v_mm = 0;               ///< distances between voxels
   std::vector<Eigen::Vector3d> origin_mm;  ///< position of each slice's first voxel; z ascending
-  std::vector<float> values;  ///< row by row, slice by slice; a voxel with >= 0 is material
+  std::vector<float> values;               ///< row by row, slice by slice; values >= 0 are material
   Eigen::Affine3d T_lps_volume = Eigen::Affine3d::Identity();
   DroppedComponents dropped;
 
@@ -37,8 +39,8 @@ struct SurfaceVolume {
   float value(int x, int y, int z) const {
     return values[(static_cast<std::size_t>(z) * size[1] + y) * size[0] + x];
   }
-  /// Index of the slice at or below the height; -1 below the first slice, size[2] - 1 at and above
-  /// the last.
+  /// Index of the slice at this height or the next one below. It is -1 below the first slice, and
+  /// size[2] - 1 at and above the last slice.
   int slice_below(double z_mm) const;
   /// Trilinear interpolation; negative outside the volume.
   double at(const Eigen::Vector3d& p_mm) const;
@@ -50,10 +52,10 @@ struct SurfaceVolume {
     return position(static_cast<int>(voxel % row), static_cast<int>(voxel % slice / row),
                     static_cast<int>(voxel / slice));
   }
-  /// Unit vector along the gradient, by central differences; the normal where the gradient
-  /// vanishes.
+  /// Unit vector along the gradient, by central differences. If these are zero, it is the
+  /// slices' normal.
   Eigen::Vector3d gradient(const Eigen::Vector3d& p_mm, double step_mm) const;
-  /// The sides of a voxel; along z the mean of all voxels.
+  /// The sides of a voxel. Along z it is the mean distance of neighbouring slices.
   std::array<double, 3> voxel_mm() const {
     const double z = (origin_mm.back() - origin_mm.front()).z() / (size[2] - 1);
     return {u_mm, v_mm, z};
@@ -66,17 +68,17 @@ struct SurfaceVolume {
 /// O(voxels).
 void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3);
 
-/// A coarser volume, whose values are the means over blocks of factor[0] x factor[1] x factor[2]
-/// voxels. If fewer than two slices would remain, returns the volume unchanged.
+/// Returns a coarser volume, whose values are means over blocks of factor[0] x factor[1] x
+/// factor[2] voxels. If fewer than two slices would remain, returns `volume` unchanged.
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);
 
 /// Specks and holes with fewer voxels than this are left out of the surface, and so are those with
 /// less volume than MaterialOptions::min_region_mm2 to the power of 3/2.
 inline constexpr int kMinSurfaceVoxels = 8;
 
-/// Reads the slices from `first` to `last`, several at the same time, within the crop. A mask (of
-/// labels) is smoothed by a Gaussian. In smoothing, each voxel stays on its side of zero, so the
-/// surface moves by less than half a voxel.
+/// Reads the slices `first` to `last`, both included, within the crop, on several threads. A mask
+/// (of labels) is smoothed by a Gaussian. In smoothing, each voxel stays on its side of zero, so
+/// the surface moves by less than half a voxel.
 ///
 /// If MaterialOptions::solid is given, it adds voxels to the material and removes others. It treats
 /// all materials of the asset as one. If the asset has several (`is_one_of_several`), it is unknown
