@@ -2,9 +2,9 @@
 // The triangles between a new point and the edges of the boundary of its cavity. (A cavity is the
 // set of triangles that the insertion of the point replaces.) The triangles are evaluated four at a
 // time and without branches, because it is unpredictable whether one of them is bad. Refinement
-// spends most of its time here. Nearly all boundaries lie within kMaxBoundaryOffset of the point
-// for which the cavity was found. Coordinates relative to this point then fit into 16 bits, and one
-// instruction multiplies two pairs of them.
+// spends most of its time here. Nearly always, the whole boundary lies within kMaxBoundaryOffset of
+// the point for which the cavity was found. Coordinates relative to this point then fit into 16
+// bits, and one instruction multiplies two pairs of coordinates.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +19,8 @@
 
 namespace trocar::pipeline {
 
-// GCC's and clang's vector types: operations apply to all elements. The elements of a mask are -1
-// or 0.
+// GCC's and clang's vector types: operations apply to all elements. A mask is a Four whose elements
+// are -1 (true) or 0 (false).
 using Four = std::int32_t __attribute__((vector_size(16)));
 using FourReal = float __attribute__((vector_size(16)));
 /// The coordinates of four points: x0, y0, x1, y1, ...
@@ -35,7 +35,7 @@ inline FourReal four_of(float x) {
 inline FourReal larger(FourReal a, FourReal b) {
   return a < b ? b : a;
 }
-/// A number with one bit for each element of a mask.
+/// Returns a mask as a number whose lowest four bits are the elements of the mask.
 inline unsigned bits_of(Four mask) {
 #ifdef __SSE2__
   return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
@@ -78,7 +78,7 @@ inline int count_of(Four mask) {
   return out;
 #endif
 }
-/// Two points relative to an origin.
+/// Returns p and q relative to the origin.
 [[gnu::always_inline]] inline Four from_origin(LatticePoint p, LatticePoint q,
                                                LatticePoint origin) {
   using Two = std::int64_t __attribute__((vector_size(16)));
@@ -92,11 +92,11 @@ inline int count_of(Four mask) {
   return (__builtin_shufflevector(p, p, 1, 0, 3, 2, 5, 4, 7, 6) ^ sign) - sign;
 }
 
-/// Bound on the distance from the origin along each axis, in lattice steps. Sums of two products of
-/// differences of such points stay below 2^30.
+/// Bound on the distance of a point from its origin along each axis, in lattice steps. Sums of two
+/// products of differences of such points stay below 2^30.
 inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
 
-/// A mask that marks those of four points that are farther than kMaxBoundaryOffset from the origin
+/// Returns a mask of the points that are farther than kMaxBoundaryOffset from the origin
 /// along an axis.
 inline Four is_beyond_max_offset(FourPoints p) {
   using Unsigned = std::uint16_t __attribute__((vector_size(16)));
@@ -112,31 +112,33 @@ inline Four is_beyond_max_offset(FourPoints p) {
 
 /// Four edges ab of a cavity's boundary. If fewer than four are left, the last one is repeated.
 struct BoundaryQuad {
-  FourPoints a, b;  ///< relative to the cavity's origin, if the cavity is within kMaxBoundaryOffset
+  FourPoints a, b;  ///< relative to the cavity's origin; valid if InsertionCavity::is_near_origin()
   Four is_edge;     ///< false for the repeated copies
   Four is_outline;
-  /// Set if the point splits an edge of the outline: marks the edges that end at the start of the
-  /// split edge (before) or start at its end (after).
+  /// Used if the new point splits an edge of the outline. `is_before` marks the edge that ends
+  /// where the split edge starts, and `is_after` the edge that starts where the split edge ends.
   Four is_before, is_after;
-  Four is_bad;  ///< the triangle with the new point is bad; set by InsertionTrial, like is_blocked
-  /// If the point lies in the material: this edge is on the outline, and the point encroaches upon
-  /// it or lies beyond it. If the point splits an edge: after the split, this edge is encroached
-  /// upon, or the half of the split edge next to it is.
+  Four is_bad;  ///< the edge's triangle with the new point is bad; set by InsertionTrial
+  /// Set by InsertionTrial. If the new point lies in the material: this edge is on the outline, and
+  /// the point encroaches upon it or lies beyond it. If the new point splits an edge: after the
+  /// split, this edge is on the outline and encroached upon, or the half of the split edge next to
+  /// it is encroached upon.
   Four is_blocked;
 };
 
-/// The four triangles abp between edges ab of a cavity's boundary and points p. Coordinates are
-/// differences within kMaxBoundaryOffset, so everything is exact.
+/// Measures of the four triangles abp between edges ab of a cavity's boundary and points p. All
+/// measures are exact, because the points are within kMaxBoundaryOffset of their origin.
 struct BoundaryTriangles {
   Four doubled_area, pa2, pb2;  ///< pa2 and pb2 are the squared lengths of the edges pa and pb
-  Four at_p, at_a, at_b;        ///< dot products of the edges at each corner; negative if obtuse
+  Four at_p, at_a, at_b;        ///< dot product of the two edges at the corner; negative if obtuse
 
   Four ab2() const { return at_a + at_b; }
 };
 
-/// The limits beyond which a triangle is bad; see ShapeLimits.
+/// ShapeLimits for four triangles at a time. A triangle beyond one of the limits is bad.
 struct QuickShapeLimits {
-  /// Limits on the squared sine of the smallest angle. Between the two, floats cannot decide.
+  /// Limits on the squared sine of the smallest angle. Below `surely_sharp` a triangle is sharp,
+  /// and above `perhaps_sharp` it is not. Between the two limits, floats cannot decide.
   FourReal surely_sharp, perhaps_sharp;
   Four doubled_area;  ///< largest doubled area allowed
 
@@ -151,8 +153,8 @@ struct QuickShapeLimits {
   static constexpr double kRounding = 0x1p-20;
 };
 
-/// Evaluates four triangles. Precondition: all points are relative to the same origin and within
-/// kMaxBoundaryOffset of it.
+/// Measures the four triangles of the points from[k], to[k] and p[k]. Precondition: all points are
+/// relative to the same origin and within kMaxBoundaryOffset of it.
 [[gnu::always_inline]] inline BoundaryTriangles boundary_triangles(FourPoints from, FourPoints to,
                                                                    FourPoints p) {
   const FourPoints a = from - p, b = to - p;
@@ -160,8 +162,8 @@ struct QuickShapeLimits {
   return {dots(a, turned(b)), pa2, pb2, dot, pa2 - dot, pb2 - dot};
 }
 
-/// TriangleShape::is_sharp of four triangles, as far as floats can decide it. `is_unsure` marks the
-/// undecided triangles.
+/// Evaluates TriangleShape::is_sharp for four triangles, as far as floats can decide it.
+/// `is_unsure` marks the undecided triangles.
 struct Sharpness {
   Four is_sharp, is_unsure;
 };

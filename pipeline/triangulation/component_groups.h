@@ -10,17 +10,18 @@
 namespace trocar::pipeline {
 
 /// Divides a mesh into groups of whole connected components (triangles that share a vertex are
-/// connected). It is meant for work in which components do not depend on each other: a group's data
-/// fit into a processor's cache, and its memory is reused for the next group.
+/// connected). Use it for work on components that do not depend on each other. The data of a group
+/// fit into a processor's cache, and the memory of a group is reused for the next one.
 class ComponentGroups {
  public:
   /// A group has at most this many vertices unless it is a single component.
   static constexpr std::uint32_t kMaxVertices = 1 << 15;
 
   struct Group {
-    std::span<const std::uint32_t> vertices, triangles;  ///< numbers in the whole mesh, ascending
+    std::span<const std::uint32_t> vertices, triangles;  ///< indices in the whole mesh, ascending
     SliceMesh mesh;  ///< these vertices and triangles, in the same order
-    /// One entry for each vertex of `mesh`: the smallest vertex of its component, also in `mesh`.
+    /// One entry for each vertex of `mesh`: the smallest vertex of its component. Vertices are
+    /// indices in `mesh`.
     std::vector<std::uint32_t> component;
   };
 

@@ -15,18 +15,20 @@ struct FillNode {
   LatticePoint p;
 };
 
-/// Lists points of a regular grid of equilateral triangles that covers the mesh. Each equilateral
-/// triangle has the area doubled_area / 2, in lattice steps squared. A grid point is listed if it
-/// lies in a triangle of the mesh that is larger than this area, or on a side of such a triangle. A
-/// point on a side of two triangles may appear twice. `triangles` is the caller's estimate of how
-/// many equilateral triangles fill the mesh. The search ends after an amount of work proportional
-/// to this estimate plus the numbers of the mesh's vertices and of the listed points. For some
-/// outlines it then has not found all points. If the mesh is moved, the points move with it.
-/// Precondition: the edges of the equilateral triangles have at least 2 steps.
+/// Lists points of a regular grid of equilateral triangles that covers the mesh. Each
+/// equilateral triangle has the area doubled_area / 2, in lattice steps squared. A grid point
+/// is listed if it lies in a triangle of the mesh that is larger than this area, or on a side
+/// of such a triangle. A point on a side of two triangles may appear twice. If the mesh is
+/// moved, the points move with it.
+///
+/// `triangles` is the caller's estimate of how many equilateral triangles fill the mesh. It limits
+/// the work: the function visits at most 16 * (triangles + vertices of the mesh) rows of grid
+/// points, counted anew in each triangle of the mesh. For some outlines it therefore does not find
+/// all points. Precondition: the edges of the equilateral triangles have at least 2 steps.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);
 
-/// The edge length of an equilateral triangle, given twice its area.
+/// The edge length of an equilateral triangle with this doubled area.
 double fill_edge(double doubled_area);
 
 }  // namespace trocar::pipeline

@@ -18,13 +18,13 @@
 
 namespace trocar::pipeline {
 
-/// A new point, and the effect of its insertion.
+/// A point that may be inserted, and the effect of its insertion.
 struct Candidate {
   LatticePoint p;
   InsertionCavity cavity;
-  int growth = 0;  ///< `flaws` minus the bad triangles that the insertion removes, or kImpossible
-  /// Number of bad triangles around the point. If the point splits an edge, the encroached edges
-  /// are counted too.
+  int growth = 0;  ///< `flaws` minus the number of removed bad triangles, or kImpossible
+  /// Number of bad triangles that the insertion creates. If the point splits an edge, the edges
+  /// that are then encroached upon are counted too.
   int flaws = 0;
 };
 inline constexpr int kImpossible = std::numeric_limits<int>::max();
@@ -37,11 +37,11 @@ class InsertionTrial {
   InsertionTrial(const RefinementMesh& mesh, const TriangleBounds& bounds)
       : mesh_(mesh), bounds_(bounds), anywhere_(bounds.anywhere()) {}
 
-  /// Sums over all triangles between a cavity's boundary and a point.
+  /// Results for all triangles between a cavity's boundary and a point.
   struct Tally {
     int flaws = 0;            ///< see Candidate::flaws
-    bool is_turned = false;   ///< the point is not on the left of some edge
-    bool is_near = false;     ///< the point is too near to a vertex
+    bool is_turned = false;   ///< some edge does not have the point on its left
+    bool is_near = false;     ///< the point is too near to a vertex of the boundary
     bool is_blocked = false;  ///< an edge is blocked (BoundaryQuad::is_blocked)
   };
   enum class PointKind {
@@ -90,14 +90,16 @@ class InsertionTrial {
     return out;
   }
 
-  /// Four positions whose insertion is evaluated with the cavity of a fifth one, because positions
-  /// close to each other have nearly the same cavity. (All four are evaluated even if the first is
-  /// good enough, because a branch on this condition would be unpredictable.)
+  /// Four positions at which the same point may be inserted. They are evaluated with the cavity of
+  /// another position nearby, because positions close to each other have nearly the same cavity.
+  /// (All four are evaluated even if the first is good enough, because a branch on this condition
+  /// would be unpredictable.)
   using Positions = std::array<LatticePoint, 4>;
 
-  /// The flaws (as in Candidate) at each position, if the point were inserted into this cavity. The
-  /// result is at least kManyFlaws if the point cannot have this cavity, is too near to a vertex
-  /// or, for a point in the material, encroaches upon the outline.
+  /// Returns Candidate::flaws for each position, if the point were inserted there into this
+  /// cavity. The result is at least kManyFlaws if the cavity is impossible for the position, if
+  /// the position is too near to a vertex or, for a point in the material, if it encroaches
+  /// upon the outline.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
@@ -128,7 +130,8 @@ class InsertionTrial {
     }
     return -flaws | (is_excluded & four_of(kManyFlaws));
   }
-  /// The position with the fewest flaws among those that the mask allows; the first of several.
+  /// Finds the position with the fewest flaws among those that the mask allows. If several have
+  /// equally few flaws, the result is the first of them.
   struct Fewest {
     std::int32_t flaws;
     std::size_t position;
@@ -157,7 +160,7 @@ class InsertionTrial {
     Four is_bad, is_turned, is_near, is_obtuse_at_p, is_obtuse_at_a, is_obtuse_at_b;
   };
   using FourTriangles = std::array<TriangleCorners, 4>;
-  // Evaluates any triangles, one by one; slow.
+  // Evaluates triangles one by one, with any coordinates; slow.
   [[gnu::noinline]] FourResults evaluate_each(const FourTriangles& triangles,
                                               double min_distance2) const {
     FourResults out{};

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The neighbours of each triangle: for each edge of a triangle, the same edge in the
-// triangle beyond it.
+// Finds the neighbours of each triangle of a mesh.
 // Tests: tests/pipeline/triangulation/triangulation_test.cpp
 #pragma once
 
@@ -16,7 +15,7 @@ namespace trocar::pipeline {
 /// in the triangle beyond it, or kNoEdge at the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 
-/// The neighbours in a valid mesh. O(n).
+/// Finds the neighbours in a mesh. Precondition: the mesh is valid. O(n).
 Neighbours neighbours(const SliceMesh& mesh);
 
 }  // namespace trocar::pipeline

@@ -26,19 +26,19 @@ struct MeshQuality {
   double max_area_mm2 = 0;
   std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
   /// Number of triangles below the wanted angle that lie at an input angle below 60 degrees (see
-  /// SharpTriangle). A mesh without such triangles there would have more of them elsewhere.
+  /// SharpTriangle). Avoiding them would create more of them elsewhere.
   std::uint32_t below_at_small_input_angle = 0;
-  /// Number of triangles that miss the wanted angle although the outline there is not the reason:
-  /// each input angle at which they lie is at least the wanted angle plus kLatticeAllowance_deg, an
-  /// allowance for rounding to the lattice. The number is zero unless refinement stopped at its
-  /// largest number of vertices or was limited by the lattice step.
+  /// Number of triangles that miss the wanted angle although the outline is not the reason: they
+  /// lie at no input angle below the wanted angle plus kLatticeAllowance_deg (an allowance for
+  /// rounding to the lattice). The number is zero unless refinement stopped at its largest number
+  /// of vertices or was limited by the lattice step.
   std::uint32_t below_unexplained = 0;
   std::vector<SharpTriangle> sharp;  ///< all triangles below the wanted angle
   /// Number of edges that would have a negative stiffness in a spring network. The stiffness of an
   /// edge is the sum of the cotangents of the angles opposite to it; its sign is computed exactly.
-  /// Inside the material, a Delaunay mesh has no such edges. On the outline, they are the edges
-  /// with an obtuse angle opposite to them. They remain where an input angle of a few degrees, or
-  /// an edge of a few steps, leaves no lattice point at which a further vertex could be inserted.
+  /// Inside the material, a Delaunay mesh has no such edges. On the outline, such an edge has an
+  /// obtuse angle opposite to it. It remains where an input angle of a few degrees, or an edge of a
+  /// few steps, leaves no lattice point at which a further vertex could be inserted.
   std::uint32_t negative_stiffness_edges = 0;
 };
 

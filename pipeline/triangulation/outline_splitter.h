@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The steps of refinement at the outline. OutlineSplitter keeps lists of the bad triangles and of
 // the encroached edges, and splits edges of the outline. (An edge of the outline is encroached upon
-// if the apex of its triangle lies in its diametral circle.)
+// if the apex of its triangle lies in the circle around the edge, with the edge as diameter.)
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -25,19 +25,21 @@
 
 namespace trocar::pipeline {
 
-// Shortest edge in lattice steps. No edge is split into shorter halves. A triangle with a shorter
-// edge is not improved, because its angles depend on rounding to the lattice.
+// Shortest edge in lattice steps. An edge shorter than twice this length is not split. A triangle
+// with an edge shorter than this length is improved only if it is too large, because its angles
+// depend on rounding to the lattice.
 inline constexpr std::int64_t kMinEdge_steps = 4;
 
 // Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
 // Edges shorter than this can be split only a few times before they reach kMinEdge_steps, so each
-// split decides which angles remain. The value is the result of a trial on outlines with a grid of
-// holes, 1 to 40 steps wide: with half of this length, their meshes had more sharp angles.
+// split decides which angles remain. The value comes from a trial on outlines with a grid of holes,
+// 1 to 40 steps wide: with half of this value, the meshes had more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
-// An edge of the outline. It becomes stale when its triangle's generation changes.
+// An edge of the outline that is to be split. The entry is stale if the generation of the edge's
+// triangle has changed.
 struct EncroachedEdge {
   EdgeId edge;
   std::uint32_t generation;
@@ -109,9 +111,9 @@ class OutlineSplitter {
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // A shell is a circle around a corner. If the apex lies on the other side of a small input
-    // angle and on the same shell as a or b, it would not encroach without rounding, so it is not
-    // counted.
+    // A shell is a circle around a corner. The apex is not counted if it lies on the other segment
+    // of a small input angle and on the same shell as a or b. Without rounding it would not
+    // encroach upon the edge.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
@@ -184,9 +186,9 @@ class OutlineSplitter {
 
   // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
   // way from a to b. Returns false if there is none. Four lattice points surround the exact
-  // position. The function chooses the nearest of those on the material's side. It chooses the
-  // nearest of those on the void's side if that keeps the area of the loop better, or if there is
-  // no usable point on the material's side.
+  // position. The function chooses the nearest one on the material's side. With keep_area_ it
+  // chooses the nearest one on the void's side instead if this keeps the area of the loop better,
+  // or if no point on the material's side is usable.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
@@ -223,8 +225,8 @@ class OutlineSplitter {
     return true;
   }
 
-  // Splits an edge of the outline at the fraction `wanted`, or at the best position if `wanted` is
-  // 0. Returns false if the edge cannot be split.
+  // Splits an edge of the outline: on a shell if its segment has shells, otherwise at the fraction
+  // `wanted`, or at the best position if `wanted` is 0. Returns false if the edge cannot be split.
   bool split_edge(EdgeId s, double wanted = 0) {
     if (has_shared_) {
       if (const EdgeId beyond = shared_.beyond(s, mesh_, outline_); beyond != kNoEdge)
@@ -253,9 +255,9 @@ class OutlineSplitter {
       while (!evaluate_at(kSplits[k])) {
         if (++k == kSplits.size()) return false;
       }
-      // best_.flaws counts the bad triangles that the split would make. If the apex is nearer to
-      // the edge than half the edge's length, the halves will be split again. These triangles will
-      // then change, as long as enough splits are left.
+      // If the split creates flaws, other fractions are tried, unless the flaws are temporary. They
+      // are temporary if the apex is nearer to the edge than half the edge's length and the edge is
+      // long, because the halves will then be split again.
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {

@@ -12,9 +12,9 @@ namespace trocar::pipeline {
 
 /// Returns the borders with the points by which refinement split their edges. Precondition:
 /// `outlines` are material_outlines(borders), and `stored` are these outlines with the vertices
-/// that refinement inserted on their edges. Both have the same rings in the same order, and a ring
-/// has the same first vertex in both. (check_shared_borders() of formats/geometry/shared_borders.h
-/// verifies the relation between `outlines` and `stored`.) O(n log n).
+/// that refinement inserted on their edges. `outlines` and `stored` have the same rings in the same
+/// order, and a ring has the same first vertex in both. (check_shared_borders() of
+/// formats/geometry/shared_borders.h verifies this.) O(n log n).
 LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
                              std::span<const Pslg> stored);
 

@@ -9,10 +9,10 @@
 
 namespace trocar::pipeline {
 
-/// Returns one ring for each ring of `outline` (the input of `refined`), in the same order. A
-/// returned ring consists of the vertices of the input ring and, between them, the points by which
-/// refinement split its edges. Together the returned rings are the boundary of the mesh. O(n log
-/// n).
+/// Returns one ring for each ring of `outline`, in the same order. `outline` is the outline that
+/// was meshed to obtain `refined`. A returned ring consists of the vertices of its ring of
+/// `outline` and, between them, the points by which refinement split the edges. Together the
+/// returned rings are the boundary of the mesh. O(n log n).
 Pslg refined_rings(const Refined& refined, const Pslg& outline);
 
 }  // namespace trocar::pipeline

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Delaunay refinement to a minimum angle and a largest area. The method is Ruppert's (1995) with
-// Uengoer's off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the
-// rule of Miller, Pav and Walkington (2003) that a short edge across a small input angle is not
-// refined. Steiner points lie on the lattice, so every decision is exact. Of several allowed
-// positions, each point is inserted at the one that leaves the fewest bad triangles (similar to
-// Erten and Uengoer's locally optimal Steiner points, 2009). If the bound on the area requires many
-// triangles, a lattice of equilateral triangles fills the inside first.
+// three additions:
+//  - off-centres as positions of new points (Uengoer 2004);
+//  - concentric shells at small input angles (Ruppert; Shewchuk);
+//  - the rule that a short edge is not refined if it joins the two segments of a small input angle
+//    (Miller, Pav and Walkington 2003).
+// Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
+// of several allowed positions that leaves the fewest bad triangles (similar to Erten and Uengoer's
+// locally optimal Steiner points, 2009). If the bound on the area requires many triangles, a
+// lattice of equilateral triangles fills the inside first.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -27,7 +30,7 @@ inline constexpr double kLatticeAllowance_deg = 1.5;
 /// splits.
 inline constexpr double kMaxDistanceFromOutline_steps = 3;
 
-/// Up to this angle refinement terminates in practice, for any input.
+/// If the wanted angle is at most this one, refinement terminates in practice, for any input.
 inline constexpr double kSafeAngle_deg = 33;
 
 /// The area bound is raised if it would require more triangles than this in one slice. At this
@@ -41,12 +44,13 @@ struct RefinementOptions {
   /// vertices. 0: the limit is derived from input and area or, for angles above kSafeAngle_deg,
   /// from the size of the mesh refined to kSafeAngle_deg.
   std::uint32_t max_vertices = 0;
-  /// Rounds the points on boundary edges to whichever side keeps the area within each closed
-  /// boundary. Otherwise these points are always rounded to the material's side.
+  /// Rounds each point on a boundary edge to the side that better keeps the area within the closed
+  /// boundary. If this is false, such points are always rounded to the material's side.
   bool keep_area = false;
-  /// Splits outline edges that coincide in opposite directions together (regions.h).
+  /// Splits two outline edges that coincide in opposite directions at the same points (regions.h).
   bool shared_borders = false;
-  /// A split at this distance from the input segment or farther, in lattice steps, is not made.
+  /// A boundary edge is not split at a point whose distance from the input segment, in lattice
+  /// steps, is this large or larger.
   double max_distance_steps = kMaxDistanceFromOutline_steps;
   /// Largest area of a triangle with its centroid at the given point, mm^2. It applies in addition
   /// to max_area_mm2. Values below min_area_mm2 > 0 are raised to min_area_mm2, so that refinement
@@ -100,11 +104,14 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 /// triangulate(). Each boundary edge of the input becomes a chain of edges whose inner vertices lie
 /// on the edge. If no lattice point lies on the edge, these vertices lie on its material side, less
 /// than `max_distance_steps` away. (Each split rounds by less than 1.5 steps and inherits a part of
-/// the deviation of the edge that it splits.) With keep_area, points of edges with enough void next
-/// to them may also lie up to one step on the void's side. In this way each loop of the boundary
-/// keeps its area except for about one rounding. If the outline is moved by lattice steps or
-/// rotated by right angles, the mesh moves and rotates with it, unless a rotation maps the outline
-/// onto itself.
+/// the deviation of the edge that it splits.)
+///
+/// With keep_area, the inner vertices may also lie up to one step on the void's side if there is
+/// enough void next to the edge. In this way each loop of the boundary keeps its area except for
+/// about one rounding.
+///
+/// If the outline is moved by lattice steps or rotated by right angles, the mesh moves and rotates
+/// with it, unless a rotation maps the outline onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

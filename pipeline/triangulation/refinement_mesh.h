@@ -19,13 +19,14 @@
 
 namespace trocar::pipeline {
 
-/// If an edge is on the outline, its `beyond` consists of this flag and the input segment's number.
-/// Otherwise `beyond` is an EdgeId.
+/// WorkingTriangle::beyond has one entry for each edge. If the edge is on the outline, the entry
+/// consists of this flag and the input segment's number. Otherwise it is the EdgeId of the same
+/// edge in the neighbouring triangle.
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
-/// A triangle's circumcircle, prepared for tests of many points: the determinant of in_circle(),
-/// expanded in the coordinates of the point. It is exact. 64 bits suffice if all differences of
-/// coordinates are below kMaxDifference, which is nearly always the case.
+/// A triangle's circumcircle, prepared for tests of many points. It stores the determinant of
+/// in_circle() as a function of the point's coordinates. Results are exact. 64 bits suffice if all
+/// differences of coordinates are below kMaxDifference, which is nearly always the case.
 class Circumcircle {
  public:
   Circumcircle() = default;
@@ -75,7 +76,7 @@ class Circumcircle {
 struct alignas(64) WorkingTriangle {
   Circumcircle circle;
   std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
-  std::array<std::uint32_t, 3> beyond{};  ///< EdgeId, or kOutline | segment
+  std::array<std::uint32_t, 3> beyond{};  ///< see kOutline
   std::uint32_t visit = 0;                ///< number of the last search that visited this triangle
   std::uint32_t generation : 31 = 0;      ///< incremented when the triangle is replaced
   std::uint32_t is_bad : 1 = 0;           ///< 1 if the triangle has to be improved
@@ -87,7 +88,7 @@ class InsertionCavity {
  public:
   struct BoundaryEdge {
     std::uint32_t a, b;    ///< ends of the edge, with the cavity on its left
-    std::uint32_t beyond;  ///< EdgeId, or kOutline | segment
+    std::uint32_t beyond;  ///< WorkingTriangle::beyond of the edge
     EdgeId inside;         ///< the same edge in the triangle of the cavity
     bool is_outline() const { return (beyond & kOutline) != 0; }
   };
@@ -137,8 +138,8 @@ class RefinementMesh {
   std::vector<LatticePoint> points;
   std::vector<WorkingTriangle> triangles;
 
-  /// Starts with a new triangulation and keeps the memory. `segment(a, b)` returns the number of
-  /// the input segment for the outline's edge from a to b.
+  /// Replaces the mesh by a new triangulation and keeps the memory. `segment(a, b)` returns the
+  /// number of the input segment for the outline's edge from a to b.
   template <typename Segment>
   void assign(const Triangulation& from, Segment segment) {
     // Long outlines grow to about this multiple. Reserving it avoids copies; unused pages cost
@@ -207,9 +208,10 @@ class RefinementMesh {
     return kNone;
   }
 
-  /// Finds the cavity of p: `start`, all triangles connected with it whose circumcircles contain p,
-  /// and the edges around them. Precondition: p lies in `start` or in its circumcircle. Whether a
-  /// neighbour belongs to the cavity is unpredictable, so no branch depends on this.
+  /// Finds the cavity of p: `start`, all triangles connected with `start` whose circumcircles
+  /// contain p, and the edges around these triangles. Precondition: p lies in `start` or in its
+  /// circumcircle. Whether a neighbour belongs to the cavity is unpredictable, so no branch
+  /// depends on this.
   void find_cavity(std::uint32_t start, LatticePoint p, InsertionCavity& cavity) {
     find<false>(start, kNoEdge, p, cavity);
   }

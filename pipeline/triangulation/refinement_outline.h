@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The input of refinement: its segments, the angles between them, and the positions of splits near
-// an acute angle (concentric shells: Ruppert, 1995; Shewchuk).
+// an acute corner. These positions lie on shells, which are concentric circles around the corner
+// (Ruppert, 1995; Shewchuk).
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -26,20 +27,21 @@ class RefinementOutline {
   /// Finds the segments that two regions share (twins). Call it after close(). Without this call no
   /// segment has a twin.
   void find_twins(const std::vector<LatticePoint>& points);
-  /// The segment with the same ends in the other order, or kNoTwin.
+  /// The segment that coincides with this one in the opposite direction, or kNoTwin.
   std::uint32_t twin(std::uint32_t segment) const {
     return twins_.empty() ? kNoTwin : twins_[segment];
   }
 
-  /// Finds the loops that the segments form. If regions share borders, a loop is divided where its
-  /// neighbour changes: each part has the same material, or the void, all along its other side.
+  /// Finds the loops that the segments form. If regions share borders, a loop is divided
+  /// where the region on its other side changes. Along each part, the other side then is
+  /// one region, or the void.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
-  /// Returns true if no other part of the outline can meet this segment, although rounded splits
-  /// may move the points of the segment and of that part: by up to one step to the void's side, and
-  /// by up to three to the material's side. Valid after start_clearance(). The answer is computed
-  /// when it is first needed, because most segments are never split.
+  /// Returns true if no other part of the outline can meet this segment even after splits. Rounding
+  /// may move the points of splits by up to one step to the void's side, and by up to three steps
+  /// to the material's side. Valid after start_clearance(). The answer is computed when it is first
+  /// needed, because most segments are never split.
   bool has_clearance(std::uint32_t segment) {
     if (clearance_[segment] == Clearance::kUnknown) [[unlikely]]
       find_clearance(segment);
@@ -60,14 +62,16 @@ class RefinementOutline {
     return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
   }
 
-  /// Returns true if a segment ends in an acute corner (kAcuteCorner_deg), so that its splits must
-  /// lie on shells. For a shared segment, a corner that is acute on one of the two sides suffices.
+  /// Returns true if a segment starts or ends in an acute corner (kAcuteCorner_deg), so that its
+  /// splits must lie on shells. If two regions share the segment, a corner that is acute in one of
+  /// them suffices.
   bool has_shells(std::uint32_t segment) const {
     return is_acute_from(segment) || is_acute_to(segment);
   }
   /// The position at which to split the edge ab of a segment that has shells, as a fraction of the
-  /// way from a to b. The edges of the two segments that meet in the nearer acute corner then end
-  /// at equal distances from that corner.
+  /// way from a to b. It lies on a shell of the segment's acute corner; if both ends are acute, of
+  /// the one nearer to the edge. The edges of the two segments that meet in this corner then end at
+  /// equal distances from it.
   double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                         const std::vector<LatticePoint>& points) const;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles to be improved. They are ordered by the square of their shortest edge, in buckets
-// of a quarter of a power of two. Within a bucket the newest comes first. An entry whose triangle
-// has been replaced is dropped when it is popped.
+// The triangles to be improved, those with the shortest edges first. They are kept in buckets by
+// the square of their shortest edge, four buckets for each power of two. Within a bucket the newest
+// triangle comes first. An entry whose triangle has been replaced is dropped when it is popped.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -35,8 +35,8 @@ class RefinementQueue {
     used_[k / 64] |= std::uint64_t{1} << (k % 64);
   }
 
-  /// Drops entries until is_valid() holds for one, and puts that one into `out`. Returns false if
-  /// there is none.
+  /// Removes the first entry for which is_valid() holds and puts it into `out`. Drops the entries
+  /// before it. Returns false if there is no such entry.
   template <typename IsValid>
   bool pop(Entry& out, IsValid is_valid) {
     for (std::size_t word = 0; word < used_.size(); ++word) {

@@ -13,21 +13,26 @@
 
 namespace trocar::pipeline {
 
-/// Calls triangulate() for each region. The outlines may share edges; otherwise they touch only at
-/// vertices. Precondition: check_shared_borders(regions, regions) of
+/// Calls triangulate() for each region. The outlines may share edges; apart from these, they touch
+/// only at vertices. Precondition: check_shared_borders(regions, regions) of
 /// formats/geometry/shared_borders.h has succeeded. Errors: those of triangulate().
 Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> regions);
 
 /// Refines all regions together, like refine(). An edge that two regions share is split in both at
 /// the same lattice point, or in neither. That point lies less than three steps from the segment,
 /// on either side. Both regions keep their area along each border except for about one rounding,
-/// even without options.keep_area. Each result has the properties stated at refine(). `outcome`,
-/// the bounds that were used and `bad_at_lattice_step` are those of all regions together.
-/// options.max_vertices limits the sum of the vertices of all regions. A split of a shared edge
-/// adds two vertices, so the sum may exceed the limit by one. options.shared_borders is ignored.
-/// One region gives the same result as refine(). For a wanted angle above 30 degrees, borders of a
-/// few pixels between acute nodes are divided down to the lattice step more often than by refine()
-/// alone. The regions' refined_rings() pass check_shared_borders() with their outlines.
+/// even without options.keep_area. The results of refined_rings() for the regions pass
+/// check_shared_borders() with the regions' outlines.
+///
+/// Each result has the properties stated at refine(). `outcome`, the bounds that were used
+/// and `bad_at_lattice_step` are those of all regions together. options.max_vertices limits
+/// the sum of the vertices of all regions. A split of a shared edge adds two vertices, so
+/// the sum may exceed the limit by one. options.shared_borders is ignored. One region gives
+/// the same result as refine().
+///
+/// Known limitation: for a wanted angle above 30 degrees, a border of a few pixels between acute
+/// nodes (points where borders meet) is divided down to the lattice step more often than by
+/// refine() for one region.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 

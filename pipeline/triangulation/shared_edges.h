@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The edges that two regions share during refinement. Each region has its own vertices, so a shared
-// edge exists twice. From one of the two edges, the other one is found by the other region's copy
-// of its end.
+// edge exists twice. SharedEdges finds the other region's edge for a given one. For this purpose it
+// records which vertices of the two regions are copies of each other.
 // Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
@@ -15,10 +15,11 @@
 
 namespace trocar::pipeline {
 
-/// Returns up to two positions at which to split a shared edge ab near the given fraction of the
-/// way from a to b. The triangles on its two sides are (a, b, c) and (b, a, d). The positions are
-/// the nearest lattice points on either side of ab. The one that keeps the areas better comes
-/// first. `lost` is twice the area that the side of c has lost along this border so far.
+/// Returns up to two positions at which to split a shared edge ab near the given fraction of
+/// the way from a to b. The triangles on the two sides of the edge are (a, b, c) and (b, a, d).
+/// The positions are the nearest lattice points on either side of ab. The position that keeps
+/// the areas better comes first. `lost` is twice the area that the side of c has lost along
+/// this border so far.
 std::array<std::optional<LatticePoint>, 2> shared_split_points(LatticePoint a, LatticePoint b,
                                                                LatticePoint c, LatticePoint d,
                                                                double fraction, std::int64_t lost);

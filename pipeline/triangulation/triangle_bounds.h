@@ -14,7 +14,8 @@
 
 namespace trocar::pipeline {
 
-/// The bounds on angle and area that refinement must meet, in lattice steps. Areas are doubled.
+/// The bounds on angle and area that refinement must meet. Areas are doubled, in lattice
+/// steps squared.
 class TriangleBounds {
  public:
   /// `options` must outlive this object.
