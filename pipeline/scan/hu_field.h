@@ -23,9 +23,9 @@
 namespace trocar::pipeline {
 
 struct HuFieldOptions {
-  /// The factor in the formula above. With 0.01 instead of 0.001, the error is larger: by less than
-  /// 4 % for a scan of the vertebra L3, which has only as many pixels as vertices, and by less than
-  /// 0.1 % for other scans.
+  /// The factor in the formula above. With 0.01 instead of 0.001, the error of the field is larger:
+  /// by less than 4 % for a scan of the vertebra L3, which has only as many pixels as vertices, and
+  /// by less than 0.1 % for other scans.
   double smoothing = 0.01;
   int step = kHuStep;  ///< values are rounded to multiples of it; 0: not rounded
 };

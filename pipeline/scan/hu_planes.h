@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). Samples
-// are about 1 mm apart: if pixels are narrower than 0.57 mm, only every second, third, ...
-// pixel is a sample.
+// Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). Every pixel is
+// a sample if pixels are at least 0.57 mm wide. If they are narrower, every second, third, ...
+// pixel is a sample, so that samples are about 1 mm apart.
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 

@@ -36,7 +36,8 @@ struct StackOptions {
   /// Called after each slice by the thread that meshed it; never by two threads at the same time.
   std::function<void(int done, int total)> progress;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
-  /// The report's total_ms counts from here. Opening the scan is included if this is set before.
+  /// The report's total_ms begins at this time. Set it before opening the scan to
+  /// include the opening.
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 

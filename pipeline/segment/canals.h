@@ -8,10 +8,10 @@
 //     bone. A section is soft if its mean is below kMaxCanal_HU and its area is 15 to 400 mm^2.
 //  2. Tubes: two soft sections of neighbouring planes belong to one tube if they overlap by at
 //     least 35 % of the larger section.
-//  3. Following: the search follows each tube beyond both of its ends, for up to 15 mm, even where
-//     the section merges with other regions or the ring of bone is open. If this leads to a section
-//     of another tube, the two tubes are joined. An end of a tube is open if following it leads to
-//     the volume's border or to a plane that does not enclose the section.
+//  3. Following: the search follows each tube from plane to plane beyond both of its ends, for up
+//     to 15 mm, even where the section merges with other regions or the ring of bone is open. If
+//     this leads to a section of another tube, the two tubes are joined. An end of a tube is open
+//     if following it leads to the volume's border or to a plane that does not enclose the section.
 //  4. Choice: a tube is a canal if both ends are open. A tube of at least 60 mm, which is longer
 //     than a vertebra, needs only one open end.
 //  5. Growth: a canal takes the pixels without bone within 5.5 mm of its sections, except those

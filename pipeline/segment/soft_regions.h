@@ -5,11 +5,11 @@
 // The scan is averaged over blocks of about kBlock_mm. A region is a set of connected blocks that
 // lie deeper than 7 mm below the surface of the material. A second pass searches the rest of the
 // material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone that
-// touch are separate there.) The shell of a region is the material around it at the surface. A
-// region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone has a
-// denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the surrounding
-// tissue.) Each block of material near a region belongs to the nearest region and is soft if this
-// region is soft.
+// touch are separate at that depth.) The shell of a region is the material around it at the
+// surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
+// has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
+// surrounding tissue.) Each block of material near a region belongs to the nearest region and is
+// soft if this region is soft.
 // Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 
@@ -63,8 +63,8 @@ struct SoftRegions {
   bool touches_bone = false;       ///< a soft region is connected with over 1 ml of bone
 };
 
-/// Finds the soft regions for a threshold of bone. O(blocks + n), where n is the number of blocks
-/// in the bounding boxes of all regions of at least 0.3 ml.
+/// Finds the soft regions, given the threshold of bone. O(blocks + n), where n is the number of
+/// blocks in the bounding boxes of all regions of at least 0.3 ml.
 SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
 
 }  // namespace trocar::pipeline
