@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts the allocations of realtime code: calls of malloc, calloc, realloc,
-// aligned_alloc, posix_memalign and free (and so of new and delete) on a thread that is
-// inside a NoAllocationScope.
+// Counts the allocations of realtime code, so that tests can demand that there are none. Calls of
+// malloc, calloc, realloc, aligned_alloc, posix_memalign and free count if the calling thread is
+// inside a NoAllocationScope. Calls of new and delete count too, because they use these functions.
 //
 // Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
-// allocations. The shipped programs and sanitizer builds do not count them. There the beginning and
-// the end of a scope cost one thread-local store each.
+// allocations. In the shipped programs and in sanitizer builds nothing is counted. In these
+// programs a scope costs two thread-local stores: one at its beginning and one at its end.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -15,11 +15,12 @@ namespace trocar::runtime {
 
 /// Returns true if this program counts allocations.
 bool allocations_are_counted() noexcept;
-/// Returns the number of allocations of all threads inside scopes since the start; 0 if they
-/// are not counted.
+/// Returns the number of allocations inside scopes, of all threads together, since the program
+/// started. Returns 0 if this program does not count allocations.
 std::uint64_t allocations_in_scopes() noexcept;
 
-/// While a scope exists, its thread's allocations are counted. Scopes may not nest.
+/// While a scope exists, the allocations of the thread that created the scope are counted. A thread
+/// must not create a scope inside another scope.
 class NoAllocationScope {
  public:
   NoAllocationScope() noexcept;
@@ -28,13 +29,13 @@ class NoAllocationScope {
   NoAllocationScope& operator=(const NoAllocationScope&) = delete;
 };
 
-// The allocation hooks call the following functions.
+// Only the allocation hooks call the following functions.
 
 /// Returns true if the calling thread is inside a scope.
 bool in_no_allocation_scope() noexcept;
 /// Counts one allocation by the calling thread if it is inside a scope.
 void note_allocation() noexcept;
-/// Registers the hooks, so that allocations_are_counted() returns true.
+/// The hooks call this once. Afterwards allocations_are_counted() returns true.
 void announce_allocation_hooks() noexcept;
 
 }  // namespace trocar::runtime

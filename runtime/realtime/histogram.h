@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A histogram of durations in logarithmic buckets of 1/64 octave (1.6 %) from 1 ns to 18 minutes.
-// It has a fixed size, does not allocate, and takes any number of samples.
+// A histogram of durations from 1 ns to 18 minutes. An octave (a factor of 2) has 64 buckets, so a
+// bucket is at most 1.6 % wide. The histogram has a fixed size and does not allocate.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -22,8 +22,8 @@ class Histogram {
   std::uint64_t samples() const noexcept { return samples_; }
   double max_us() const noexcept { return static_cast<double>(max_ns_) * 1e-3; }
 
-  /// Returns the upper end of the bucket that holds the sample of rank ceil(fraction * samples),
-  /// but at most max_us(); 0 if there are no samples.
+  /// Returns the duration that this fraction of the samples does not exceed, rounded up to the
+  /// upper end of its bucket, but at most max_us(). Returns 0 if there are no samples.
   double quantile_us(double fraction) const noexcept {
     if (samples_ == 0) return 0;
     const double wanted = fraction * static_cast<double>(samples_);
@@ -38,8 +38,8 @@ class Histogram {
   }
 
   /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in
-  /// ascending order. `count` is the number of samples in this quarter, and upper_us is the
-  /// quarter's upper end.
+  /// ascending order. `count` is the number of samples in this quarter, and `upper_us` is the
+  /// longest duration in us that belongs to this quarter.
   template <typename Found>
   void each_quarter_octave(Found&& found) const {
     constexpr std::size_t kPerQuarter = (std::size_t{1} << kBits) / 4;
@@ -55,7 +55,7 @@ class Histogram {
 
  private:
   static constexpr unsigned kBits = 6;                            // 64 buckets per octave
-  static constexpr std::size_t kExact = std::size_t{2} << kBits;  // smaller values are exact
+  static constexpr std::size_t kExact = std::size_t{2} << kBits;  // below it, one bucket per ns
   static constexpr std::size_t kBuckets = kExact + (std::size_t{33} << kBits);
 
   static std::size_t bucket(std::uint64_t value) noexcept {

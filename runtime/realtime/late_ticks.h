@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Attributes each missed deadline of a tick to the part of the period that made the tick late.
+// Counts missed deadlines by their cause, which is the part of the tick that took too long.
 // Tests: tests/runtime/realtime/late_ticks_test.cpp
 #pragma once
 
@@ -11,22 +11,22 @@
 
 namespace trocar::runtime {
 
-/// The parts of a period: the thread wakes up, the device is read and written, the force is computed, and the
-/// tick is published to its observers.
+/// The parts of a tick: the thread wakes up, the device is read and written, the force law computes
+/// the force, and the tick is published to its observers.
 enum class TickPart : std::uint8_t { kWaking, kDevice, kLaw, kPublishing };
 inline constexpr std::size_t kTickParts = 4;
 inline constexpr std::array<const char*, kTickParts> kTickPartNames = {"waking", "device", "law",
                                                                        "publishing"};
 
-/// The haptic thread calls these functions: no allocation, no exception.
+/// The haptic thread calls these functions. They neither allocate nor throw.
 class LateTicks {
  public:
   using Counts = std::array<std::uint64_t, kTickParts>;
 
-  /// Call this when a tick begins. A deadline that passed between the requested and the actual
-  /// wake-up of the thread counts as late waking. All other deadlines that were missed since the
-  /// last call passed during the previous tick. They count for that part of the previous tick which
-  /// took the longest time.
+  /// Call this when a tick begins. Deadlines that passed between the requested and the actual
+  /// wake-up of the thread count for kWaking. All other deadlines missed since the last call of
+  /// begin() passed during the previous tick. They count for the part on which the previous tick
+  /// spent the longest time, see spend().
   void begin(const TickTiming& timing, double period_ns) noexcept {
     const std::uint64_t missed = timing.missed_deadlines - missed_;
     missed_ = timing.missed_deadlines;
@@ -38,13 +38,12 @@ class LateTicks {
     counts_[static_cast<std::size_t>(longest - spent_ns_.begin())] += missed - by_waking;
     spent_ns_.fill(0);
   }
-  /// Adds the time that a part of this tick took.
+  /// Call this after a part of the tick. Adds to the time that the tick has spent on this part.
   void spend(TickPart part, std::int64_t duration_ns) noexcept {
     spent_ns_[static_cast<std::size_t>(part)] += duration_ns;
   }
-  /// Number of missed deadlines for each part. The sum of these numbers is
-  /// TickTiming::missed_deadlines of the last begin(), which includes the deadlines missed by the
-  /// late waking of that tick.
+  /// Number of missed deadlines for each part. The numbers add up to the `missed_deadlines` that
+  /// the last call of begin() received.
   const Counts& counts() const noexcept { return counts_; }
 
  private:

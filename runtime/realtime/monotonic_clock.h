@@ -7,7 +7,7 @@
 
 namespace trocar::runtime {
 
-/// Returns CLOCK_MONOTONIC in ns, without a system call if the kernel permits that.
+/// Returns the time of CLOCK_MONOTONIC in ns. Most Linux kernels give it without a system call.
 inline std::int64_t monotonic_ns() noexcept {
   timespec now{};
   ::clock_gettime(CLOCK_MONOTONIC, &now);

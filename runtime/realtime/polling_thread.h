@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A background thread that calls a function again and again, and sleeps for a fixed interval after
-// each call. Worker threads poll, because the haptic thread would need a system call to wake them.
+// each call. In this way a worker thread looks for work from the haptic thread. The haptic thread
+// does not wake it, because that would need a system call.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -19,7 +20,7 @@ class PollingThread {
   PollingThread(const PollingThread&) = delete;
   PollingThread& operator=(const PollingThread&) = delete;
 
-  /// Starts the thread. It calls `serve` and then sleeps for `interval`, repeatedly until stop().
+  /// Starts the thread. Until stop(), the thread calls `serve` and sleeps for `interval`, in turn.
   void start(std::chrono::nanoseconds interval, std::function<void()> serve) {
     stopping_.store(false);
     thread_ = std::thread([this, interval, serve = std::move(serve)] {
@@ -29,8 +30,8 @@ class PollingThread {
       }
     });
   }
-  /// Ends the thread and waits for it; does nothing if it was not started. Work that arrived after
-  /// the last call of `serve` is left to the caller.
+  /// Ends the thread and waits until it has ended. Does nothing if the thread was not started. Work
+  /// that arrived after the last call of `serve` is not done; the caller can do it after stop().
   void stop() {
     if (!thread_.joinable()) return;
     stopping_.store(true, std::memory_order_release);

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // A ring buffer with the latest values of one writing thread. The writer never waits; it overwrites
 // the oldest value. One reading thread copies values out, and detects whether the writer has
-// overwritten them during the copying. (This is a sequence lock, after H.-J. Boehm, "Can seqlocks
-// get along with programming language memory models?", 2012.)
+// overwritten them during the copying. The method is a sequence lock, after H.-J. Boehm, "Can
+// seqlocks get along with programming language memory models?", 2012.
 // Tests: tests/runtime/realtime/handover_test.cpp
 //
 // Values are stored as atomic 64-bit words. Therefore it is no data race if the reader reads a
 // value while the writer overwrites it. On x86 atomic words cost as much as plain words. Words are
-// stored with memory order release and loaded with memory order acquire. Therefore, if the reader
-// has loaded a word of value number c (counted from 0), its next load of the count of pushed values
-// gives at least c.
+// stored with memory order release and loaded with memory order acquire. Therefore the reader finds
+// out about overwriting: if it has loaded a word of value number c (counted from 0), its next load
+// of the count of pushed values gives at least c.
 #pragma once
 
 #include <array>
@@ -43,10 +43,10 @@ class RingBuffer {
   /// The writer calls this. Returns the number of values that have been pushed.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
-  /// The reader calls this. Appends copies of the values number `first` to end - 1 to `out`;
-  /// the first value that was pushed is number 0. Precondition: all these values have been
-  /// pushed. If the writer has overwritten one of them, or may be overwriting one now, returns
-  /// false and appends nothing.
+  /// The reader calls this. Appends copies of the values with numbers `first` to `end - 1` to
+  /// `out`; the first value that was pushed has number 0. Precondition: all these values have been
+  /// pushed. If the writer has overwritten one of the values, or may be overwriting one now, the
+  /// function returns false and appends nothing.
   bool copy(std::uint64_t first, std::uint64_t end, std::vector<T>& out) const {
     const auto overwritten = [&] {
       // The writer may be writing value number `count` now.

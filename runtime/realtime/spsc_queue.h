@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bounded queue from one writing to one reading thread: no lock, no wait, no allocation after
-// construction. (This is L. Lamport's ring. Each side caches the other side's index, and reads the
-// shared index only if the queue seems full or empty.)
+// A bounded queue from one writing to one reading thread. It uses no lock, never waits and never
+// allocates. The algorithm is L. Lamport's ring. In addition each thread keeps a copy of the other
+// thread's index, and reads the shared index only if the copy makes the queue look full or empty.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -12,8 +12,7 @@
 
 namespace trocar::runtime {
 
-/// Holds up to `Capacity` elements; `Capacity` must be a power of two. Elements are copied
-/// in and out.
+/// Holds up to `Capacity` elements; `Capacity` must be a power of two.
 template <typename T, std::size_t Capacity>
 class SpscQueue {
   static_assert(Capacity >= 2 && (Capacity & (Capacity - 1)) == 0, "a power of two");
@@ -33,8 +32,8 @@ class SpscQueue {
     return true;
   }
 
-  /// The reader calls this. Takes the first value. If the queue is empty, returns false and
-  /// leaves `value` unchanged.
+  /// The reader calls this. Removes the oldest value and copies it to `value`. If the queue is
+  /// empty, returns false and leaves `value` unchanged.
   bool pop(T& value) noexcept {
     const std::size_t head = head_.load(std::memory_order_relaxed);
     if (head == tail_seen_) {
@@ -48,10 +47,10 @@ class SpscQueue {
 
  private:
   static constexpr std::size_t kLine = 64;
-  alignas(kLine) std::atomic<std::size_t> head_{0};  // index of the next read; never wraps
-  alignas(kLine) std::size_t tail_seen_ = 0;         // the reader's cache of tail_
-  alignas(kLine) std::atomic<std::size_t> tail_{0};  // index of the next write
-  alignas(kLine) std::size_t head_seen_ = 0;         // the writer's cache of head_
+  alignas(kLine) std::atomic<std::size_t> head_{0};  // number of values popped so far
+  alignas(kLine) std::size_t tail_seen_ = 0;         // the reader's copy of tail_
+  alignas(kLine) std::atomic<std::size_t> tail_{0};  // number of values pushed so far
+  alignas(kLine) std::size_t head_seen_ = 0;         // the writer's copy of head_
   alignas(kLine) std::array<T, Capacity> ring_{};
 };
 

@@ -23,8 +23,8 @@ class TripleBuffer {
             kIndex;
   }
 
-  /// The reader calls this. Reads the latest value. If no value was written since the last read,
-  /// returns false and leaves `value` unchanged.
+  /// The reader calls this. Copies the latest value to `value`. If nothing was written since the
+  /// last read, returns false and leaves `value` unchanged.
   bool read(T& value) noexcept {
     if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
     front_ = middle_.exchange(front_, std::memory_order_acq_rel) & kIndex;

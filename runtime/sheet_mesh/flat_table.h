@@ -11,15 +11,15 @@
 
 namespace trocar::runtime {
 
-/// Reserves capacity for `size` elements and writes to all of it, so that no later use causes a
-/// page fault.
+/// Empties the list, reserves capacity for `size` elements and writes to the whole capacity, so
+/// that no later use causes a page fault.
 template <typename T>
 void reserve_touched(std::vector<T>& list, std::size_t size) {
   list.resize(size);
   list.clear();
 }
 
-/// Appends the element. Returns false and changes nothing if the list's capacity is used up.
+/// Appends the element. If the list's capacity is used up, returns false and changes nothing.
 template <typename T>
 bool push_within(std::vector<T>& list, const T& element) noexcept {
   if (list.size() == list.capacity()) return false;
@@ -27,9 +27,9 @@ bool push_within(std::vector<T>& list, const T& element) noexcept {
   return true;
 }
 
-/// A map from 64-bit keys to 32-bit values: a hash table with linear probing, whose slots are
-/// indices into a dense list of entries. The memory in use is proportional to the content, not to
-/// the capacity, so that small contents stay in the cache. Keys cannot be removed one by one.
+/// A map from 64-bit keys to 32-bit values. It is a hash table with linear probing. The slots of
+/// the table hold indices into a dense list of entries. A table with few keys uses only a small
+/// part of its memory, which stays in the cache. Single keys cannot be removed.
 class FlatTable {
  public:
   static constexpr std::uint32_t kAbsent = 0xffffffff;
@@ -50,7 +50,7 @@ class FlatTable {
 
   std::size_t size() const noexcept { return entries_.size(); }
 
-  /// Returns the value at the key; kAbsent if there is none.
+  /// Returns the value at the key, or kAbsent if the key is not in the table.
   std::uint32_t find(std::uint64_t key) const noexcept {
     for (std::size_t slot = home(key);; slot = (slot + 1) & mask_) {
       const std::uint32_t entry = slots_[slot];
@@ -60,8 +60,8 @@ class FlatTable {
   }
   bool contains(std::uint64_t key) const noexcept { return find(key) != kAbsent; }
 
-  /// Inserts `value` if there is no value at the key. Returns a pointer to the value at the key,
-  /// which is valid until the next insert(); null if the capacity is used up.
+  /// Inserts `value` unless the key already has a value. Returns a pointer to the key's value. The
+  /// pointer is valid until the next insert(). It is null if the capacity is used up.
   std::uint32_t* insert(std::uint64_t key, std::uint32_t value) noexcept {
     std::size_t slot = home(key);
     for (; slots_[slot] != 0; slot = (slot + 1) & mask_) {
@@ -94,7 +94,7 @@ class FlatTable {
   }
 
   void grow() noexcept {
-    if (2 * (mask_ + 1) > slots_.size()) return;  // at most half of all slots are taken
+    if (2 * (mask_ + 1) > slots_.size()) return;  // all slots are in use, at most half hold entries
     use_slots(std::min(8 * (mask_ + 1), slots_.size()));
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       std::size_t slot = home(entries_[i].key);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A function as an argument, without allocation, like std::function_ref of C++26.
+// Passes a function as an argument without allocation, like std::function_ref of C++26.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
 namespace trocar::runtime {
 
 /// A reference to a function. The function must outlive the reference. By default the reference is
-/// empty.
+/// empty; an empty reference must not be called.
 template <typename Signature>
 class FunctionRef;
 template <typename R, typename... Arguments>

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists the slots (elements of the arrays of a SheetMesh) that an edit of the mesh has written. So
-// the edit can be undone, or repeated on a second copy of the mesh (a replica), in time
-// proportional to the edit.
+// Lists the slots (elements of the arrays of a SheetMesh) that an edit of the mesh has written.
+// With these lists the edit can be undone, or repeated on a second copy of the mesh (a replica).
+// The time for either is proportional to the number of listed slots, not to the size of the mesh.
 //
 // Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
-//  1. An editing function calls touch_*() before it writes a slot. To take or release a slot, it
-//     calls take_*() or release_*(), which update the lists.
+//  1. Precondition: a function that edits the mesh calls touch_*() before it writes to a slot. It
+//     takes and releases slots only by take_*() and release_*(), which update the lists.
 //  2. undo() restores the mesh of begin() exactly: every slot and the order of the free slots.
 //  3. If a replica was equal to the mesh at begin(), copy_to() makes the replica equal to the
-//     edited mesh, in the same sense.
+//     edited mesh: every slot and the order of the free slots.
 //  4. Only the constructor allocates. Each slot is listed at most once, so the capacity suffices.
 #pragma once
 
@@ -30,6 +30,7 @@ class SheetEdit {
     Triangle corners;  ///< kFreeSlot if the slot was free
     std::array<std::uint32_t, 3> across;
   };
+  /// A vertex's slot and its content at begin().
   struct OldVertex {
     std::uint32_t slot;
     LatticePoint point;
@@ -42,30 +43,31 @@ class SheetEdit {
   /// Starts a new edit of `mesh` and clears the lists. O(1).
   void begin(const SheetMesh& mesh) noexcept;
 
-  /// Lists the slot with its present content, unless the slot is already listed.
+  /// Call this before you write to a slot. Lists the slot with its content, unless the slot is
+  /// already listed.
   void touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept;
   void touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// Takes a free slot, writes the given content to it, and returns it; kNone if there is
-  /// no free slot.
+  /// Takes a free slot, writes the given content to it, and returns its index. Returns kNone if
+  /// there is no free slot.
   std::uint32_t take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept;
   std::uint32_t take_vertex(SheetMesh& mesh, LatticePoint point) noexcept;
   /// Frees the slot. The caller must ensure that nothing refers to the slot at the end of the edit.
   void release_triangle(SheetMesh& mesh, std::uint32_t t) noexcept;
   void release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// The slots written, each once, in the order in which they were listed.
+  /// The slots that were written since begin(), each once, in the order in which they were listed.
   std::span<const OldTriangle> triangles() const noexcept { return triangles_; }
   std::span<const OldVertex> vertices() const noexcept { return vertices_; }
 
-  /// Undoes the edit (contract 2) and begins a new one.
+  /// Undoes the edit (contract 2) and calls begin() for a new edit.
   void undo(SheetMesh& mesh) noexcept;
   /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.
   void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
 
  private:
-  // The changes to a stack of free slots. The lowest `untouched` entries are unchanged. `popped`
-  // lists the entries that were above them at begin(), the topmost first.
+  // The changes to a stack of free slots since begin(). The lowest `untouched` entries of the stack
+  // are unchanged. `popped` lists all other entries that the stack had at begin(), topmost first.
   struct Stack {
     std::size_t untouched = 0;
     std::vector<std::uint32_t> popped;

@@ -2,12 +2,13 @@
 // Finds the triangles of a sheet near a box. The time is proportional to the number of these
 // triangles, not to the size of the mesh. A triangle is inserted or removed in constant time.
 //
-// There are several grids, and the cells of each grid are twice as large as those of the grid
-// before. A triangle belongs to a single cell. The grid of this cell is the finest one whose cells
-// are no smaller than the triangle's bounding box, and the cell is the one that contains the box's
-// lower left corner. So a triangle extends at most into the next cell to the right and above. Every
-// triangle slot needs one entry, however long and thin its triangle is, so no edit can exceed the
-// capacity. (These are "loose" grids, after Ulrich's loose octree, 2000.)
+// There are several grids of square cells. From each grid to the next coarser one, the width of the
+// cells doubles; the coarsest grid is a single cell. A triangle is listed in one cell: in the
+// finest grid whose cells are at least as large as the triangle's bounding box, in the cell that
+// contains the box's lower left corner. Therefore a triangle extends at most into the next cell to
+// the right and above. A triangle has one list entry, however long and thin it is, so one entry for
+// each triangle slot suffices for every edit. (Source: "loose" grids, after Ulrich's loose octree,
+// 2000.)
 #pragma once
 
 #include <algorithm>
@@ -21,6 +22,7 @@
 
 namespace trocar::runtime {
 
+/// Returns the bounding box of triangle t, which must be in use.
 inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept {
   return box_around(corners(mesh, t));
 }
@@ -34,18 +36,18 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
 class TriangleGrid {
  public:
   TriangleGrid() = default;
-  /// Builds the grid for the triangles in use, with an entry for every slot. All indices must be in
-  /// range. O(slots).
+  /// Builds the grids for the triangles in use, with an entry for every slot. Precondition: all
+  /// vertex indices are in range. O(slots).
   explicit TriangleGrid(const SheetMesh& mesh);
 
-  /// Updates the grid after an edit. `mesh`: the edited mesh. Call this once for each edit. The
-  /// time is proportional to the edit.
+  /// Call this once after each edit of the mesh. `edit`: the lists of the edit; `mesh`: the edited
+  /// mesh. The time is proportional to the number of triangles that the edit has written.
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
 
   /// Adds entries after SheetMesh::add_slots().
   void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }
 
-  /// Calls visit(triangle slot) as in contract 1. No allocation.
+  /// Calls visit(t) for every triangle t near the box, see contract 1.
   template <typename Visit>
   void for_each(const LatticeBox& box, Visit&& visit) const {
     for (const Level& level : levels_) {
@@ -64,7 +66,7 @@ class TriangleGrid {
     }
   }
 
-  /// Memory in use, in bytes.
+  /// Returns the memory in use, in bytes.
   std::size_t bytes() const noexcept {
     return levels_.capacity() * sizeof(Level) + head_.capacity() * sizeof(std::uint32_t) +
            link_.capacity() * sizeof(Link);
@@ -74,8 +76,8 @@ class TriangleGrid {
   struct Level {
     int shift = 0;                       ///< cells are 2^shift steps wide
     std::int64_t columns = 1, rows = 1;  ///< points outside the grid belong to the outermost cells
-    std::size_t first_cell = 0;
-    std::uint32_t triangles = 0;
+    std::size_t first_cell = 0;          ///< index of the grid's first cell in `head_`
+    std::uint32_t triangles = 0;         ///< number of triangles that this grid lists
 
     std::int64_t column(const TriangleGrid& grid, std::int32_t x) const noexcept {
       return std::clamp<std::int64_t>((std::int64_t{x} - grid.origin_.x) >> shift, 0, columns - 1);
@@ -96,8 +98,8 @@ class TriangleGrid {
   void insert(const SheetMesh& mesh, std::uint32_t t) noexcept;
   void remove(std::uint32_t t) noexcept;
 
-  LatticePoint origin_;
-  std::vector<Level> levels_;        ///< the finest first
+  LatticePoint origin_;              ///< lower left corner of all grids
+  std::vector<Level> levels_;        ///< the grids, the finest first
   std::vector<std::uint32_t> head_;  ///< first triangle of each cell, level by level
   std::vector<Link> link_;           ///< list entry of each triangle slot
 };
