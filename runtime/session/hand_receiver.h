@@ -16,13 +16,15 @@ namespace trocar::runtime {
 class HandReceiver {
  public:
   virtual ~HandReceiver() = default;
-  /// Takes the latest message, which may be one that was taken before. Called once in each tick
-  /// and, while the session is paused, once in each period. `now_ns`: CLOCK_MONOTONIC. Returns
-  /// kHand, kHandLetGo or kHandLost if the message changes who holds the tool, and none otherwise.
+  /// Takes the latest message. If no new message has arrived since the last call, `latest` is the
+  /// same message again. The session calls this once in each tick and, while it is paused, once in
+  /// each period. `now_ns`: CLOCK_MONOTONIC. Returns kHand if the person has taken the tool,
+  /// kHandLetGo if the person has let go, kHandLost if messages have stayed away for too long, and
+  /// none if nothing of this has changed.
   virtual std::optional<TelemetryEventKind> receive(const TelemetryHand& latest,
                                                     std::int64_t now_ns) noexcept = 0;
-  /// Called after a pause. Makes the hand's target, to which its springs pull the tip, start at the
-  /// tip in the next tick.
+  /// The session calls this after a pause. The springs of the hand pull the tip to a target. In the
+  /// next tick the target starts at the tip.
   virtual void restart_at_tip() noexcept = 0;
 };
 

@@ -2,10 +2,10 @@
 // The operator's commands while a session runs: pause, zero, emergency stop, resume, recover.
 //
 // Pause, zero (no forces) and emergency stop are latched: each stays set until it is released.
-// While one is set, its fault is raised in every tick, and no recovery begins, from this fault or
-// any other. `resume` releases the pause. `recover` releases all three and requests a recovery.
-// With RecoveryPolicy::kOnRequest, the recovery signal (SIGUSR1, which sets
-// SessionOptions::recover) does the same as `recover`.
+// While one is set, its fault is raised in every tick, and no recovery begins. `resume` releases
+// the pause. `recover` releases all three and requests a recovery. With
+// RecoveryPolicy::kOnRequest, the signal SIGUSR1 does the same as `recover`; the program's signal
+// handler sets the flag SessionOptions::recover.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -19,7 +19,7 @@ namespace trocar::runtime {
 
 class OperatorCommands {
  public:
-  /// `recover`: the flag SessionOptions::recover, which the recovery signal sets; may be null.
+  /// `recover`: the flag SessionOptions::recover; may be null.
   OperatorCommands(RecoveryPolicy policy, std::atomic<bool>* recover)
       : policy_(policy), recover_(recover) {}
 
@@ -28,7 +28,8 @@ class OperatorCommands {
   /// Applies the commands given since the last tick. `latched`: the fault that the safety state
   /// machine has latched (Safety::fault), or none.
   void apply(const TelemetryCommands& given, Fault latched) noexcept;
-  /// Returns the fault to raise in this tick because a command is latched; none if no command is.
+  /// Returns the fault of the latched command, or none if no command is latched. The caller raises
+  /// this fault in the tick.
   Fault latched_fault() const noexcept;
   bool is_paused() const noexcept { return is_paused_ && !emergency_stop_; }
   /// Returns true if `latched` is the fault of a pause or of zero, and no emergency stop is set. A
@@ -36,11 +37,11 @@ class OperatorCommands {
   bool waits_for_operator(Fault latched) const noexcept {
     return is_by_operator(latched) && !emergency_stop_;
   }
-  /// Returns true if recovery is to be requested in this tick, and then clears the operator's
-  /// request. While a command is latched, returns false and keeps the request.
+  /// Returns true if the caller is to request recovery in this tick. The operator's request is then
+  /// cleared. While a command is latched, returns false and keeps the request.
   bool take_recovery() noexcept;
-  /// Clears the operator's request. Called when a fault is latched, because a request made before
-  /// the fault does not apply to it.
+  /// Clears the operator's request. Call this when a fault is latched, because a request that is
+  /// older than the fault does not apply to the fault.
   void forget_recovery() noexcept;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A session: runs the haptic loop over a scene for the scene's duration, in real or virtual time,
-// with worker threads and observers, and reports what happened.
+// A session runs the haptic loop with a scene and a device, in real or virtual time, until all its
+// ticks are done or it is stopped. The loop is served by worker threads and observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -16,16 +16,17 @@
 
 namespace trocar::runtime {
 
-/// Runs a session. `advance(dt_s)` is called after each tick, on the thread of the ticks, to
-/// advance a simulated device. At the end zero torques are written first; then the other threads
-/// end. `workers`: result of make_workers() for the same scene, device, remesher and options.
+/// Runs a session and returns its result. After each tick the thread of the ticks calls
+/// `advance(dt_s)`, in which a simulated device advances its time. After the last tick, zero
+/// torques are written before the other threads end. `workers`: the result of make_workers() for
+/// the same scene, device, remesher and options.
 SessionResult run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers);
 
-/// Like the function above, but creates the workers itself. Errors: those of make_workers(). Do not
-/// use this function for a drive (the electronics of a device) behind a link. Creating the workers
-/// takes time, and such a drive ends the session if the first tick is late.
+/// Creates the workers and then runs a session like the function above. Errors: those of
+/// make_workers(). Do not use this function for a drive (the electronics of a device) behind a
+/// link: such a drive ends the session if the first tick is late, and creating workers takes time.
 Result<SessionResult> run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                                   const std::function<void(double dt_s)>& advance,
                                   const SessionOptions& options);

@@ -4,9 +4,10 @@
 //  - real: ticks follow the wall clock. Meshes and stiffness are used as soon as they are ready.
 //  - virtual: ticks follow each other without a pause. Meshes and stiffness are used a fixed number
 //    of ticks after their request, so that the same input gives the same recording.
-//  - replay: like virtual, but each mesh and each stiffness comes into use in the tick in which it
-//    did so in the recording (columns `cuts_published` and `response_*`). Requests for recovery,
-//    requests for X-ray pictures and faults from outside the loop also come from the recording.
+//  - replay: ticks follow each other without a pause. A new mesh is used from the same tick on as
+//    in the recording (column `cuts_published`). The stiffness of each tick is read from the
+//    recording (columns `response_*`). Requests for recovery, requests for X-ray pictures and
+//    faults from outside the loop are read from the recording, too.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -34,17 +35,16 @@ class SessionClock {
 
   // The haptic thread calls these functions during a tick.
 
-  /// Returns the recorded row of this tick; null: the session is not a replay.
+  /// Returns the recorded row of a tick; null if the session is not a replay.
   virtual const RecordingRow* recorded(std::uint64_t) const noexcept { return nullptr; }
   /// Returns the prefetched stiffness to use in this tick.
   virtual const PrefetchedStiffness& stiffness() noexcept { return stiffness_; }
-  /// Called at the end of a tick with its request. Only the real clock passes the request to the
-  /// prefetch worker here.
+  /// Called once in each tick with the tick's request for stiffness. The real clock passes the
+  /// request to the prefetch worker; the other clocks ignore this call.
   virtual void prefetch(const PrefetchRequest&) noexcept {}
 
-  /// Runs the session to its end, and stops the remesher. The torques are set to zero directly
-  /// after the last tick; otherwise the motors would hold the last torques while the other threads
-  /// end.
+  /// Runs the session to its end, and stops the remesher. Zero torques are written directly after
+  /// the last tick; otherwise the motors would hold the last torques while the other threads end.
   virtual RealtimeReport run(SessionLoop& loop) = 0;
 
  protected:
@@ -55,8 +55,9 @@ class SessionClock {
   std::uint64_t ticks_;
 };
 
-/// Returns the clock for these options. `prefetch`: the worker of the force law; may be null. The
-/// arguments must outlive the clock.
+/// Returns the clock that `options` ask for: a replay clock if there is a recording to replay,
+/// otherwise the clock of SessionOptions::clock. `prefetch`: the worker of the force law; may be
+/// null. The arguments must outlive the clock.
 std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher& remesher,
                                          PrefetchWorker* prefetch);
 

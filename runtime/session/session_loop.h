@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic tick of a session. Inputs are the device's pose, the operator's commands and the
-// current meshes. Outputs are the command to the device, requests for holes, and the result of the
-// tick for the observers.
+// One tick of a session. The computation itself is haptic_tick() (runtime/control/haptic_loop.h).
+// The session loop supplies its inputs: the operator's commands, the current meshes and the
+// prefetched stiffness. The loop passes requests for holes to the remesher, and passes the result
+// of the tick to the observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -25,35 +26,39 @@ namespace trocar::runtime {
 
 class SessionLoop {
  public:
-  /// All references must outlive the loop. `advance(dt_s)` is called after each tick with the
-  /// duration of a tick; it moves a simulated device.
+  /// All arguments must outlive the loop. The loop calls `advance(dt_s)` at the end of each tick
+  /// with the duration of a tick; a simulated device then advances its time.
   SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
               const std::function<void(double dt_s)>& advance, const SessionOptions& options,
               const SessionWorkers& workers, SessionClock& clock);
 
   // The haptic thread calls these functions.
 
-  /// Runs one tick. While the session is paused, only takes commands, writes zero torques to a
-  /// device with its own clock, and updates the telemetry. Returns false if the session is over.
+  /// Runs one tick. Returns false if the session is over. While the session is paused, no tick is
+  /// counted. The call then only takes the operator's commands and the message of the hand, writes
+  /// zero torques to a device that has a clock of its own, and updates the telemetry.
   bool tick(const TickTiming& timing) noexcept;
   void write_zero_torques() noexcept { device_.write_zero(); }
 
-  // The thread that calls tick() may call these functions between two ticks (in virtual time).
+  // In virtual time, the thread that calls tick() may call these functions between two ticks.
 
   std::uint64_t ticks_done() const noexcept { return state_.tick; }
   bool is_paused() const noexcept { return is_paused_; }
   const ContactOutput& contact() const noexcept { return result_.contact; }
 
-  // The thread that publishes meshes calls this function.
+  // The remesher's thread calls this function; in virtual time, the thread that calls tick() does.
 
-  /// Makes new meshes visible to other processes.
+  /// Copies new meshes to the shared memory that other processes read, if there is one.
   void publish_sheets();
 
   // The thread that runs the session calls these functions.
 
+  /// Starts the observers' threads. Call this before the first tick in real time.
   void start_observers();
+  /// Lets the observers process what the tick has queued. Call this after each tick in virtual
+  /// time.
   void serve_observers();
-  /// Ends the observers and returns the report. Called after the last tick.
+  /// Stops the observers and returns the result. Call this after the last tick.
   SessionResult finish();
 
  private:
@@ -67,14 +72,14 @@ class SessionLoop {
   LoopModel model_;
   LoopState state_;
   TickResult result_;
-  double last_hand_N_ = 0;  ///< force on the hand in the previous tick
+  double last_hand_N_ = 0;  ///< magnitude of the delivered force in the previous tick
   Remesher& remesher_;
   HandDevice& device_;
   ForceLaw& law_;
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;
   SessionClock& clock_;
-  SessionPublisher* publisher_;  ///< source of the operator's commands; null: none
+  SessionPublisher* publisher_;  ///< source of the operator's commands; null: no such source
   OperatorCommands commands_;
   XrayCommands xray_;
   TelemetryHand hand_;  ///< latest complete message of a hand that a person moves

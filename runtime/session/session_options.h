@@ -43,17 +43,17 @@ struct SessionOptions {
   std::uint64_t handover_ticks = 8;
   /// Virtual clock only: period of the requests for prefetched stiffness.
   double prefetch_period_s = 0.004;
-  std::optional<std::filesystem::path> record;
-  RecordingOrigin origin;  ///< written into the recording and the black boxes
-  /// Called when the recording cannot be continued, but never on the realtime haptic thread.
-  /// The session continues without a recording.
+  std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
+  RecordingOrigin origin;                       ///< written into the recording and the black boxes
+  /// Called when the recording cannot be continued, but not on the realtime haptic thread. The
+  /// session goes on without a recording.
   std::function<void(const Error&)> on_recording_error;
-  /// Called immediately with each message to the operator, never on the realtime haptic thread.
+  /// Called with each message to the operator, not on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
-  /// If not empty, the session is a replay: the clock is virtual, each new mesh and
-  /// each prefetched stiffness comes into use at the tick at which it did in the recording, and
-  /// torques are compared with the recorded torques. The device must replay these rows
-  /// (runtime/devices/replay_device.h, or ReplayPoseDevice of runtime/devices/pose_session.h).
+  /// If not empty, the session is a replay of these rows. It uses the replay clock
+  /// (session_clock.h) and compares its torques with the recorded torques. The device must replay
+  /// the same rows (runtime/devices/replay_device.h, or ReplayPoseDevice of
+  /// runtime/devices/pose_session.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
   PassivityOptions passivity;
@@ -61,27 +61,27 @@ struct SessionOptions {
   StiffnessLimits stiffness;
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
-  /// The program sets this flag to request a recovery (SIGUSR1, RecoveryPolicy::kOnRequest). The
-  /// session clears the flag when it passes the request on to the loop, when a new fault is
-  /// latched, and when pause, zero or emergency stop is commanded.
+  /// A flag that the program sets to request a recovery with RecoveryPolicy::kOnRequest, for
+  /// example after SIGUSR1. The session clears the flag when it requests the recovery, when a new
+  /// fault is latched, and when pause, zero or emergency stop is commanded. Null: no such flag.
   std::atomic<bool>* recover = nullptr;
   /// Folder of the black boxes, which keep the last seconds before a fault; none: no black boxes.
   std::optional<std::filesystem::path> black_box;
-  int cpu = -1;                             ///< processor to use (RealtimeOptions::cpu); -1: any
-  const std::atomic<bool>* stop = nullptr;  ///< ends the session between two ticks
+  int cpu = -1;  ///< processor of the haptic thread (RealtimeOptions::cpu); -1: any
+  const std::atomic<bool>* stop = nullptr;  ///< flag that ends the session if true; may be null
   /// If set, the session is published in memory that other processes read, and the session obeys
   /// their commands (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
   /// True: the session accepts the operator's X-ray commands (xray_commands.h) from other
   /// processes, or from the rows of a replay, and counts shots and the time of screening.
   bool counts_xray = false;
-  /// Receives the messages of a hand that a person moves. The messages come through `telemetry`.
-  /// Null: there is no such hand. The receiver must outlive the session.
+  /// Receives the messages of a hand that a person moves. The messages come through `telemetry`,
+  /// which must then be set. Null: there is no such hand. The receiver must outlive the session.
   HandReceiver* hand = nullptr;
-  /// Called with each frame for a display, never on the realtime haptic thread.
+  /// Called with the frames for a display (frame_display.h), not on the realtime haptic thread.
   FrameFunction on_frame;
   double frame_rate_Hz = 30;
-  /// Called with every tick in order, never on the realtime haptic thread.
+  /// Called with every tick, in order, not on the realtime haptic thread.
   std::function<void(const ObservedTick&)> on_tick;
   std::vector<TickObserver*> observers;  ///< further observers; they must outlive the session
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happened in a session, collected tick by tick.
+// The result of a session, collected tick by tick.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -25,27 +25,29 @@ namespace trocar::runtime {
 inline constexpr std::size_t kMaxListedFaults = 256;
 inline constexpr std::size_t kMaxListedPunctures = 4096;
 
+/// kFault: a fault other than the operator's pause or zero was latched at the end. Otherwise kDone
+/// if all ticks were done, and kInterrupted if not.
 enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
 
 struct FaultEvent {
   Fault fault = Fault::kNone;
-  FaultDetail detail;  ///< measured value and limit
-  double t_s = 0;
-  double torques_zero_t_s = -1;  ///< time at which torques had become zero; -1: they had not
+  FaultDetail detail;            ///< measured value and limit
+  double t_s = 0;                ///< time at which the fault was latched
+  double torques_zero_t_s = -1;  ///< time at which torques became zero; -1: they did not
   double recovered_t_s = -1;     ///< time at which the state `running` began again; -1: it did not
 };
 
-/// The result of run_session(), for the program. SUMMARY.json contains most of it
-/// (runtime/reporting/summary.h). This is not the session report for the trainee: that one
-/// (`--session-report`, runtime/reporting/session_report.h) is made from SessionFigures.
+/// The result of run_session(), for the program and for the summary (runtime/reporting/summary.h).
+/// The session report for the trainee (`--session-report`, runtime/reporting/session_report.h) is
+/// not made from this result but from SessionFigures.
 struct SessionResult {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;
-  Fault fault = Fault::kNone;      ///< fault latched at the end of the session
-  double fault_t_s = 0;            ///< time at which this fault was latched
-  std::vector<FaultEvent> faults;  ///< the first kMaxListedFaults faults
-  std::uint64_t faults_count = 0;
-  std::optional<Error> recording_error;  ///< the recording is incomplete; the error names its file
+  Fault fault = Fault::kNone;            ///< fault that was latched when the session ended
+  double fault_t_s = 0;                  ///< time at which `fault` was latched
+  std::vector<FaultEvent> faults;        ///< the first kMaxListedFaults faults
+  std::uint64_t faults_count = 0;        ///< number of all faults
+  std::optional<Error> recording_error;  ///< why the recording is incomplete; none: it is complete
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;  ///< BlackBox::lost()
   double energy_released_max_J = 0;    ///< largest net energy that the hand received in a contact
@@ -54,29 +56,29 @@ struct SessionResult {
   RealtimeReport realtime;             ///< empty with a virtual clock
   LateTicks::Counts late_ticks{};  ///< missed deadlines by the part of the tick that caused them
   Histogram tick;                  ///< wall time of a tick, without the simulated device's step
-  Histogram device;                ///< part of `tick`: reading, checking and writing the device
-  std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
-  /// Largest delivered force. It contains everything that acts on the hand: sheet, shaft, rim of
-  /// the hole, coupling and damping. It does not contain the compensation of the device's own
-  /// forces, because the hand does not feel this compensation.
+  Histogram device;                ///< part of `tick` for reading, checking and writing the device
+  std::optional<std::uint64_t> allocations_in_loop;  ///< allocations in ticks; none: not counted
+  /// Largest force that was delivered to the hand. It contains all forces that the hand feels:
+  /// sheet, shaft, rim of the hole, coupling and damping. It does not contain the compensation of
+  /// the device's own friction and weight, because the hand does not feel this compensation.
   double max_force_N = 0;
   double torque_max_Nm = 0;
   XrayUse xray;
-  // Authority is the factor on the force; after a recovery it rises from 0 to 1. The next two
-  // members count only ticks with authority 1.
+  // Authority is the factor on the force. After a recovery it rises from 0 to 1. The next two
+  // members are computed from ticks with authority 1 only.
   /// Largest relative error of the delivered wrench: |delivered - wanted| / |wanted|. In this norm
   /// torques are divided by 0.05 m.
   double wrench_error_max = 0;
   /// Number of ticks in which the device could not render the whole wrench.
   std::uint64_t scaled_ticks = 0;
   std::vector<PunctureEvent> punctures;    ///< the first kMaxListedPunctures punctures
-  std::uint64_t punctures_not_listed = 0;  ///< number of punctures beyond those
-  /// Number of ticks that SessionOptions::on_tick did not get, because that function was too slow.
+  std::uint64_t punctures_not_listed = 0;  ///< number of punctures that are not in `punctures`
+  /// Number of ticks that SessionOptions::on_tick did not get, because it was too slow.
   std::uint64_t ticks_not_observed = 0;
   std::shared_ptr<const ForceLaw> law;  ///< the force law after the last tick
-  /// In a replay: index of the first row that differs from the recording; -1: no row differs. The
-  /// comparison covers the fault, the number of finished holes, and all bits of the torques (of the
-  /// wrench, for a device that measures its own pose).
+  /// In a replay: index of the first row that differs from the recording; -1: no row differs. These
+  /// columns are compared: the fault, the number of holes in the meshes used, and all bits of the
+  /// torques. For a device that measures its own pose, the wrench is compared instead of torques.
   std::int64_t replay_first_difference = -1;
 };
 
@@ -95,7 +97,7 @@ class SessionStatistics final : public TickObserver {
     report_.device.add(device_ns);
   }
 
-  /// Returns the report. Called once, after the last tick. `is_complete`: every tick of the
+  /// Returns the result. Call this once, after the last tick. `is_complete`: every tick of the
   /// session was done.
   SessionResult take(const LoopState& state, bool is_complete);
 

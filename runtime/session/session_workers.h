@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The observers and workers of a session. Creating them takes longer than a drive (the
-// electronics of a device behind a link) waits for its first tick, so they are created before the
-// link is opened.
+// The observers and workers of a session. The program creates them before it opens the link to a
+// drive (the electronics of a device). The reason is that a drive waits only a short time for the
+// first tick, and creating the workers takes longer.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -24,8 +24,9 @@
 
 namespace trocar::runtime {
 
-/// A member is null if the session does not have the option in its comment. The force law is the
-/// first member, so that it outlives the observers, which use its prefetch worker.
+/// The comment of an observer names the option that asks for it. Without this option the observer
+/// is null. The force law is the first member, so that it is destroyed after the observers, which
+/// use its prefetch worker.
 struct SessionWorkers {
   std::shared_ptr<ForceLaw> law;                ///< never null
   std::unique_ptr<Recorder> recorder;           ///< SessionOptions::record
@@ -35,13 +36,13 @@ struct SessionWorkers {
   std::unique_ptr<SessionPublisher> publisher;  ///< SessionOptions::telemetry
   std::unique_ptr<TickFeed> tick_feed;          ///< SessionOptions::on_tick
 
-  /// Returns the observers that are not null, in the order in which they get a tick.
+  /// Returns the observers that are not null, in the order in which the session calls them.
   std::vector<TickObserver*> observers() const;
 };
 
 /// Creates the workers and observers. Errors: kUnwritable if the recording, the folder of the black
 /// boxes or the telemetry cannot be written; kRefused if the factory of the force law refuses the
-/// scene. Failures during the session are in its SessionResult.
+/// scene. Later failures, during the session, are reported in SessionResult.
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
                                     const Remesher& remesher, const SessionOptions& options);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The operator's X-ray commands, which come from other processes. A shot is one picture. Screening
-// is X-ray that stays on while a key is held. The process in which the key is held confirms the
-// screening again and again, so that X-ray ends by itself if that process dies.
+// is X-ray that stays on while a key is held. The process in which the key is held repeats the
+// command for screening, so that the X-ray ends by itself if that process dies.
 // Tests: tests/runtime/session/xray_commands_test.cpp
 #pragma once
 
@@ -16,15 +16,14 @@ namespace trocar::runtime {
 /// Only the haptic thread uses this class. It does not allocate.
 class XrayCommands {
  public:
-  /// Screening ends if no process has confirmed it for this long.
+  /// Screening ends if its command has not been repeated for this long.
   static constexpr std::int64_t kHeld_ns = 1'000'000'000;
-  /// Largest number of shots that wait for a tick. Each tick takes one shot. Shots beyond this
-  /// number are dropped.
+  /// Each tick takes one shot. This many shots can wait for their ticks; further shots are dropped.
   static constexpr std::uint64_t kMaxWaiting = 16;
 
-  /// Applies the commands given since the last call. Called once per tick period, also while the
-  /// session is paused and makes no ticks. During a pause all shots are dropped, also those that
-  /// were waiting. `now_ns`: CLOCK_MONOTONIC.
+  /// Applies the commands given since the last call. Call this once in each tick period, also in a
+  /// pause, in which there are no ticks. In a pause new and waiting shots are dropped. `now_ns`:
+  /// CLOCK_MONOTONIC.
   void apply(const TelemetryCommands& given, bool is_paused, std::int64_t now_ns) noexcept {
     waiting_ =
         is_paused ? 0 : std::min(waiting_ + std::min(given.xray_shots, kMaxWaiting), kMaxWaiting);
@@ -35,8 +34,8 @@ class XrayCommands {
     is_held_ = (word_ & 1) != 0 && now_ns - confirmed_ns_ < kHeld_ns;
   }
 
-  /// Returns RecordingRow::xray for the tick that follows this call of apply(), and takes one
-  /// waiting shot. Call it once for each tick.
+  /// Takes one waiting shot, and returns RecordingRow::xray of this tick. Call this once in each
+  /// tick, after apply().
   std::uint8_t take() noexcept {
     const bool has_shot = waiting_ > 0;
     if (has_shot) --waiting_;
@@ -44,6 +43,8 @@ class XrayCommands {
   }
 
  private:
+  // word_: last TelemetryCommands::screening, odd while screening is requested. confirmed_ns_: time
+  // at which word_ last changed. waiting_: number of shots that wait for a tick.
   std::uint64_t word_ = 0, waiting_ = 0;
   std::int64_t confirmed_ns_ = 0;
   bool is_held_ = false;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The black box keeps the rows of the last seconds, and writes them to a separate recording after a
+// The black box keeps the rows of the last seconds, and writes them to a file of its own after a
 // fault. The haptic thread pushes rows into a preallocated ring buffer and requests a file when
 // there is a fault. A worker thread copies the rows and writes the file. The ring buffer holds
 // twice as many rows as a file, so the worker has kBlackBox_s to copy the rows before they are
-// overwritten. If the worker is too late, no file is written, and BlackBoxFile::error says so.
+// overwritten. If the worker is too late, no file is written, and BlackBoxFile::error is set.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -22,7 +22,7 @@
 
 namespace trocar::runtime {
 
-inline constexpr double kBlackBox_s = 4;
+inline constexpr double kBlackBox_s = 4;  ///< time that the rows of a file cover
 
 /// The outcome of one request for a file.
 struct BlackBoxFile {
@@ -30,18 +30,18 @@ struct BlackBoxFile {
   double t_s = 0;          ///< time of the fault
   std::uint64_t rows = 0;  ///< number of rows copied: at most those of the last kBlackBox_s
   std::filesystem::path file;
-  /// Why the file is missing, or incomplete and kept under the name
-  /// RecordingWriter::partial_file().
+  /// None: the file is complete. Otherwise the reason why there is no file, or why only a part of
+  /// the rows could be written, which are then in RecordingWriter::partial_file().
   std::optional<Error> error;
 };
 
 class BlackBox final : public TickObserver {
  public:
-  /// Files are written to `folder`. Their names are black_box_DATE-TIME_tSECONDSs_FAULT.csv.
-  /// DATE-TIME is the start of the session in UTC, SECONDS the session's time at the fault, and
-  /// FAULT the name of the fault. Existing files are not replaced. `origin` is written into the
-  /// first row of each file. Errors: kUnwritable if the folder does not exist, or files cannot be
-  /// created in it.
+  /// Makes a black box that writes its files to `folder`. A file's name is
+  /// black_box_DATE-TIME_tSECONDSs_FAULT.csv. DATE-TIME is the time of this call in UTC, SECONDS
+  /// the session's time at the fault, and FAULT the name of the fault. Existing files are not
+  /// replaced. `origin` is written into the first row of each file. Errors: kUnwritable if the
+  /// folder does not exist, or if files cannot be created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
                                                 const RecordingOrigin& origin = {});
   ~BlackBox() override { stop(); }
@@ -49,15 +49,14 @@ class BlackBox final : public TickObserver {
   // The haptic thread calls these functions.
 
   void push(const RecordingRow& row) noexcept { ring_.push(row); }
-  /// Requests a file with the rows pushed so far. Returns false if too many requests are waiting.
-  /// The request is then lost, and lost() counts it.
+  /// Requests a file with the last rows pushed so far. If too many requests are waiting, the
+  /// request is lost: the function returns false, and lost() counts the request.
   bool save(Fault fault, double t_s) noexcept;
-  /// Pushes the row. After a fault that the operator did not command, requests a file once torques
-  /// are zero, so that the file contains the whole ramp of the torques to zero.
+  /// Pushes the row. After a fault other than the operator's pause or zero, requests a file as soon
+  /// as torques are zero, so that the file contains the whole ramp of the torques to zero.
   void on_tick(const TickView& tick) noexcept override;
 
-  // The thread that runs the session calls stop(). In real time the thread that start() creates
-  // calls serve(); in virtual time the thread that runs the session calls serve(), too.
+  // TickObserver says which thread calls these functions.
 
   /// Writes the requested files.
   void serve() override;
@@ -65,8 +64,9 @@ class BlackBox final : public TickObserver {
   /// a file for that fault.
   void stop() override;
 
-  // These functions may be called after stop(), or on the thread that calls serve().
+  // Call these functions after stop(), or on the thread that calls serve().
 
+  /// The outcomes of all requests so far.
   const std::vector<BlackBoxFile>& files() const noexcept { return files_; }
   /// Number of requests lost because the queue was full.
   std::uint64_t lost() const noexcept { return lost_.load(); }
@@ -90,7 +90,7 @@ class BlackBox final : public TickObserver {
   RingBuffer<RecordingRow> ring_;
   SpscQueue<Request, 256> requests_;
   std::atomic<std::uint64_t> lost_{0};
-  bool is_pending_ = false;  ///< a file is to be requested when the ramp after a fault has ended
+  bool is_pending_ = false;  ///< a file will be requested when the ramp after a fault has ended
   Fault latched_ = Fault::kNone;
   double latched_t_s_ = 0;
   std::vector<BlackBoxFile> files_;

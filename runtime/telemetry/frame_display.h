@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Supplies frames to a display, at frame rate and not on the haptic thread. A frame consists of the
-// latest row, the sheet around the tool, and the tool's depth in this sheet.
+// Supplies frames to a display at the display's frame rate. A frame consists of the latest row and
+// the shape, which is the deformed sheet around the tool. Only the force law `network` has a shape.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -18,23 +18,23 @@
 
 namespace trocar::runtime {
 
-/// Receives the latest row and the deformed sheet around the tool, called shape here. The shape is
-/// null except with the force law `network`.
+/// Receives a frame: the latest row, and the shape or null.
 using FrameFunction =
     std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)>;
 
-/// Calls a function at the frame rate, measured on the wall clock or, in virtual time, in ticks.
+/// Calls a function with each frame, but not on the realtime haptic thread. The frame rate is
+/// measured on the wall clock in real time, and by the number of ticks in virtual time.
 class FrameDisplay final : public TickObserver {
  public:
-  /// `prefetch`: the worker from which the shape comes; may be null. `tick_rate_Hz`: rate of the
-  /// ticks in virtual time; 0: real time.
+  /// `show`: the function to call. `prefetch`: the worker that supplies the shape; may be null.
+  /// `tick_rate_Hz`: rate of the ticks in virtual time; 0: real time.
   FrameDisplay(FrameFunction show, double frame_rate_Hz, double tick_rate_Hz,
                const PrefetchWorker* prefetch);
   ~FrameDisplay() override { stop(); }
 
   void on_tick(const TickView& tick) noexcept override;
   void serve() override;
-  /// Ends the thread; unlike TickObserver::stop(), shows no last frame.
+  /// Ends the thread. Unlike TickObserver::stop(), this function does not call serve() once more.
   void stop() override { join(); }
 
  private:
@@ -45,24 +45,24 @@ class FrameDisplay final : public TickObserver {
   TripleBuffer<RecordingRow> latest_;
 };
 
-/// Returns the depth to which the tool presses the shape's sheet in this tick. If the tool is in
-/// contact with this sheet, the depth is the penetration. Otherwise the sheet is not deformed, and
-/// the depth is 0.
+/// Returns the depth to which the tool presses the shape's sheet in the tick of this row: the
+/// penetration if the tool is in contact with this sheet, otherwise 0.
 double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
 
 /// Writes frames as JSON lines. For each new shape there is a line
 ///   {"shape", "slice", "z_m", "cuts", "vertices_m": [[x, y], ...], "triangles", "w"},
 /// and for each frame a line
 ///   {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"}.
-/// In a frame, "force_N" is the wanted force along z, and "shape" is the number of the latest
-/// shape, or null if there is none yet. A vertex of that shape is at the height z_m - depth_m w.
+/// Shapes are numbered from 0. In a frame, "state" is the phase of contact, "force_N" is the z
+/// component of the wanted force, and "shape" is the number of the latest shape, or null if there
+/// is none yet. A vertex of the latest shape is at the height z_m - depth_m w.
 class FrameWriter {
  public:
   explicit FrameWriter(std::filesystem::path file) : file_(std::move(file)) {}
 
-  /// `shape` may be null.
+  /// Adds a frame. `shape` may be null.
   void add(const RecordingRow& row, const std::shared_ptr<const SheetShape>& shape);
-  /// Writes the file atomically.
+  /// Writes all lines to the file, atomically.
   Result<void> finish() const;
 
  private:

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Messages to the operator while a session runs: a fault, a recovery, or the reason why a
-// requested recovery has not happened yet. The haptic thread pushes records of fixed size into a
-// queue. Another thread passes each record to the program's function, and describe() turns a
-// record into words.
+// requested recovery has not happened yet. The haptic thread pushes messages into a queue. Another
+// thread passes each message to the program's function. describe() puts a message into words.
 // Tests: tests/runtime/telemetry/operator_messages_test.cpp
 #pragma once
 
@@ -27,8 +26,7 @@ class OperatorMessages final : public TickObserver {
   explicit OperatorMessages(std::function<void(const OperatorMessage&)> report);
   ~OperatorMessages() override { stop(); }
 
-  /// If kCapacity messages are already waiting, this message is lost. The summary still
-  /// contains every fault.
+  /// If kCapacity messages are already waiting, this message is lost.
   void on_message(const OperatorMessage& message) noexcept override { waiting_.push(message); }
   void on_tick(const TickView&) noexcept override {}
   void serve() override;
@@ -39,17 +37,19 @@ class OperatorMessages final : public TickObserver {
   std::function<void(const OperatorMessage&)> report_;
 };
 
-/// Decides in each tick whether a requested recovery is delayed by a reason that has not been
-/// reported yet. Each reason is reported once per fault.
+/// Decides in each tick whether to report the reason that delays a requested recovery. After a
+/// fault, each reason is reported once.
 class RecoveryWatch {
  public:
   /// A reason is reported only if it still exists this long after the request.
   static constexpr double kPatience_s = 0.1;
 
+  /// Call this when a fault is latched. All reasons can then be reported again.
   void fault_latched() noexcept { *this = {}; }
-  /// `waiting`: recovery was requested, and the state `running` has not begun. The reason for the
-  /// delay is the fault in `found` or, if there is none, a tool in material (a positive distance).
-  /// Returns true if this reason is to be reported now.
+  /// Call this once in each tick. Returns true if the caller is to report the reason now.
+  /// `waiting`: recovery was requested, and the state `running` has not begun. The reason is the
+  /// fault in `found`. If there is no fault and `retract_distance_m` is positive, the reason is a
+  /// tool in material.
   bool should_report(bool waiting, double t_s, const FaultDetail& found,
                      double retract_distance_m) noexcept;
 

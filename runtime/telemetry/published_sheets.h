@@ -15,14 +15,15 @@
 
 namespace trocar::runtime {
 
-/// The mesh of a sheet before its first hole. A cut adds vertices, for which the asset has no HU.
-/// The HU of added vertices is therefore interpolated in this first mesh.
+/// The mesh of a sheet before its first hole. When a hole is cut, vertices are added for which the
+/// asset has no HU. Their HU is interpolated in this first mesh.
 class FirstSheet {
  public:
   explicit FirstSheet(const Sheet& sheet);
 
   bool has_hu() const noexcept { return hu_ != nullptr; }
-  /// Converts a later version of the same sheet, with the HU of all its vertices.
+  /// Converts a version of the same sheet. If has_hu() is true, the result has the HU of all
+  /// vertices.
   TelemetrySheet published(const Sheet& sheet) const;
 
  private:
@@ -33,8 +34,8 @@ class FirstSheet {
   std::shared_ptr<const std::vector<float>> hu_;  ///< one value for each vertex slot; null: none
 };
 
-/// Converts a shape, which is the deformed sheet around the tool. `slices`: slice index of each
-/// sheet. If the shape's slice is not in this list, TelemetryShape::sheet of the result is -1.
+/// Converts a shape, which is the deformed sheet around the tool. `slices`: the slice index of each
+/// sheet. If the shape's slice is not in `slices`, TelemetryShape::sheet of the result is -1.
 TelemetryShape published(const SheetShape& shape, const std::vector<std::int32_t>& slices);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes the row of every tick to a recording, on a thread other than the haptic thread.
+// Writes the row of every tick to a recording. In real time a thread of its own writes the rows.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -18,8 +18,8 @@ class Recorder final : public TickObserver {
  public:
   static constexpr std::size_t kCapacity = 8192;  ///< rows in the queue: one second at 8 kHz
 
-  /// If rows cannot be written, `failed` is called immediately, on the thread that writes them.
-  /// Later rows are discarded.
+  /// If rows cannot be written, the thread that writes them immediately calls `failed`, once. All
+  /// later rows are discarded.
   explicit Recorder(RecordingWriter writer, std::function<void(const Error&)> failed = {});
   ~Recorder() override { stop(); }
 
@@ -29,9 +29,9 @@ class Recorder final : public TickObserver {
   }
   /// Writes the rows in the queue.
   void serve() override;
-  /// Stops, and gives the file its final name. Errors: kUnwritable if a row was lost or
-  /// could not be written, or if the file cannot be renamed. The rows that were written are
-  /// then in RecordingWriter::partial_file().
+  /// Calls stop() and gives the file its final name. Errors: kUnwritable if a row was lost or could
+  /// not be written, or if the file cannot be renamed. After an error the rows that were written
+  /// are in RecordingWriter::partial_file().
   Result<void> finish();
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts that do not change during a session, as JSON for the programs that read the session's
-// shared memory (formats/session/telemetry.md).
+// The facts that do not change during a session. They are written as JSON into the session's shared
+// memory, for the programs that read it (formats/session/telemetry.md, section About).
 // Tests: tests/runtime/telemetry/session_facts_test.cpp, tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -17,9 +17,9 @@
 
 namespace trocar::runtime {
 
-/// The facts about a live hand, which a person moves. The springs of the hand pull the tip to a
-/// target. The facts are the stiffness of the springs, and the limits and the start of the target,
-/// in {B}.
+/// The facts about a live hand, which is a hand that a person moves. Its springs pull the tip to a
+/// target. The target starts at start_tip_m and start_rotation_rad. It stays in the box from min_m
+/// to max_m, and within turn_max_rad of the rotation at the start. Frame: {B}.
 struct PublishedHand {
   std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
   double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;
@@ -30,19 +30,20 @@ struct PublishedHand {
 struct TelemetryOptions {
   std::filesystem::path file;  ///< name of the link to the shared memory
   std::string scene_file, device, recovery;
-  std::vector<std::string> tissue_of_sheet;  ///< names, the topmost sheet first; empty: no name
+  std::vector<std::string> tissue_of_sheet;  ///< tissue names, topmost sheet first; "": no name
   std::optional<PublishedHand> hand = {};    ///< none: the session has no live hand
 };
 
 /// Facts that come from the options of the session.
 struct PublishedSession {
   double rate_Hz = 1000, duration_s = 1;
-  std::string clock;  ///< "real", "virtual" or "replay"
-  std::optional<std::filesystem::path> record;
+  std::string clock;                            ///< "real", "virtual" or "replay"
+  std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   bool counts_xray = false;  ///< the session accepts and counts X-ray shots and screening
   SafetyLimits limits;
 };
 
+/// Returns the facts as JSON text.
 std::string session_facts(const Scene& scene, const DeviceSpecification& device,
                           const Remesher& remesher, const TelemetryOptions& options,
                           const PublishedSession& session);

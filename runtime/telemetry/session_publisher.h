@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Publishes a running session in memory that other processes read, and takes the commands of these
-// processes (formats/session/telemetry.md). The haptic thread writes the latest tick into a triple
-// buffer, and pushes events into a queue. Another thread copies tick and events to the memory. The
-// thread that publishes meshes writes the sheets.
+// Publishes a running session in shared memory that other processes read, and receives commands
+// from these processes (formats/session/telemetry.md). The haptic thread writes the latest tick
+// into a triple buffer, and pushes events into a queue. A second thread copies tick and events to
+// the shared memory. A third thread, the remesher's, writes the sheets to the shared memory.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -32,15 +32,15 @@ namespace trocar::runtime {
 struct TelemetryCommands {
   bool stop = false, pause = false, resume = false, zero = false, recover = false,
        emergency_stop = false;
-  std::uint64_t xray_shots = 0;
-  std::uint64_t screening = 0;  ///< TelemetryWriter::screening()
+  std::uint64_t xray_shots = 0;  ///< number of X-ray pictures requested
+  std::uint64_t screening = 0;   ///< TelemetryWriter::screening()
 };
 
 class SessionPublisher final : public TickObserver {
  public:
-  /// Creates the memory with the uncut sheets, and the link to this memory. `prefetch`: the worker
-  /// of the force law; may be null. Errors: those of TelemetryWriter::make() and
-  /// TelemetryWriter::link().
+  /// Creates the shared memory, writes the uncut sheets into it, and then creates the link by which
+  /// other processes find the memory. `prefetch`: the worker of the force law; may be null. Errors:
+  /// those of TelemetryWriter::make() and TelemetryWriter::link().
   static Result<std::unique_ptr<SessionPublisher>> make(const Scene& scene,
                                                         const DeviceSpecification& device,
                                                         const Remesher& remesher,
@@ -52,31 +52,28 @@ class SessionPublisher final : public TickObserver {
   // The haptic thread calls these functions.
 
   TelemetryCommands take_commands() noexcept;
-  /// Tries once to read the message of the live hand. Leaves `hand` unchanged if there is
-  /// no complete message.
+  /// Tries once to read the message of the live hand. If there is no complete message, leaves
+  /// `hand` unchanged.
   void read_hand(TelemetryHand& hand) const noexcept { writer_->hand(hand); }
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_message(const OperatorMessage& message) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
-  /// Called instead of on_tick() while the session is paused.
+  /// Call this once in each period of a pause, instead of on_tick().
   void on_paused_period(std::int64_t now_ns) noexcept;
-  /// Pushes an event that has only a time. If the queue is full, the event is lost. Readers get the
-  /// number of lost events.
+  /// Pushes an event that has no data except its time. If the queue is full, the event is lost;
+  /// readers get the number of lost events.
   void push_event(TelemetryEventKind kind, double t_s) noexcept;
 
-  // The thread that publishes meshes calls this function.
+  // The remesher's thread calls this function; in virtual time, the thread that runs the session.
 
-  /// Writes the sheets whose published version has changed.
+  /// Writes each sheet that has got new holes since the last call.
   void publish_sheets(const Remesher& remesher);
 
-  // One other thread calls this function: in real time the thread that start() creates, in virtual
-  // time the thread that runs the session.
-
+  /// TickObserver says which thread calls this function.
   void serve() override;
 
-  // This function is called after the threads above have ended.
-
-  /// Writes the last meshes, the event kEnded, and the last snapshot.
+  /// Call this after the haptic thread and the remesher's thread have ended. Writes the last
+  /// meshes, the event kEnded, and the last snapshot.
   void end(TelemetryEnd end, Fault fault, const Remesher& remesher);
 
  private:
@@ -90,7 +87,7 @@ class SessionPublisher final : public TickObserver {
   void write(const TelemetryTick& tick);
 
   SpscQueue<TelemetryEvent, 1024> events_;
-  SpscQueue<TelemetryEvent, 1024> sheet_events_;  ///< filled by the thread that publishes meshes
+  SpscQueue<TelemetryEvent, 1024> sheet_events_;  ///< events that publish_sheets() pushes
   TripleBuffer<TelemetryTick> ticks_;
   TelemetryTick tick_;  ///< latest tick, for the haptic thread only
   XrayUse xray_;
@@ -103,7 +100,7 @@ class SessionPublisher final : public TickObserver {
   Tool tool_;
   std::vector<FirstSheet> first_;
   std::vector<std::int32_t> slices_;
-  std::vector<std::int64_t> published_cuts_;  ///< -1: not published yet
+  std::vector<std::int64_t> published_cuts_;  ///< holes in each written sheet; -1: not written yet
   std::atomic<double> last_t_s_{0};
   std::shared_ptr<const SheetShape> shape_;
   std::uint64_t shapes_ = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The snapshot: the numbers of the latest tick that other processes read, in the columns of
-// formats/session/telemetry.md. A new value for the console is one line in the table of snapshot.cpp.
+// A snapshot holds the numbers of the latest tick that other processes read, in the columns of
+// formats/session/telemetry.md. A new value for the console needs a line in snapshot.cpp's table.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -20,26 +20,28 @@
 
 namespace trocar::runtime {
 
-/// Values of a tick that the haptic thread passes on. All counts are 0 at the start of the session.
+/// Values of a tick that the haptic thread passes to the thread that writes snapshots. All counts
+/// begin with 0 at the start of the session.
 struct TelemetryTick {
   RecordingRow row;
   std::int64_t taken_ns = 0;  ///< start of the tick or paused period, on CLOCK_MONOTONIC
   DeviceReadout readout;
-  std::int32_t active_sheet = -1;
-  double force_N = 0;
+  std::int32_t active_sheet = -1;  ///< ContactOutput::active_sheet
+  double force_N = 0;              ///< ContactOutput::force_N
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
-  LateTicks::Counts late_ticks{};  ///< missed deadlines, by the part of the tick that caused them
-  std::int64_t late_max_ns = 0;
+  LateTicks::Counts late_ticks{};  ///< missed deadlines, for each part of the tick as their cause
+  std::int64_t late_max_ns = 0;    ///< largest TickTiming::late_ns so far
   std::uint64_t xray_shots = 0;
   double xray_screening_s = 0;
-  /// Sheets that were ever in contact, and sheets that were punctured: bit i stands for sheet i.
+  /// Sheets that have been in contact, and sheets that have been punctured. Bit i: sheet i.
   std::uint64_t sheets_touched = 0, sheets_punctured = 0;
-  std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};
+  std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};  ///< holes in the mesh of each sheet
   bool is_paused = false, has_ended = false;
 };
 static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);
 
-/// Everything from which the columns are computed.
+/// The values from which the columns are computed. `tick_times`: durations of ticks; `wake_times`:
+/// delays of wake-ups; `last_event`: number of the last event written.
 struct SnapshotSource {
   const TelemetryTick& tick;
   const Tool& tool;

@@ -23,6 +23,7 @@ class TelemetryHistogram {
   std::uint64_t count(std::size_t i) const noexcept {
     return counts_[i].load(std::memory_order_relaxed);
   }
+  /// Returns the bin of a duration.
   static std::size_t bin(std::int64_t duration_ns) noexcept;
   /// Returns the lower end of bin i; 0 for the first bin.
   static double lower_us(std::size_t i) noexcept;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Passes every tick, with the sheets and layers punctured in it, to a function on a thread other
-// than the haptic thread.
+// Passes every tick, with the sheets and layers punctured in it, to a function that may take longer
+// than the haptic thread can wait. In real time another thread calls the function.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -15,15 +15,14 @@
 
 namespace trocar::runtime {
 
-/// A row, three sets, and a force. In a set, each sheet or soft layer has one bit; bit 0 is
-/// the topmost one.
+/// One tick. `punctured`, `side_cut` and `layers_punctured` are sets of the sheets or soft layers
+/// to which this happened in the tick. Bit 0 is the topmost sheet or layer.
 struct ObservedTick {
   RecordingRow row;
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
-  std::uint64_t side_cut = 0;   ///< sheets with a hole whose wall yielded (force law `cutting`)
+  std::uint64_t side_cut = 0;   ///< sheets in which a hole's wall yielded (force law `cutting`)
   std::uint64_t layers_punctured = 0;
-  /// If something was punctured in this tick: force at the tip in the previous tick, times the
-  /// scene's force scale.
+  /// In the tick of a puncture: rendered force on the tip one tick earlier.
   double tip_N = 0;
 };
 static_assert(kMaxSceneSlices <= 64 && kMaxLayers <= 64, "one bit for each");

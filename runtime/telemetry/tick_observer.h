@@ -18,7 +18,7 @@
 namespace trocar::runtime {
 
 /// Returns true for the faults that the operator's commands pause and zero raise. These faults are
-/// not failures: the session then waits for the operator.
+/// not failures: the session waits until the operator ends them.
 constexpr bool is_by_operator(Fault fault) noexcept {
   return fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
@@ -28,10 +28,10 @@ struct PunctureEvent {
   std::int32_t slice = -1;  ///< AssetSlice::index
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double t_s = 0;
-  double tool_z_m = 0;
-  double penetration_m = 0;  ///< depth at which the sheet was punctured
-  double force_N = 0;        ///< last force at the tip before the puncture, times force_scale
-  double hand_N = 0;         ///< force on the hand in the previous tick
+  double tool_z_m = 0;       ///< height of the tip in {B}
+  double penetration_m = 0;  ///< ContactOutput::penetration_m in the tick of the puncture
+  double force_N = 0;        ///< rendered force on the tip in the tick before the puncture
+  double hand_N = 0;         ///< delivered force in the tick before the puncture
   double trial_force_N = 0;  ///< tissue force that exceeded the threshold, without force_scale
 };
 
@@ -39,14 +39,14 @@ struct PunctureEvent {
 struct OperatorMessage {
   enum class Kind : std::uint8_t {
     kFault,         ///< the fault `detail` was latched
-    kNotRecovered,  ///< a requested recovery is delayed by the fault `detail`, or else by the tool
-                    ///< in material
+    kNotRecovered,  ///< a requested recovery is delayed by the fault `detail`; if `detail` has no
+                    ///< fault, the recovery is delayed by a tool in material
     kRecovered,     ///< forces rise again; `detail` only names the fault that has ended
   };
   Kind kind = Kind::kFault;
   double t_s = 0;
   FaultDetail detail;
-  double retract_distance_m = 0;  ///< kNotRecovered: distance by which to retract the tool
+  double retract_distance_m = 0;  ///< kNotRecovered: distance by which the tool must be retracted
 };
 
 /// One tick, valid during the call of TickObserver::on_tick().
@@ -55,39 +55,38 @@ struct TickView {
   const LoopState& state;                ///< state after the tick
   std::span<const Sheet* const> sheets;  ///< meshes that the tick used, the topmost first
   const TickTiming& timing;              ///< all zero if is_real_time is false
-  const LateTicks::Counts& late_ticks;   ///< missed deadlines before this tick, by their causes
+  const LateTicks::Counts& late_ticks;   ///< deadlines missed before this tick, for each cause
   bool is_real_time = false;             ///< ticks follow the wall clock
   std::int64_t start_ns = 0;             ///< start of the tick on CLOCK_MONOTONIC
 };
 
 class TickObserver {
  public:
-  /// In real time a background thread calls serve() once per `interval`. With an interval of 0
-  /// there is no such thread.
+  /// In real time a background thread calls serve() and sleeps for `interval`, in turn. If the
+  /// interval is 0, there is no such thread.
   explicit TickObserver(std::chrono::nanoseconds interval = {}) : interval_(interval) {}
   /// A derived class that overrides serve() must call stop() in its destructor.
   virtual ~TickObserver() = default;
   TickObserver(const TickObserver&) = delete;
   TickObserver& operator=(const TickObserver&) = delete;
 
-  // The haptic thread calls these functions. They must not allocate, lock, or make a system call.
+  // The haptic thread calls these functions. They must not allocate, lock or make a system call.
 
   virtual void on_puncture(const PunctureEvent&) noexcept {}
   virtual void on_message(const OperatorMessage&) noexcept {}
   /// Called once a tick, after the punctures and messages of that tick.
   virtual void on_tick(const TickView& tick) noexcept = 0;
 
-  // The thread that runs the session calls start() and stop(). In real time the thread that start()
-  // creates calls serve(). In virtual time the thread that runs the session calls serve() after
-  // every tick.
+  // The thread that runs the session calls start(), in real time only, and stop(). In real time the
+  // thread that start() creates calls serve(). In virtual time the thread that runs the session
+  // calls serve() after every tick.
 
   /// Processes the data that the haptic thread has queued.
   virtual void serve() {}
   void start() {
     if (interval_.count() > 0) thread_.start(interval_, [this] { serve(); });
   }
-  /// Call this after the last tick. Ends the thread, if there is one, and processes the remaining
-  /// data.
+  /// Call this after the last tick. Ends the thread, if there is one, and calls serve() once more.
   virtual void stop() {
     join();
     serve();
