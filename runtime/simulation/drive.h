@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drive's side of the device link (udp_link.h is the host's side), with the simulated device
-// behind it. The drive keeps the link session with a host, has a watchdog, supervises the motors,
+// The drive's side of the device link, with a simulated device behind it. The host's side is
+// udp_link.h. The drive keeps the link session with a host, has a watchdog, supervises the motors,
 // and can inject faults. It uses no socket: the caller passes received datagrams to the drive, and
 // sends the datagrams that the drive returns.
 //
@@ -8,16 +8,17 @@
 //  1. Torques are nonzero only while three conditions hold: the newest accepted command has the
 //     mode torque; with the real clock, this command is not older than the watchdog's time; and no
 //     emergency stop is pressed. After the watchdog or the stop has set the torques to zero,
-//     torques stay zero until the host acknowledges this. The host acknowledges by a command of
-//     zero torques that it sends after it has received a state that reports the zero torques. Until
-//     then commands have no effect, for example nonzero torques of a host that ramps down.
+//     torques stay zero until the host acknowledges the zero torques. The acknowledgement is a
+//     command of zero torques that the host sends after it has received a state that reports zero
+//     torques. All commands before the acknowledgement have no effect, for example the nonzero
+//     torques of a host that ramps down.
 //  2. A refused datagram only changes a count. There is one exception: a hello, which requests a
 //     session, is answered with a denial if it has another key, is for drives that report poses, or
-//     arrives while a session is alive. At most one denial is sent in kDenialPeriod_s, and if the
-//     hello has the same nonce as the last denied one, at most one in kRepeatedDenial_s.
+//     arrives while a session is alive. At most one denial is sent in kDenialPeriod_s. If a hello
+//     has the same nonce as the last denied one, at most one denial is sent in kRepeatedDenial_s.
 //  3. While a session is alive, no other session begins. A session is alive as long as its last
 //     command is not older than the watchdog's time (real clock) or session_s (lock-step).
-//  4. In lock-step each torque command advances time by one period of the host. Nothing
+//  4. In lock-step each command of the mode torque advances time by one period of the host. Nothing
 //     else advances time.
 #pragma once
 
@@ -37,11 +38,11 @@ struct DriveOptions {
   LinkKey key;
   LinkClock clock = LinkClock::kReal;
   double period_s = 2.5e-4;  ///< period of the drive's own clock
-  /// Time without a command after which torques are set to zero. If 2.5 periods of the host are
-  /// longer, that time is used instead.
+  /// Real clock only: time without a command after which torques are set to zero. If 2.5 periods of
+  /// the host are longer than this, the watchdog's time is 2.5 periods.
   double watchdog_s = 0.01;
-  /// Time without a command. With the real clock, the session is over after this time, and its host
-  /// receives no more states. In lock-step, another host may begin a session after this time.
+  /// Real clock: after this time without a command the session is over, and its host receives no
+  /// more states. Lock-step: after this time without a command another host may begin a session.
   double session_s = 1;
   FaultPlan faults;
   std::size_t record_steps = 0;  ///< capacity of DriveReport::steps
@@ -52,16 +53,16 @@ struct DriveStep {
   std::uint64_t session = 0;  ///< number of the session, counted from 1
   double t_s = 0;             ///< simulated time at the end of the step
   DriveMode mode = DriveMode::kReady;
-  std::uint8_t motor_faults = 0;
+  std::uint8_t motor_faults = 0;      ///< bit i: motor i does not follow its command
   bool fault = false;                 ///< an injected fault was active at the start of the step
-  std::uint64_t command_taken = 0;    ///< see StatePacket
+  std::uint64_t command_taken = 0;    ///< sequence number of the newest accepted command
   double commanded_max_Nm = 0;        ///< largest commanded torque of a motor
   double applied_max_Nm = 0;          ///< largest applied torque of a motor
   std::uint64_t packets_refused = 0;  ///< packets refused so far
   TrueTip tip;                        ///< tip at the end of the step
 };
 
-/// A peak of the force on the hand. After a peak, the force fell to less than half of the peak.
+/// A maximum of the force on the hand, after which the force fell to less than half of it.
 struct ForcePeak {
   double t_s = 0;
   double force_N = 0;
@@ -72,12 +73,12 @@ struct DriveReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
   std::uint64_t commands_missed = 0;  ///< commands that were lost or overtaken by a newer one
-  std::uint64_t watchdog_trips = 0;   ///< watchdog trips with nonzero torques
-  /// Commands without effect until the acknowledgement of item 1.
+  std::uint64_t watchdog_trips = 0;   ///< how often the watchdog set nonzero torques to zero
+  /// Commands without effect, because zero torques were not acknowledged yet (contract 1).
   std::uint64_t stale_commands = 0;
   std::uint64_t emergency_stops = 0;
-  double largest_torque_Nm = 0;     ///< largest applied torque
-  double largest_hand_force_N = 0;  ///< norm of the hand's force on the tool's tip
+  double largest_torque_Nm = 0;     ///< largest applied torque of a motor
+  double largest_hand_force_N = 0;  ///< largest force of the hand on the tool's tip
   std::vector<ForcePeak> peaks;     ///< the first kMaxPeaks peaks
   std::vector<DriveStep> steps;     ///< the first DriveOptions::record_steps steps
   static constexpr std::size_t kMaxPeaks = 4096;
@@ -85,9 +86,11 @@ struct DriveReport {
 
 class Drive {
  public:
-  /// A session that resets the world starts with a copy of `model`.
+  /// `model`: the simulated device in its initial state. A session that resets the simulated world
+  /// starts with a copy of `model`.
   Drive(const DriveOptions& options, SimulatedDevice model);
 
+  /// A datagram to send.
   struct Answer {
     std::array<std::uint8_t, kMaxPacketBytes> bytes{};
     std::size_t size = 0;  ///< 0 if there is no answer
@@ -95,20 +98,21 @@ class Drive {
   };
 
   /// Processes one datagram. The caller must send `answer` to the datagram's sender. Returns kNone
-  /// if the datagram was accepted, and otherwise the reason for its refusal. Sets `from_host` to
-  /// true if the datagram was a command of the session. From then on the caller must send states to
-  /// the sender of this command.
+  /// if the datagram was accepted, and otherwise the reason for its refusal. `from_host` becomes
+  /// true if the datagram was an accepted command, otherwise false. The caller must send the states
+  /// of tick() to the sender of the last accepted command.
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
-  /// Real clock only: if the process was delayed, simulates the missed `periods` up to `until_ns`,
-  /// with the present command. Call this before receiving the commands that have arrived during the
-  /// delay, so that a fault of the link or the watchdog acts at the right time.
+  /// Real clock only. Call this if the process was delayed, before the commands that have arrived
+  /// during the delay are received. Simulates `periods` missed periods up to `until_ns` with the
+  /// present command, so that the watchdog and injected faults act at the right time.
   void catch_up(std::int64_t until_ns, int periods) noexcept;
-  /// Real clock only: advances time by `periods` periods of the drive, the last of which ends now.
-  /// `answer` is the state for the host, if there is a session.
+  /// Real clock only. Advances time by `periods` periods of the drive, so that the last period ends
+  /// now. `answer` is the state for the host, if there is a session.
   void tick(std::int64_t now_ns, int periods, Answer& answer) noexcept;
 
+  /// True if there is a session, even if it is not alive (contract 3).
   bool in_session() const noexcept { return session_.has_value(); }
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
@@ -125,8 +129,8 @@ class Drive {
     double period_s = 0;        ///< period of the host
     double watchdog_s = 0;      ///< watchdog time for this period
     bool resets_world = false;  ///< the session resets the simulated world when it begins
-    std::uint64_t last_command = 0, last_state = 0;
-    /// Sequence number of the first state that reports zero torques (item 1); 0: there is
+    std::uint64_t last_command = 0, last_state = 0;  ///< sequence numbers
+    /// Sequence number of the first state that reports zero torques (contract 1); 0: the host has
     /// nothing to acknowledge.
     std::uint64_t reported_from = 0;
     std::int64_t last_command_ns = 0;
@@ -154,7 +158,7 @@ class Drive {
   DriveOptions options_;
   SimulatedDevice fresh_, model_;
   std::optional<LinkSession> session_;
-  std::array<std::optional<LinkSession>, kOffers> offers_;
+  std::array<std::optional<LinkSession>, kOffers> offers_;  ///< sessions that a host may begin
   std::size_t next_offer_ = 0;
   std::optional<std::int64_t> denied_ns_;  ///< time of the last denial
   LinkNonce denied_nonce_{};               ///< nonce of the host that received the last denial
@@ -166,7 +170,7 @@ class Drive {
   DriveMode mode_ = DriveMode::kReady;
   std::uint8_t motor_faults_ = 0;
   bool stop_pressed_ = false;
-  bool falling_ = false;  ///< the hand's force has passed a peak
+  bool falling_ = false;  ///< the hand's force has fallen from a peak, and has not risen since then
 };
 
 }  // namespace trocar::runtime

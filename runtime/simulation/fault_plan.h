@@ -4,15 +4,21 @@
 // Tests: tests/runtime/simulation/drive_test.cpp
 //
 // A plan is a text of items separated by commas. Each item has the form
-// KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO are times of the session in s. P is a probability
-// per packet, MS a delay in ms, and RAD an error of the angle in rad.
-//   loss:P  delay:P:MS  duplicate:P  reorder:P  flip:P    faults of packets
-//   stuck:ENCODER  jump:ENCODER:RAD                        faults of an encoder, 0 to 15
-//   dead:MOTOR                                             fault of a motor, 0 to 7
-//   stop                                                   the emergency stop is pressed
-//   kill                                                   the process is killed
-// Faults of packets concern commands and states. With "command-" or "state-" before the kind they
-// concern only commands or only states.
+// KIND[:VALUE[:VALUE]][@FROM[..TO]]. The fault acts from FROM until before TO; by default FROM is 0
+// and the fault does not end. Times are simulated times in s.
+//   loss:P             packets are lost
+//   delay:P:MS         packets are delayed by MS ms
+//   duplicate:P        packets are delivered twice
+//   reorder:P          packets are delivered after the next packet, or after 20 ms
+//   flip:P             one bit of a packet is inverted
+//   stuck:ENCODER      an encoder, 0 to 15, keeps its angle
+//   jump:ENCODER:RAD   RAD is added to the angle of an encoder, 0 to 15, in rad
+//   dead:MOTOR         a motor, 0 to 7, applies no torque
+//   stop               the emergency stop is pressed
+//   kill               the process is killed
+// P is the probability with which the fault concerns a packet. Faults of packets concern both
+// commands and states. If "command-" or "state-" stands before the kind, they concern only commands
+// or only states.
 // Example: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
 #pragma once
 
@@ -60,8 +66,8 @@ using FaultPlan = std::vector<PlannedFault>;
 /// that is wrong.
 Result<FaultPlan> parse_fault_plan(std::string_view text);
 
-/// One direction of a link with faults. The link holds back at most kHeld packets. Further packets
-/// that should wait are lost.
+/// One direction of a link with faults. The link holds back at most kHeld packets that are delayed
+/// or reordered; further such packets are lost.
 class FaultyLink {
  public:
   static constexpr std::size_t kHeld = 64;
@@ -74,9 +80,9 @@ class FaultyLink {
 
   FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
-  /// Passes `datagram` to the callback `deliver`, which takes a Datagram. Depending on the faults,
-  /// `deliver` is called once, several times, with changed bytes, later or never. `t_s` is the
-  /// session's time, and `now_ns` the time of a monotonic clock.
+  /// Sends `datagram` over the link. For each datagram that arrives now, calls `deliver` with it.
+  /// Because of faults, `datagram` may arrive once, several times, changed, later or never.
+  /// `t_s`: the simulated time; `now_ns`: the time of a monotonic clock.
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;
@@ -86,7 +92,7 @@ class FaultyLink {
     // This datagram has overtaken the datagrams that wait to be overtaken.
     if (delivery.copies > 0) release(now_ns, true, deliver);
   }
-  /// Delivers the delayed datagrams that are due.
+  /// Calls `deliver` with each delayed or reordered datagram that is due.
   template <typename Deliver>
   void release_due(std::int64_t now_ns, Deliver&& deliver) {
     release(now_ns, false, deliver);
@@ -100,7 +106,7 @@ class FaultyLink {
   struct Held {
     Datagram datagram;
     std::int64_t due_ns = 0;
-    bool until_overtaken = false;
+    bool until_overtaken = false;  ///< delivered before `due_ns` if another datagram arrives
   };
   Delivery decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept;
   bool happens(double probability) noexcept;

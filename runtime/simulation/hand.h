@@ -36,9 +36,9 @@ struct HandTrajectory {
   HandInterpolation interpolation = HandInterpolation::kLinear;
 };
 
-/// The impedance of a hand. The defaults are a firm grip. Consider contact with a wall of stiffness
-/// K that is rendered with the period T. The hand does not chatter if its damping exceeds K T / 2,
-/// which is 5 N s/m for 5 kN/m at 500 Hz.
+/// The impedance of a hand. The defaults are a firm grip. A hand does not chatter at a wall of
+/// stiffness K that is rendered with the period T if the hand's damping exceeds K T / 2. Example:
+/// this is 5 N s/m for 5 kN/m at 500 Hz.
 struct HandImpedance {
   double stiffness_N_per_m = 4000;
   double damping_Ns_per_m = 100;
@@ -46,7 +46,8 @@ struct HandImpedance {
   double rotational_damping_Nms_per_rad = 0.3;
   /// Mass rigidly attached to the tool's tip. It has no weight, because the arm carries the hand.
   double mass_kg = 0;
-  /// Time at which the hand releases the tool. From then on there is no hand.
+  /// Time at which the hand releases the tool; from then on the hand exerts no force and its mass
+  /// is gone. An UnscriptedHand ignores this time.
   double let_go_t_s = std::numeric_limits<double>::infinity();
 };
 
@@ -64,7 +65,8 @@ struct HandTarget {
   Twist twist_device = Twist::Zero();  ///< twist [v; omega] of the target tip, in {B}
 };
 
-/// A hand whose targets become known only while the session runs. The haptic thread calls it.
+/// A hand whose targets become known only while the session runs. The haptic thread calls its
+/// functions.
 class UnscriptedHand {
  public:
   virtual ~UnscriptedHand() = default;
@@ -77,11 +79,11 @@ class UnscriptedHand {
   virtual HandTarget target(double t_s) const noexcept = 0;
 };
 
-/// The target's motion: either a trajectory, or an UnscriptedHand, which must outlive the user
-/// of this variant.
+/// The motion of the hand's target: a trajectory or an UnscriptedHand. The UnscriptedHand must
+/// outlive every simulated device that uses it.
 using HandMotion = std::variant<HandTrajectory, std::reference_wrapper<UnscriptedHand>>;
 
-/// Returns the target at a time. If there is no keyframe, the target is the identity, at rest.
+/// Returns the target at a time. If there is no keyframe, the target is the identity pose, at rest.
 /// O(log keyframes), no allocation.
 HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept;
 
@@ -89,8 +91,9 @@ HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept;
 Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
                    const Pose& T_device_tool, const Twist& twist_tool) noexcept;
 
-/// Checks a hand. Errors: kRefused if times do not increase, a value is not finite, a quaternion is
-/// not of unit length, an impedance or the mass is negative, or the release time is not a number.
+/// Checks a hand. Errors: kRefused if times of keyframes do not increase, if a value other than the
+/// release time is not finite, if a quaternion is not of unit length, if a stiffness, a damping or
+/// the mass is negative, or if the release time is not a number.
 Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance);
 
 }  // namespace trocar::runtime

@@ -2,14 +2,14 @@
 // The device's equation of motion for the twist V = [v; omega] of the plate's origin, in {B}:
 //   M(pose) V' + h(pose, V) = sum of the wrenches on the plate about its origin.
 // V' is the time derivative of V. The plate is a rigid body. Each link is modelled by two point
-// masses, half of its mass at each end (a mass on a motor's axis does not move). Each motor is a
-// rotor inertia at its joint. The hand's mass moves with the tool's tip. Let I be the plate's
-// moment of inertia in {B}, I_rotor the inertia of a rotor, G the motors' Jacobian, and J_i the
-// Jacobian of the point mass m_i. Then
+// masses, half of its mass at each end. An end on a motor's axis does not move and is left out.
+// Each motor is a rotor inertia at its joint. The hand's mass is a point mass at the tool's tip.
+// Let M_plate be the plate's mass matrix, I its moment of inertia in {B}, I_rotor the inertia of a
+// rotor, G the motors' Jacobian, and J_i the Jacobian of the point mass m_i. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
-//   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i,
-// where, at V' = 0, a_motors and a_i are the accelerations of the motors' joints and of the point
-// masses. Both are computed in closed form. No allocation, no exception.
+//   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i.
+// The accelerations a_motors of the motors' joints and a_i of the point masses are those that
+// result if V' is zero. They are computed in closed form. No allocation, no exception.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,17 +25,18 @@ namespace trocar::runtime {
 
 /// Properties that the paper does not give. Every default is an assumption: aluminium links
 /// of about 10 mm diameter, direct-drive motors with a bevel pair, and drives with a current
-/// loop of 500 Hz.
+/// loop of 500 Hz. Dry friction is modelled by a spring in each motor joint. The spring slips when
+/// its torque reaches the Coulomb friction.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
   /// Inertia of each rotor at its joint, which includes the gear ratio squared.
   double rotor_inertia_kg_m2 = 1.5e-4;
   double coulomb_friction_Nm = 0.004;  ///< Coulomb friction of each motor joint
   double presliding_rad = 5e-4;        ///< deflection at which the spring of dry friction slips
-  double presliding_damping_s = 1e-3;  ///< damping of that spring divided by its stiffness
+  double presliding_damping_s = 1e-3;  ///< damping of this spring divided by its stiffness
   /// Time constant with which a torque follows its command; 0: no lag.
   double current_lag_s = 3e-4;
-  double encoder_noise_rad = 0;  ///< standard deviation, before quantisation
+  double encoder_noise_rad = 0;  ///< standard deviation of an angle before quantisation
   std::uint64_t seed = 1;        ///< seed of the noise
   /// Options without links, rotors, dry friction, lag and noise.
   static constexpr MechanicsOptions none() noexcept {
@@ -45,17 +46,18 @@ struct MechanicsOptions {
 
 using MassMatrix = Eigen::Matrix<double, 6, 6>;
 
+/// The terms of the equation of motion at a pose and a twist.
 struct Mechanics {
   KinematicsStatus status;        ///< status of the Jacobian; if not kOk, the rest is invalid
-  Jacobian G = Jacobian::Zero();  ///< motor rates per twist
+  Jacobian G = Jacobian::Zero();  ///< maps the twist to the rates of the motors' joints
   MassMatrix mass = MassMatrix::Zero();
   Wrench bias = Wrench::Zero();    ///< the term h
   Wrench weight = Wrench::Zero();  ///< weight of plate and links under the description's gravity
 };
 
-/// Evaluates the equation of motion. Precondition: `joints` are the joint angles of the pose. The
-/// mass `tip_mass_kg` moves with the tip, which is at `lever_m` from the plate's origin, in {B}.
-/// The weight of this mass is not counted, because the mass belongs to the hand.
+/// Evaluates the equation of motion. Precondition: `joints` are the joint angles of the pose.
+/// `tip_mass_kg`: the hand's mass, which moves with the tip and has no weight. `lever_m`: the
+/// vector from the plate's origin to the tip, in {B}.
 Mechanics mechanics(const DeviceDescription& device, const MechanicsOptions& options,
                     const Pose& T_device_plate, const JointAngles& joints,
                     const Twist& twist_device, double tip_mass_kg,

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of the four-legged haptic device that runs in this process. Three things act on the
-// model: the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, and a
-// simulated hand. There are two variants. In the light model only the plate has mass, and
-// friction is viscous. The full model of mechanics.h (SimulatedDeviceOptions::mechanics) has
-// links, rotors, dry friction, current lag and encoder noise. The mechanism is assumed to be
-// balanced (gravity 0) unless the description says otherwise. The model is deterministic: the
-// same calls give the same bits.
+// A model of the four-legged haptic device that runs in this process. Four things act on the
+// plate: the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, the
+// weight, and a simulated hand. The weight is zero unless the description sets a gravity, because
+// the mechanism is assumed to be balanced. There are two variants of the model. In the light model
+// only the plate has mass, and friction is viscous. The full model of mechanics.h
+// (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
+// noise. The model is deterministic: the same calls give the same bits.
 #pragma once
 
 #include <optional>
@@ -31,17 +31,17 @@ struct SimulatedDeviceOptions {
 /// If there is no hand, the plate starts upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, computed with midpoint velocities. In the light model, the energy balance
-/// of a translation is exact except for rounding. For a rotation, the error is of first order in
-/// the length of a substep.
+/// Work since the start, computed with midpoint velocities. In the light model, the change of the
+/// kinetic energy equals the sum of the work, except for rounding, if the plate only translates. If
+/// the plate rotates, the error is of first order in the length of a substep.
 struct EnergyBalance {
   double hand_J = 0;    ///< work of the hand on the plate
   double motors_J = 0;  ///< work of the motors on the plate
-  /// Work of joint friction on the plate. The work is never positive, except for energy that the
-  /// springs of dry friction return.
+  /// Work of joint friction on the plate. It is not positive, except for energy that the springs of
+  /// dry friction return.
   double friction_J = 0;
   double gravity_J = 0;  ///< work of gravity
-  double stop_J = 0;     ///< energy lost at the limit of the workspace; not positive
+  double stop_J = 0;     ///< minus the energy lost at the limit of the workspace
 };
 
 /// The true state of the model, which a real device does not provide.
@@ -50,10 +50,11 @@ struct SimulatedTruth {
   Pose T_device_plate;
   Twist twist_device = Twist::Zero();  ///< twist of the plate's origin, in {B}
   JointAngles joints;
-  MotorVector tau_motor_Nm = MotorVector::Zero();    ///< commanded torques after the drives' limit
+  MotorVector tau_motor_Nm = MotorVector::Zero();    ///< commanded torques, limited to the peak
   MotorVector tau_applied_Nm = MotorVector::Zero();  ///< torques after the current loop's lag
-  Wrench wrench_motors = Wrench::Zero();  ///< on the plate about its origin, at the last substep
-  Wrench wrench_hand = Wrench::Zero();    ///< on the tool about its tip, at the last substep
+  // Both wrenches are those of the last substep, in {B}.
+  Wrench wrench_motors = Wrench::Zero();  ///< wrench on the plate about its origin
+  Wrench wrench_hand = Wrench::Zero();    ///< wrench on the tool about its tip
   double kinetic_J = 0;                   ///< energy of all moving masses, including the hand's
   EnergyBalance work;
   bool torque_limited = false;   ///< the last command exceeded a motor's peak
@@ -68,28 +69,31 @@ struct TrueTip {
 
 class SimulatedDevice final : public Device {
  public:
-  /// Makes a device. Errors: kRefused if check_hand() refuses the hand, the mechanics are invalid,
-  /// or the start pose is outside the workspace.
+  /// Makes a device. Errors: kRefused if check_hand() refuses the hand, if a value of the mechanics
+  /// is negative or not finite, if presliding_rad is 0, or if the start pose is outside the
+  /// workspace.
   static Result<SimulatedDevice> make(const DeviceDescription& device, const HandMotion& motion,
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
-  /// Reads the time (in whole nanoseconds, as over the link) and the encoder angles of the true
-  /// pose. The angles contain the encoder noise of MechanicsOptions, with new random numbers in
-  /// each call. They are quantised as the description says.
+  /// Reads the time and the encoder angles of the true pose. The time is rounded to nanoseconds, as
+  /// on the link. The angles contain the encoder noise of MechanicsOptions, with new random numbers
+  /// in each call, and are quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
-  /// Sets the torques that are held (zero-order hold) in the following steps.
+  /// Sets the torques, limited to the motors' peak torque, that are held in the following steps. If
+  /// a torque is not finite, all torques become zero.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
 
   /// Calls step().
   void advance(double dt_s) noexcept override { step(dt_s); }
   bool is_paced_by_loop() const noexcept override { return true; }
 
-  /// Advances time by dt_s, which must be in (0, kMaxStep_s]. For any other dt_s returns false and
-  /// changes nothing. The step is divided into at least minimum_substeps substeps, none longer than
-  /// maximum_substep_s (both in the description). The integrator is semi-implicit Euler for the
-  /// light model, and the midpoint rule for the full model and for a hand with mass. At the limit
-  /// of the workspace the plate stops: it keeps its pose, and its velocity is zero. No allocation.
+  /// Advances time by dt_s. If dt_s is not in (0, kMaxStep_s], returns false and changes nothing.
+  /// The step is divided into at least minimum_substeps substeps, none longer than
+  /// maximum_substep_s; the description has both numbers. The integrator is semi-implicit Euler for
+  /// the light model, and the midpoint rule for the full model and for a hand with mass. At the
+  /// limit of the workspace the plate stops: it keeps its pose, and its velocity becomes zero. No
+  /// allocation.
   bool step(double dt_s) noexcept;
 
   const SimulatedTruth& truth() const noexcept { return truth_; }

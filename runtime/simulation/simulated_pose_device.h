@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated pose device in this process: a rigid handle with the mass and damping of the
-// description. The commanded wrench and a simulated hand move the handle. If the device does not
-// sense rotation, the handle keeps its orientation. The device is deterministic: the same calls
-// give the same bits.
+// A simulated pose device, which is a device that measures its own pose, in this process. It is a
+// rigid handle with the mass and damping of the description. The commanded wrench and a simulated
+// hand move the handle. If the device does not sense rotation, the handle keeps its orientation.
+// The device is deterministic: the same calls give the same bits.
 // Tests: tests/runtime/simulation/simulated_pose_device_test.cpp
 #pragma once
 
@@ -14,8 +14,8 @@ namespace trocar::runtime {
 
 class SimulatedPoseDevice final : public PoseDevice {
  public:
-  /// Makes a device. The tool's tip begins at the hand's first target. `T_plate_tool`: pose of
-  /// the tip on the plate; here the plate is the handle. Errors: kRefused if check_hand()
+  /// Makes a device. The tool's tip begins at the hand's first target. `T_plate_tool`: pose of the
+  /// tip on the plate; the plate of this device is its handle. Errors: kRefused if check_hand()
   /// refuses the hand.
   static Result<SimulatedPoseDevice> make(const PoseDeviceDescription& description,
                                           const PoseFrame& frame, const HandMotion& motion,
@@ -23,9 +23,11 @@ class SimulatedPoseDevice final : public PoseDevice {
 
   /// Reads the pose, rounded to the description's resolution, and its time, rounded to nanoseconds.
   DeviceStatus read(PoseReading& reading) noexcept override;
+  /// Sets the wrench that is held in the following steps. If a value is not finite, the wrench
+  /// becomes zero.
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
   /// Advances time by dt_s. The integrator is semi-implicit Euler with substeps of at most 0.1 ms.
-  /// Does not allocate.
+  /// If dt_s is above 0.1 s, the handle moves for 0.1 s only. Does not allocate.
   void advance(double dt_s) noexcept override;
   bool is_paced_by_loop() const noexcept override { return true; }
 
@@ -52,7 +54,7 @@ class SimulatedPoseDevice final : public PoseDevice {
   Pose T_plate_tool_;
   Pose T_;  ///< pose of the plate
   Twist twist_ = Twist::Zero();
-  Wrench command_ = Wrench::Zero();  ///< in {B}
+  Wrench command_ = Wrench::Zero();  ///< commanded wrench on the plate, in {B}
   double t_s_ = 0;
 };
 
