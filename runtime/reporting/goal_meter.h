@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares a session with its scene's goals: measures the distances of definition 6 in
-// session_figures.h, and determines the result of each goal.
+// Compares a session with its scene's goals. Measures the tip's distances to the target, to the
+// planned line and to the zones (session_figures.h, definition 6), and determines which goals were
+// met in the session.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -21,12 +22,13 @@ class GoalMeter {
  public:
   /// The goals must outlive this object.
   explicit GoalMeter(const SceneGoals& goals) : goals_(goals), in_zone_(goals.zones.size()) {}
-  /// Takes a counted row (definition 1). Precondition: figures.zones has an entry for each zone.
+  /// Call this for each counted row (definition 1). Precondition: figures.zones has an entry for
+  /// each zone.
   void observe(const RecordingRow& row, SessionFigures& figures);
-  /// Call this for a row that is not counted. Ends all breaches: the next row in a zone begins
-  /// a new breach.
+  /// Call this for each row that is not counted. Ends all breaches (definition 6), so that the next
+  /// row in a zone begins a new breach.
   void interrupt() { in_zone_.assign(in_zone_.size(), false); }
-  /// Adds the result of each goal. Precondition: all other figures are complete.
+  /// Adds the result of each goal to `figures`. Precondition: all other figures are complete.
   void judge(SessionFigures& figures) const;
 
  private:
@@ -34,7 +36,7 @@ class GoalMeter {
   void observe_zone(std::size_t index, const RecordingRow& row, ZoneFigures& figures);
 
   const SceneGoals& goals_;
-  std::vector<bool> in_zone_;  ///< one flag per zone: the tip was inside in the previous row
+  std::vector<bool> in_zone_;  ///< flag of each zone: the tip was in the zone in the previous row
 };
 
 }  // namespace trocar::runtime

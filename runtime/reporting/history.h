@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The history: all sessions whose figures are in a folder. Each trainee, course and scene has one
-// series of sessions, ordered by attempt and then by time. In: the files that `trocar-run
-// --session-report` and `--summary` write; they are not trusted. Out: JSON
-// (formats/session/history.schema.json), a table and one HTML page. The history is a separate
-// library (trocar_history), because the console uses it too.
+// The history puts together all sessions whose figures are in a folder. The sessions of the same
+// trainee, course and scene form a series, ordered by attempt and then by time. In: the files that
+// `trocar-run --session-report` and `--summary` write. The content of these files is checked, since
+// others may have changed it. Out: JSON (formats/session/history.schema.json), a table and one HTML
+// page. The history is a separate library (trocar_history), because the console uses it too.
 // Tests: tests/e2e/history_test.py
 #pragma once
 
@@ -22,21 +22,25 @@ inline constexpr int kMaxHistoryDepth = 8;  ///< number of levels of subfolders 
 struct History {
   std::string json;          ///< document of history.schema.json, on one line
   std::size_t sessions = 0;  ///< number of sessions in the document
-  /// "NAME: REASON" for each file that does not have the figures of a session, or is damaged.
+  /// "NAME: REASON" for each file that was left out, because it does not have the figures of a
+  /// session or is damaged.
   std::vector<std::string> skipped;
 };
 
-/// Reads all files that end in .json, in `folder` and its subfolders, without following links. If a
-/// folder has a session report, the summaries in that folder are ignored, because they are assumed
-/// to be of the same session. The time of a session is the time at which its file was last changed.
-/// Errors: kRefused if `folder` cannot be read, or has more than kMaxHistoryFiles such files.
+/// Reads all files in `folder` and its subfolders whose names end in .json. Links are not followed.
+/// If a folder directly contains a session report, the summaries in this folder are ignored,
+/// because they are assumed to be of the same session. The time of a session is the time at which
+/// its file was last changed. Errors: kRefused if `folder` cannot be read, or if more than
+/// kMaxHistoryFiles names end in .json.
 Result<History> read_history(const std::filesystem::path& folder);
 
-/// A table of the sessions, as text for a terminal and as CSV with a line for each session.
+/// Returns a table of the sessions: history_text() for a terminal, history_csv() as CSV. Each
+/// session has one line.
 std::string history_text(const History& history);
 std::string history_csv(const History& history);
 
-/// One HTML page (history_page.html) that contains the JSON document and needs no other file.
+/// Returns an HTML page (history_page.html) that contains the JSON document and needs no other
+/// file.
 std::string history_page(const History& history);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the intervals of a line on a sheet that lie over material, for the pictures of
-// a session report.
+// Finds where a straight line across a sheet lies over material. The pictures of a session report
+// show this material.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -11,8 +11,9 @@
 
 namespace trocar::runtime {
 
-/// Returns the intervals over material in ascending order, in m in {B}. If `axis` is 0, the line
-/// runs along x at y = at_m. If `axis` is 1, the line runs along y at x = at_m.
+/// Returns the intervals [from, to] of the line that lie over material, in ascending order, in m
+/// in {B}. If `axis` is 0, the line is y = at_m, and the intervals are intervals of x. If `axis` is
+/// 1, the line is x = at_m, and the intervals are intervals of y.
 std::vector<std::array<double, 2>> material_along(const Sheet& sheet, int axis, double at_m);
 
 }  // namespace trocar::runtime

@@ -17,15 +17,16 @@ namespace trocar::runtime {
 
 class PlungeMeter {
  public:
+  /// `scene` and `sheets` must outlive this object.
   PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz);
-  /// Takes a counted row. `punctured`: the lowest sheet or layer that is punctured in this row, if
-  /// any.
+  /// Call this for each counted row (definition 1). `punctured`: the lowest sheet or layer that is
+  /// punctured in this row; none: nothing is punctured.
   void observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
                SessionFigures& figures);
-  /// Call this for a row that is not counted. Ends the measurement of a plunge, if one
-  /// is in progress.
+  /// Call this for each row that is not counted. If a plunge is being measured, ends the
+  /// measurement with the reason kFault.
   void interrupt(double t_s, SessionFigures& figures);
-  /// Ends the measurement of a plunge, if one is in progress.
+  /// If a plunge is being measured, ends the measurement and adds the break-through to `figures`.
   void end(PlungeEnd end, double t_s, SessionFigures& figures);
 
  private:
@@ -47,6 +48,8 @@ class PlungeMeter {
   /// Heights in the row before the break-through, and in the row with the lowest tip since then.
   Heights from_, lowest_;
   std::vector<double> recent_m_;  ///< ring buffer: heights of the tip in the last stop_ticks_ rows
+  // ticks_: rows since the break-through. stop_ticks_: rows in kPlungeStop_s. max_ticks_: rows in
+  // kPlunge_s.
   std::uint64_t ticks_ = 0, stop_ticks_ = 1, max_ticks_ = 1;
 };
 

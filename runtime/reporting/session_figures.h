@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The figures of a session for the debriefing (`trocar-run --session-report`). The figures depend
 // only on the session's ticks, its scene and the heights of its sheets, so a replay gives the same
-// figures. The memory that the figures need is bounded, however long the session is.
+// figures. The memory that the figures need does not grow with the length of the session.
 //
 // Definitions (formats/session/session_report.schema.json repeats them for its fields):
 //  1. A row is counted if its safety state is `ready` or `running`. In other states the pose may be
-//     that of an earlier tick. The figures are made from counted rows, except the largest force,
-//     the faults and the samples. A duration is a number of rows divided by the rate. The force is
-//     the magnitude of the delivered force.
+//     that of an earlier tick. The figures are computed from the counted rows only, with three
+//     exceptions: the largest force, the faults and the samples. A duration is a number of rows
+//     divided by the rate. The force is the magnitude of the delivered force.
 //  2. The insertion begins with the first row in contact. It ends with the row with the lowest tip
 //     among the later rows. Straightness is the distance between the tip's positions in these two
 //     rows, divided by the length of the tip's path between these rows.
@@ -16,47 +16,50 @@
 //  4. A break-through is a puncture at which the wanted force falls to at most half of the wanted
 //     force in the row before. If one row has several punctures, the lowest counts. The plunge is
 //     the distance from the tip's height in the row before the break-through down to the tip's
-//     lowest height until the measurement ends. It ends with the first of these events:
+//     lowest height during the measurement. The measurement ends with the first of these events:
 //       reversed: the tip has come back up from its lowest position by more than kPlungeStep_m;
-//       stopped: the tip has advanced by less than kPlungeStep_m in the last kPlungeStop_s;
-//       time: kPlunge_s have passed;
+//       stopped: the tip has moved down by less than kPlungeStep_m in the last kPlungeStop_s;
+//       time: kPlunge_s have passed since the break-through;
 //       next: the next break-through happens;
 //       fault: a row is not counted;
 //       end: the session ends.
-//     The plunge is the sum of two parts. The motion of the hand is the distance by which the tip
-//     of a tool fixed to the plate would have moved down between the same rows. The release is the
-//     remainder: the coupling between plate and tool relaxes by it (0 without a coupling).
-//  5. Tremor is measured with two Butterworth filters of the second order in series, a high-pass
-//     with the corner frequency f = kTremorLow_Hz and a low-pass with f = kTremorHigh_Hz. The
-//     first input is the tip's position minus the tip's position in the first row after the
-//     filters were reset. Input and output of a filter are x and y in this row, x1 and y1 in the
-//     previous row, and x2 and y2 in the row before that:
+//     The plunge is the sum of two parts, the motion of the hand and the release. The motion of the
+//     hand is the distance by which the tip would have moved down if the tool were fixed to the
+//     plate, from the row before the break-through to the row with the lowest tip. The release is
+//     the rest of the plunge. It comes from the coupling between plate and tool, which relaxes.
+//     Without a coupling the release is 0.
+//  5. Tremor is measured with two Butterworth filters of the second order in series: a high-pass
+//     with the corner frequency f = kTremorLow_Hz, followed by a low-pass with f = kTremorHigh_Hz.
+//     The input of the high-pass is the tip's position minus the tip's position in the first row
+//     after the filters were reset. For each filter, let x be the input and y the output in this
+//     row, x1 and y1 those in the previous row, and x2 and y2 those in the row before the previous:
 //       y = (b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2) / a0, where
 //       w = 2 pi f / rate, alpha = sin(w) / sqrt(2),
 //       a0 = 1 + alpha, a1 = -2 cos(w), a2 = 1 - alpha;
 //       high-pass: b0 = b2 = (1 + cos(w)) / 2, b1 = -(1 + cos(w));
 //       low-pass: b0 = b2 = (1 - cos(w)) / 2, b1 = 1 - cos(w).
-//     Two figures are computed, once over the rows in free space and once over the rows in contact:
-//     the RMS of the length of the low-pass output, and the RMS of this output's part in x and y.
-//     Each row that is not counted resets the filters. The first kTremorSettle_s after the start
-//     and after each reset are left out.
+//     The output of the low-pass is a vector. Two figures are computed from it: the RMS of its
+//     length, and the RMS of the length of its horizontal part (x and y). Each figure is computed
+//     once over the rows in free space and once over the rows in contact. Each row that is not
+//     counted resets the filters. The first kTremorSettle_s after the start and after each reset
+//     are left out.
 //  6. The distance to the planned line is measured in rows in which the tip has passed the entry
 //     point in the line's direction. A zone is a volume in which the tip must not be. The
 //     distance of the tip to a zone is negative inside the zone. A breach is a run of rows with
 //     a negative distance.
-//  7. A miss is a run of rows in which the tool is below the same slice, past the edge of its
-//     material or in an older hole.
+//  7. A miss is a run of rows in which the contact state is `beside` at the same slice: the tip has
+//     passed the slice beside its material or through an older hole.
 //  8. A counted row is in bone if its contact state is `contact` or `punctured` and a slice is
 //     active. The tip has left the bone when, in a counted row not in bone, the tip is at least
 //     kLeave_m away from its position in the last row in bone. An attempt begins with the first
-//     row in bone, and with the first row in bone after the tip has left the bone. There is one
-//     exception: no attempt begins if the tip is higher than in the counted row directly before,
-//     because the tip then comes back through the bone from below. A re-entry is any attempt
-//     after the first one.
+//     row in bone, and with the first row in bone after the tip has left the bone. Exception: if
+//     the tip is higher in this row than in the counted row directly before, no attempt begins,
+//     because the tip comes back into the bone from below. Every attempt after the first one is a
+//     re-entry into the bone.
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
 // 10. The final position is the tip's lowest position in a counted row, the first one if there are
 //     several. wall_violation.h defines how far the tool is outside bone at this position.
-// 11. An HU value given with a force is front_HU of the same row (force law `cutting` only).
+// 11. An HU value with a force is front_HU of the force's row (force law `cutting` only).
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -77,7 +80,8 @@ inline constexpr double kPlunge_s = 0.5, kPlungeStop_s = 0.05, kPlungeStep_m = 5
 inline constexpr double kTremorLow_Hz = 4, kTremorHigh_Hz = 12, kTremorSettle_s = 0.5;
 inline constexpr double kLeave_m = 1e-3;
 inline constexpr std::size_t kMaxReportPunctures = 1024;
-/// Largest length of the lists of breaches (per zone), misses, side cuts, attempts and faults.
+/// Largest length of each list of breaches (one list for each zone), misses, side cuts, attempts
+/// and faults.
 inline constexpr std::size_t kMaxReportSpans = 64;
 inline constexpr std::size_t kMaxReportSamples = 1024;
 
@@ -91,32 +95,35 @@ struct ReportSheet {
 /// A sheet, or a soft layer, that was punctured.
 struct Punctured {
   bool is_layer = false;
-  std::size_t index = 0;  ///< index into Scene::layers, or into the sheets
+  std::size_t index = 0;  ///< index into Scene::layers if is_layer, otherwise into the sheets
 };
 struct ReportPuncture {
   Punctured what;
-  /// `force_N` (on the hand), `tip_N` (at the tip) and `front_HU` are values of the row before.
+  // Three values are those of the row before the puncture: force_N, the force on the hand; tip_N,
+  // the force on the tip; and front_HU.
   double t_s = 0, force_N = 0, tip_N = 0, depth_m = 0, tip_z_m = 0;
   std::optional<double> front_HU;
 };
+/// The event that ended the measurement of a plunge (definition 4).
 enum class PlungeEnd : std::uint8_t { kReversed, kStopped, kTime, kNext, kFault, kEnd };
 struct BreakThrough {
   Punctured what;
   double t_s = 0, plunge_m = 0;
   double hand_m = 0;   ///< the part of the plunge that is motion of the hand
   double below_m = 0;  ///< depth of the lowest tip below the sheet, or below the layer's bottom
-  double lowest_t_s = 0, ended_t_s = 0;  ///< time of the lowest tip, time of the end
+  double lowest_t_s = 0, ended_t_s = 0;  ///< time of the lowest tip, end of the measurement
   PlungeEnd ended_by = PlungeEnd::kEnd;
 };
 struct Tremor {
   std::uint64_t ticks = 0;  ///< number of rows that were measured
-  /// Sums over these rows: squared length of the filters' output, and of its part in x and y.
+  // Sums over the measured rows. squares_m2: squared length of the output of the low-pass.
+  // sideways_m2: squared length of its horizontal part.
   double squares_m2 = 0, sideways_m2 = 0;
 };
-/// A run of rows, from its first to its last row.
+/// A run of rows.
 struct Span {
-  int slice = -1;  ///< slice index of a miss or a side cut; -1: none
-  double from_s = 0, to_s = 0;
+  int slice = -1;                     ///< slice index of a miss or a side cut; -1: none
+  double from_s = 0, to_s = 0;        ///< times of the first and the last row
   double depth_m = 0, depth_t_s = 0;  ///< largest depth of a breach, and its time
 };
 struct ZoneFigures {
@@ -134,7 +141,7 @@ struct GoalResult {
   std::string goal;
   std::string zone;  ///< name of the zone, if the goal belongs to a zone
   double limit = 0;
-  bool at_least = false;  ///< true: the limit is the smallest allowed value; false: the largest
+  bool at_least = false;  ///< true: limit is the smallest allowed value; false: the largest one
   std::optional<double> value;
   const char* unit = "m";
   bool met = false;
@@ -150,20 +157,22 @@ struct ReportSample {
 
 struct SessionFigures {
   double rate_Hz = 0;
-  /// Numbers of rows: all rows, counted rows, and among the counted ones those in free space, those
-  /// in contact, and those below a sheet (punctured or missed).
+  // Numbers of rows. ticks: all rows. counted: counted rows. free, contact, through: counted rows
+  // in free space, in contact, and below a sheet that is punctured or missed.
   std::uint64_t ticks = 0, counted = 0, free = 0, contact = 0, through = 0;
   double top_z_m = 0;   ///< height of the highest sheet or layer, from which depths are measured
   double length_m = 0;  ///< length of the tip's path
   std::optional<double> insertion_m, straight_m;  ///< path length and distance of definition 2
   double lowest_z_m = 0;
   std::array<double, 3> lowest_m{};            ///< position of the lowest tip
-  std::array<double, 4> lowest_q{1, 0, 0, 0};  ///< orientation of the plate in that row, w x y z
-  double lowest_t_s = 0;
+  std::array<double, 4> lowest_q{1, 0, 0, 0};  ///< orientation of the plate at lowest_t_s, w x y z
+  double lowest_t_s = 0;                       ///< time of the lowest tip
   /// The first kMaxReportSpans attempts, each from its first to its last row in bone.
   std::vector<Span> attempts;
   std::uint64_t attempts_count = 0;
   std::optional<double> first_contact_s, last_puncture_s;
+  // The largest force with its time, and the sums of the force over the rows in contact and over
+  // all counted rows.
   double force_max_N = 0, force_max_t_s = 0, contact_sum_N = 0, counted_sum_N = 0;
   std::array<double, 3> force_max_tip_m{};
   std::vector<ReportPuncture> punctures;  ///< the first kMaxReportPunctures punctures
@@ -172,26 +181,27 @@ struct SessionFigures {
   std::uint64_t break_throughs_count = 0;
   double plunge_max_m = 0;
   Tremor tremor_free, tremor_contact;
-  // The planned line (definition 6): number of rows measured, and the tip's largest distance to the
-  // line, the sum of the squared distances, and the first distance.
+  // The planned line (definition 6). line_ticks: number of rows measured. Distances of the tip to
+  // the line: line_max_m, the largest; line_squares_m2, the sum of the squares; line_entry_m, the
+  // first one.
   std::uint64_t line_ticks = 0;
   double line_max_m = 0, line_squares_m2 = 0, line_entry_m = 0;
-  /// Smallest distance of the tip to the target; time at which the tip was first within the
-  /// target's radius.
+  // target_m: smallest distance of the tip to the target. target_reached_s: time at which the tip
+  // was first within the target's radius.
   std::optional<double> target_m, target_reached_s;
   double target_t_s = 0;           ///< time of the smallest distance
   std::vector<ZoneFigures> zones;  ///< in the order of SceneGoals::zones
   std::vector<Span> misses;        ///< the first kMaxReportSpans misses
   std::uint64_t misses_count = 0, missed_ticks = 0;
-  /// The first kMaxReportSpans side cuts, where the wall of a hole yielded; only `slice` and the
-  /// times are set.
+  /// The first kMaxReportSpans side cuts. A side cut is an event at which the wall of a hole
+  /// yielded. Only `slice` and the times are set.
   std::vector<Span> side_cuts;
   std::uint64_t side_cuts_count = 0;
   std::vector<ReportFault> faults;  ///< the first kMaxReportSpans faults
   std::uint64_t faults_count = 0;
   std::uint64_t operator_stops_count = 0;  ///< how often the operator paused or switched forces off
   std::vector<ReportSample> samples;
-  std::uint64_t stride = 1;
+  std::uint64_t stride = 1;       ///< number of rows for which each sample stands
   std::vector<GoalResult> goals;  ///< in the order of SceneGoals
 };
 
@@ -200,7 +210,7 @@ inline std::uint64_t ticks_of(double duration_s, double rate_Hz) {
   return static_cast<std::uint64_t>(std::max(1.0, std::round(duration_s * rate_Hz)));
 }
 
-/// Increases `count`. Appends `value` if the list is shorter than `max`.
+/// Increases `count` by 1. Appends `value` to the list if the list is shorter than `max`.
 template <typename T>
 void keep(std::vector<T>& list, std::size_t max, std::uint64_t& count, T value) {
   ++count;

@@ -24,6 +24,7 @@ class SessionObserver {
   SessionObserver(const SessionObserver&) = delete;
   SessionObserver& operator=(const SessionObserver&) = delete;
 
+  /// Call this for each tick of the session, in order.
   void observe(const ObservedTick& tick);
   /// Returns the figures. Call it once, after the last tick.
   SessionFigures figures();
@@ -45,9 +46,12 @@ class SessionObserver {
   PlungeMeter plunge_;
   TremorMeter tremor_;
   std::optional<GoalMeter> goals_;
+  // The values of the previous row; last_tip_: none if the previous row was not counted.
   double last_force_N_ = 0, last_t_s_ = 0;
   std::optional<double> last_front_HU_;
   std::optional<Vector3> last_tip_;
+  // The tip's position in the first row in contact. Since that row: length of the tip's path, and
+  // its lowest height.
   Vector3 contact_tip_{};
   double length_since_contact_m_ = 0, lowest_inserted_m_ = 0;
   /// Position of the tip in the last row in bone; none: the tip has left the bone, or

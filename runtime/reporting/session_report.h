@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The session report for the debriefing (`trocar-run --session-report`): figures as JSON and as
-// CSV, and a page that shows these figures. session_figures.h defines the figures. This report
-// is not the struct SessionResult (runtime/session/session_statistics.h), from which it takes
-// only some facts.
+// CSV, and a page that shows these figures. session_figures.h defines the figures. Only some facts
+// come from SessionResult (runtime/session/session_statistics.h), the result of run_session().
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -25,20 +24,20 @@ namespace trocar::runtime {
 
 /// Facts that the report states in addition to the figures.
 struct ReportFacts {
-  std::string asset;      ///< name of the asset's file
-  std::string force_law;  ///< name of the force law
-  bool is_virtual = false;
+  std::string asset;        ///< name of the asset's file
+  std::string force_law;    ///< name of the force law
+  bool is_virtual = false;  ///< the session had a virtual clock or was a replay
   SessionEnd end = SessionEnd::kDone;
-  std::uint64_t lost_ticks = 0;    ///< ticks that are missing in the figures
+  std::uint64_t lost_ticks = 0;    ///< number of ticks that are missing in the figures
   std::vector<FaultEvent> faults;  ///< the session's faults with measured values
   std::vector<ReportSheet> sheets;
   Trainee trainee;
   XrayUse xray;
-  /// Wall violation at the final position (definition 10); none: the tool is not in bone there.
+  /// Result of measure_wall_violation() at the final position (definition 10).
   std::optional<WallViolation> final_wall;
-  /// Material in two sections through the tip's lowest position. material_m[0][i] lists the
-  /// intervals of x, in m, in which uncut sheet i has material along the line parallel to x;
-  /// material_m[1][i] lists the intervals of y along the line parallel to y.
+  /// Material in two vertical sections through the tip's lowest position. material_m[0][i] lists
+  /// the intervals of x, in m, in which the uncut sheet i has material in the section parallel to
+  /// x. material_m[1][i] lists the intervals of y in the section parallel to y.
   std::array<std::vector<std::vector<std::array<double, 2>>>, 2> material_m;
 };
 

@@ -10,20 +10,21 @@
 namespace trocar::runtime {
 
 /// Returns the document of formats/session/summary.schema.json, which describes the fields and
-/// their units. The text is indented by two spaces and has no line feed at its end. The fields of
-/// the document are always present, and are 0 or empty if nothing happened. The exceptions are
-/// `network` and `cutting`, which only these force laws have, `replay` and `link`. The field
+/// their units. The text is indented by two spaces and has no line feed at its end. All top-level
+/// fields are present in every session, with four exceptions: `network` and `cutting` are present
+/// only with the force law of this name, `replay` only in a replay, and `link` only if the device
+/// has a link. Numbers are 0 and lists are empty if nothing happened. The field
 /// `allocations_in_loop` is null if the program does not count allocations (allocation_counter.h).
-/// The fields remesh_us and hole_vertices of a puncture are null if its hole was not cut. Of an
-/// absolute path only the file's name is written. `link_json`: the object `link` as JSON text;
-/// empty: the device has no link.
+/// The fields remesh_us and hole_vertices of a puncture are null if its hole was not cut. Instead
+/// of an absolute path only the file's name is written. `link_json`: the object `link` as JSON
+/// text; empty: the device has no link.
 std::string summarize(const Scene& scene, const SessionOptions& options,
                       const SessionResult& report, const Remesher& remesher,
                       const std::string& link_json = {});
 
 /// Returns the document of formats/session/sheets.schema.json, on one line without a line feed at
 /// its end. The topmost sheet comes first. The coordinates of points are integers in the slice's
-/// plane, in steps of 2^-lattice_bits mm.
+/// plane, in steps of 2^-lattice_bits mm; lattice_bits is a field of the document.
 std::string describe_sheets(const Scene& scene, const Remesher& remesher);
 
 }  // namespace trocar::runtime

@@ -15,10 +15,10 @@ namespace trocar::runtime {
 class TremorMeter {
  public:
   explicit TremorMeter(double rate_Hz);
-  /// Filters the tip's position of a row that counts (definition 1 of session_figures.h), and adds
-  /// the square of the output to the sums of `figures`.
+  /// Call this for each counted row (definition 1 of session_figures.h). Filters the tip's
+  /// position, and adds the squares of the output to the sums in `figures`.
   void observe(const RecordingRow& row, SessionFigures& figures);
-  /// Resets the filters before the next row.
+  /// Call this for each row that is not counted. Resets the filters before the next row.
   void restart() noexcept { filtered_ = 0; }
 
  private:
@@ -30,6 +30,7 @@ class TremorMeter {
   };
   std::array<Filter, 2> filter_;  ///< the high-pass, then the low-pass
   Vector3 origin_{};              ///< position of the tip in the first row after a reset
+  // Number of rows filtered since a reset, and number of first rows that are left out.
   std::uint64_t filtered_ = 0, settle_ticks_ = 0;
 };
 

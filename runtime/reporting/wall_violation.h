@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far the tool is outside bone along its shaft, for the grade of its final position.
+// Measures how far the tool, along its shaft, is outside bone. The result grades the final position
+// of the tool.
 //
 // Definitions:
 //  1. Bone is the material of the uncut sheets. The tool is a prism that begins at the tip and
 //     extends upwards. The outline on a slice is the section of this prism with the plane of the
 //     slice. Slices below the tip have no outline.
-//  2. The distance of an outline's corner is 0 if the corner is over material of its slice.
-//     Otherwise each slice gives the value sqrt(d^2 + h^2): d is the horizontal distance from the
-//     corner to the slice's material, and h is the difference between the heights of the corner
-//     and the slice. The distance of the corner is the smallest of these values.
+//  2. Each corner of an outline has a distance to the bone. If the corner is over material of its
+//     own slice, the distance is 0. Otherwise each slice gives the value sqrt(d^2 + h^2), and the
+//     distance of the corner is the smallest of these values. Here d is the horizontal distance
+//     from the corner to the slice's material, and h is the difference between the heights of the
+//     corner and the slice.
 //  3. The distance of an outline is the largest distance of its corners.
 //  4. The bone begins at the first slice, counted from the top, at which the tool's axis is over
-//     material. The entry is the part of the bone that is not judged. The entry begins with that
-//     first slice, and ends before the first slice whose outline has the
-//     distance 0 or which is more than kEntry_m below the beginning of the bone. All slices from
-//     the end of the entry to the tip are judged. If there is no such slice, the tool is not in
-//     bone and has no grade.
+//     material. The entry is the upper part of the bone, which is not judged. It ends before the
+//     first slice whose outline has the distance 0, and at the latest before the first slice that
+//     is more than kEntry_m below the beginning of the bone. All slices from the end of the entry
+//     down to the tip are judged. If no slice is judged, the tool is not in bone and has no grade.
 //  5. The violation is the largest distance of a judged outline, rounded to 1 nm. The grade is 0
 //     for a violation of 0, 1 for less than 2 mm, 2 for 2 to 4 mm, and 3 for more than 4 mm.
 // Tests: tests/e2e/session_report_test.py
@@ -33,23 +34,24 @@ inline constexpr double kEntry_m = 5e-3;  ///< largest height of the entry (defi
 
 struct WallViolation {
   double outside_m = 0;  ///< the violation
-  /// Slice index of the outline with the largest distance, the topmost if there are several; -1:
-  /// the violation is 0.
+  /// Slice index of the outline with the largest distance, or of the topmost such outline. -1: the
+  /// violation is 0.
   int slice = -1;
-  int first_slice = 0;  ///< slice index of the first slice that is judged
-  int slices_judged = 0;
+  int first_slice = 0;    ///< slice index of the topmost slice that is judged
+  int slices_judged = 0;  ///< number of slices that are judged
 };
 
-/// Returns none if the tool is not in bone (definition 4) or tilted too far (is_upright()).
-/// `sheets`: the uncut sheets, the topmost first. `tip_m`: the tool's tip in {B}. `q`: orientation
-/// of the plate, w x y z.
+/// Measures the violation. Returns none if the tool is not in bone (definition 4) or is tilted too
+/// far (is_upright()). `sheets`: the uncut sheets, the topmost first. `tip_m`: the tool's tip in
+/// {B}. `q`: orientation of the plate, w x y z.
 std::optional<WallViolation> measure_wall_violation(std::span<const Sheet* const> sheets,
                                                     const Tool& tool,
                                                     const std::array<double, 3>& tip_m,
                                                     const std::array<double, 4>& q);
 
+/// Returns the grade of a violation (definition 5).
 int grade_of(double outside_m);
-/// Returns the violations of a grade: "0", "under 2 mm", "2 to 4 mm" or "over 4 mm".
+/// Returns the range of violations with this grade: "0", "under 2 mm", "2 to 4 mm" or "over 4 mm".
 const char* words_of_grade(int grade);
 
 }  // namespace trocar::runtime
