@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A thread that calls a function at a fixed rate on the monotonic clock. It requests realtime
 // priority, locked memory and optionally one processor, and reports which of these were granted.
-// If a request is not granted, the thread runs without it and may be later at its calls.
+// If a request is not granted, the thread still runs, but it may wake up later than requested.
 // RealtimeReport shows how late the thread was.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once

@@ -147,7 +147,7 @@ struct GoalResult {
   bool met = false;
   std::string how;  ///< description of the value and its limit
 };
-/// The row with the largest force among SessionFigures::stride rows.
+/// The row with the largest force among SessionFigures::stride successive rows.
 struct ReportSample {
   double t_s = 0;
   std::array<double, 3> tip_m{};

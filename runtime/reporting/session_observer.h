@@ -50,12 +50,12 @@ class SessionObserver {
   double last_force_N_ = 0, last_t_s_ = 0;
   std::optional<double> last_front_HU_;
   std::optional<Vector3> last_tip_;
-  // The tip's position in the first row in contact. Since that row: length of the tip's path, and
-  // its lowest height.
+  // The tip's position in the first row in contact; the length of the tip's path since that row,
+  // and the tip's lowest height since that row.
   Vector3 contact_tip_{};
   double length_since_contact_m_ = 0, lowest_inserted_m_ = 0;
-  /// Position of the tip in the last row in bone; none: the tip has left the bone, or
-  /// not reached it.
+  /// Position of the tip in the last row in bone; none: the tip has left the bone, or has not
+  /// reached the bone.
   std::optional<Vector3> in_bone_tip_;
   bool is_missed_ = false;
   std::int32_t missed_slice_ = -1;

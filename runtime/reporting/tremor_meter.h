@@ -30,7 +30,8 @@ class TremorMeter {
   };
   std::array<Filter, 2> filter_;  ///< the high-pass, then the low-pass
   Vector3 origin_{};              ///< position of the tip in the first row after a reset
-  // Number of rows filtered since a reset, and number of first rows that are left out.
+  // filtered_: number of rows since the last reset. settle_ticks_: number of rows that are left out
+  // of the sums after a reset.
   std::uint64_t filtered_ = 0, settle_ticks_ = 0;
 };
 

@@ -23,8 +23,8 @@ class HandReceiver {
   /// none if nothing of this has changed.
   virtual std::optional<TelemetryEventKind> receive(const TelemetryHand& latest,
                                                     std::int64_t now_ns) noexcept = 0;
-  /// The session calls this after a pause. The springs of the hand pull the tip to a target. In the
-  /// next tick the target starts at the tip.
+  /// The session calls this after a pause. After this call the target, to which the springs of the
+  /// hand pull the tip, starts at the tip.
   virtual void restart_at_tip() noexcept = 0;
 };
 

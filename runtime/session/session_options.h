@@ -50,9 +50,9 @@ struct SessionOptions {
   std::function<void(const Error&)> on_recording_error;
   /// Called with each message to the operator, not on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
-  /// If not empty, the session is a replay of these rows. It uses the replay clock
-  /// (session_clock.h) and compares its torques with the recorded torques. The device must replay
-  /// the same rows (runtime/devices/replay_device.h, or ReplayPoseDevice of
+  /// If not empty, the session is a replay of these rows. The session uses the replay clock
+  /// (session_clock.h) and compares torques with the recorded torques. The device must replay the
+  /// same rows (runtime/devices/replay_device.h, or ReplayPoseDevice of
   /// runtime/devices/pose_session.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;

@@ -18,7 +18,7 @@ class XrayCommands {
  public:
   /// Screening ends if its command has not been repeated for this long.
   static constexpr std::int64_t kHeld_ns = 1'000'000'000;
-  /// Each tick takes one shot. This many shots can wait for their ticks; further shots are dropped.
+  /// Number of shots that can wait; further shots are dropped. Each tick takes one waiting shot.
   static constexpr std::uint64_t kMaxWaiting = 16;
 
   /// Applies the commands given since the last call. Call this once in each tick period, also in a

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lists the slots (elements of the arrays of a SheetMesh) that an edit of the mesh has written.
 // With these lists the edit can be undone, or repeated on a second copy of the mesh (a replica).
-// The time for either is proportional to the number of listed slots, not to the size of the mesh.
+// The time for this is proportional to the number of listed slots, not to the size of the mesh.
 //
 // Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
 //  1. Precondition: a function that edits the mesh calls touch_*() before it writes to a slot. It

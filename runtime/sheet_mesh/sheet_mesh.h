@@ -34,8 +34,8 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     boundary.
 ///  3. A vertex in use belongs to a triangle. Its triangles form one fan: from each of them, all
 ///     others can be reached across edges at this vertex. If two fans touch at a point, each fan
-///     has a vertex of its own at this point. `free_vertices` lists every vertex slot that is not
-///     in use exactly once.
+///     has a vertex of its own at this point. `free_vertices` lists exactly once every vertex slot
+///     that is not in use.
 ///  4. Edits do not change the size of the first three arrays; only add_slots() does. The stacks
 ///     `free_vertices` and `free_triangles` have capacity for every slot, also in a copy of the
 ///     mesh.

@@ -2,13 +2,13 @@
 // Finds the triangles of a sheet near a box. The time is proportional to the number of these
 // triangles, not to the size of the mesh. A triangle is inserted or removed in constant time.
 //
-// There are several grids of square cells. From each grid to the next coarser one, the width of the
-// cells doubles; the coarsest grid is a single cell. A triangle is listed in one cell: in the
-// finest grid whose cells are at least as large as the triangle's bounding box, in the cell that
-// contains the box's lower left corner. Therefore a triangle extends at most into the next cell to
-// the right and above. A triangle has one list entry, however long and thin it is, so one entry for
-// each triangle slot suffices for every edit. (Source: "loose" grids, after Ulrich's loose octree,
-// 2000.)
+// There are several grids of square cells. From each grid to the next coarser grid, the width of
+// the cells doubles; the coarsest grid is a single cell. A triangle is listed in a single cell. The
+// cell belongs to the finest grid whose cells are at least as large as the triangle's bounding box,
+// and contains the lower left corner of this box. Therefore a triangle extends at most into the
+// next cells to the right and above. A triangle has one list entry, however long and thin it is.
+// Therefore one entry for each triangle slot suffices for every edit. Source: "loose" grids, after
+// Ulrich's loose octree, 2000.
 #pragma once
 
 #include <algorithm>

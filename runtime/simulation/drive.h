@@ -62,7 +62,7 @@ struct DriveStep {
   TrueTip tip;                        ///< tip at the end of the step
 };
 
-/// A maximum of the force on the hand, after which the force fell to less than half of it.
+/// A maximum of the force on the hand, after which the force fell to less than half the maximum.
 struct ForcePeak {
   double t_s = 0;
   double force_N = 0;

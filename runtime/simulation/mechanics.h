@@ -8,8 +8,8 @@
 // rotor, G the motors' Jacobian, and J_i the Jacobian of the point mass m_i. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i.
-// The accelerations a_motors of the motors' joints and a_i of the point masses are those that
-// result if V' is zero. They are computed in closed form. No allocation, no exception.
+// Here a_motors are the accelerations of the motors' joints, and a_i those of the point masses, if
+// V' is zero. These accelerations are computed in closed form. No allocation, no exception.
 #pragma once
 
 #include <Eigen/Core>

@@ -30,8 +30,8 @@ struct BlackBoxFile {
   double t_s = 0;          ///< time of the fault
   std::uint64_t rows = 0;  ///< number of rows copied: at most those of the last kBlackBox_s
   std::filesystem::path file;
-  /// None: the file is complete. Otherwise the reason why there is no file, or why only a part of
-  /// the rows could be written, which are then in RecordingWriter::partial_file().
+  /// None: the file is complete. Otherwise the reason why it is missing. Rows that could be written
+  /// are then in RecordingWriter::partial_file().
   std::optional<Error> error;
 };
 

@@ -18,8 +18,8 @@ class Recorder final : public TickObserver {
  public:
   static constexpr std::size_t kCapacity = 8192;  ///< rows in the queue: one second at 8 kHz
 
-  /// If rows cannot be written, the thread that writes them immediately calls `failed`, once. All
-  /// later rows are discarded.
+  /// If rows cannot be written, `failed` is called immediately and only once, on the thread that
+  /// writes the rows. All later rows are discarded.
   explicit Recorder(RecordingWriter writer, std::function<void(const Error&)> failed = {});
   ~Recorder() override { stop(); }
 

@@ -29,7 +29,7 @@ struct TelemetryTick {
   std::int32_t active_sheet = -1;  ///< ContactOutput::active_sheet
   double force_N = 0;              ///< ContactOutput::force_N
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
-  LateTicks::Counts late_ticks{};  ///< missed deadlines, for each part of the tick as their cause
+  LateTicks::Counts late_ticks{};  ///< missed deadlines that each part of the tick has caused
   std::int64_t late_max_ns = 0;    ///< largest TickTiming::late_ns so far
   std::uint64_t xray_shots = 0;
   double xray_screening_s = 0;

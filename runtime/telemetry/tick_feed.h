@@ -15,13 +15,13 @@
 
 namespace trocar::runtime {
 
-/// One tick. `punctured`, `side_cut` and `layers_punctured` are sets of the sheets or soft layers
-/// to which this happened in the tick. Bit 0 is the topmost sheet or layer.
+/// One tick. `punctured`, `side_cut` and `layers_punctured` are sets: each bit stands for a sheet
+/// or a soft layer, bit 0 for the topmost one.
 struct ObservedTick {
   RecordingRow row;
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
   std::uint64_t side_cut = 0;   ///< sheets in which a hole's wall yielded (force law `cutting`)
-  std::uint64_t layers_punctured = 0;
+  std::uint64_t layers_punctured = 0;  ///< soft layers that were punctured
   /// In the tick of a puncture: rendered force on the tip one tick earlier.
   double tip_N = 0;
 };

@@ -18,7 +18,7 @@
 namespace trocar::runtime {
 
 /// Returns true for the faults that the operator's commands pause and zero raise. These faults are
-/// not failures: the session waits until the operator ends them.
+/// not failures: the session waits for the operator.
 constexpr bool is_by_operator(Fault fault) noexcept {
   return fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
