@@ -26,7 +26,7 @@ struct RealtimeOptions {
 struct RealtimeReport {
   bool fifo = false;                ///< SCHED_FIFO was granted
   bool memory_locked = false;       ///< mlockall was granted
-  std::string scheduling;           ///< policy and priority of the thread, "SCHED_FIFO 80"
+  std::string scheduling;           ///< policy and priority, such as "SCHED_FIFO 80"
   std::string cpus;                 ///< processors that the thread may use, such as "0-3,5"
   bool kernel_is_realtime = false;  ///< /sys/kernel/realtime holds 1 (PREEMPT_RT)
   /// Time in ns by which the kernel may delay a wake-up; -1: unknown. The thread requests 1 ns

@@ -47,7 +47,7 @@ struct SessionResult {
   double fault_t_s = 0;                  ///< time at which `fault` was latched
   std::vector<FaultEvent> faults;        ///< the first kMaxListedFaults faults
   std::uint64_t faults_count = 0;        ///< number of all faults
-  std::optional<Error> recording_error;  ///< why the recording is incomplete; none: it is complete
+  std::optional<Error> recording_error;  ///< why the recording is incomplete; none: no error
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;  ///< BlackBox::lost()
   double energy_released_max_J = 0;    ///< largest net energy that the hand received in a contact
