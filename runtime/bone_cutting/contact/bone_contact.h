@@ -10,7 +10,7 @@
 //     another coverage, that of the uncut sheet, so that cutting a hole does not reduce the
 //     friction in it.
 //  2. For each sheet that the cutting front passes completely, one hole is requested. The front can
-//     pass several sheets in one tick. If the coverage is almost 0, no hole is requested.
+//     pass several sheets in one tick. If the coverage is at most 0.1 %, no hole is requested.
 //  3. If the coverage of a sheet is below one half and the tool has not cut a hole in it, the
 //     sheet's edges act as walls (admissible_region.h). Where a wall of an edge or of a hole has
 //     yielded, a hole with the tool's outline is requested.
@@ -76,10 +76,10 @@ struct BoneContactState {
   double retract_to_depth_m = 0;  ///< if must_retract: depth to which the tip must be raised
   bool must_retract = false;      ///< the tip was under load when reset_motion() was called
   int next_checked = 0;           ///< index of the sheet whose walls were checked last
-  int last_hole = -1;             ///< hole that the tool was in; reset_motion() keeps it
-  bool has_plate = false;
-  Pose T_device_plate;                    ///< last new pose of the plate
-  Pose T_device_evaluated;                ///< pose at which the law was evaluated last
+  int last_hole = -1;       ///< hole that the tool was in last; reset_motion() does not change it
+  bool has_plate = false;   ///< the following poses and the wrench are valid
+  Pose T_device_plate;      ///< last new pose of the plate
+  Pose T_device_evaluated;  ///< pose at which the law was evaluated last
   Wrench wrench_device = Wrench::Zero();  ///< wrench of the tissue in the last tick
 };
 
@@ -87,7 +87,8 @@ BoneContactState make_bone_contact_state(const BoneVolume& bone);
 
 /// Runs one tick. `T_device_plate`: the measured pose. `T_device_evaluated`: the pose at which the
 /// law is evaluated, which is the measured or the predicted one. `tracks`: requested and pending
-/// holes of the sheets. Fills `output` as ContactOutput says for the law `cutting`. The wrench and
+/// holes of the sheets. `pose_interval_s`: time since the previous new pose; 0: the pose is not
+/// new. Fills `output` as ContactOutput says for the law `cutting`. The wrench and
 /// the stored energy are those of the tissue, before multiplication by SceneForceLaw::force_scale.
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,

@@ -49,7 +49,9 @@ struct DeviceCoupling {
   /// rotation. With prediction, tests show passivity only up to inertia_limit.
   double inertia_share = 0;
   double inertia_limit = kMaxInertiaShare;  ///< kMaxInertiaShare divided by StiffnessLimits::margin
-  double max_N = 0;  ///< largest tissue force along the tool that the device can render
+  /// Largest tissue force along the tool that the device can render; 0: the device cannot be at the
+  /// given pose.
+  double max_N = 0;
   /// The stiffness that the device states or the operator's limit, whichever is smaller, divided by
   /// the force scale. It is infinite if neither is stated.
   double ceiling_N_per_m = 0;

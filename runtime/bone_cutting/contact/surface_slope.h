@@ -10,7 +10,7 @@
 //     pixels from slice to slice. Therefore the slope is fitted to all slices within kSlopeWindow_m
 //     of the surface. The fitted slope is at most kMostSteeper times as steep as the slope between
 //     the two slices nearest to the surface.
-//  2. The slope is 0 at the end of a bone volume and on a step wider than EdgeDistance::kReach_mm.
+//  2. The slope is 0 at the top of a bone volume and on a step wider than EdgeDistance::kReach_mm.
 //  3. If there is no surface close below the tip, a face of the tip touches an edge of the bone.
 //     The slope is then that of the tip's face, and the gradient points away from the material.
 #pragma once

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes the mechanics of one tool in one bone volume, tick by tick. In each tick a massless
 // proxy of the tool moves to the minimum of a potential. The potential is the sum of the energies
-// of these elements: the coupling of the proxy to the plate, the tip's spring against the cutting
-// front (the depth down to which bone has been cut), friction of the shaft along and around its
-// axis, friction of the tip, the tip's resistance to being turned, and the walls of the hole. Each
-// element is elastic up to a limit force. At this force it yields, and yielding only dissipates
-// energy (incremental variational plasticity: Ortiz and Stainier, 1999). In a tick the front moves
-// down to the first equilibrium that it reaches, possibly through several slabs. (A front that
-// moved to the global minimum of the energy would cut through a hard layer, such as a cortical
-// shell, long before the force reaches that layer's strength.)
+// of these elements:
+//  - the coupling, a spring between the proxy and the plate
+//  - the tip's spring against the cutting front (the depth down to which bone has been cut)
+//  - friction of the shaft along and around its axis
+//  - friction of the tip, its resistance to being turned, and the hold of crushed bone on the tip
+//  - the walls of the hole
+//  - layers of soft tissue over the bone
+// Each element is elastic up to a limit force. At this force the element yields, and yielding only
+// dissipates energy (incremental variational plasticity: Ortiz and Stainier, 1999). In a tick the
+// front moves down to the first equilibrium that it reaches, possibly through several slabs. (A
+// front that moved to the global minimum of the energy would cut through a hard layer, such as a
+// cortical shell, long before the force reaches that layer's strength.)
 //
 // Contract (tests/runtime/bone_cutting/law/cutting_law_test.cpp, cutting_energy_test.cpp, hole_test.cpp):
 //  1. The law is passive except for the energy introduced by the zero-order hold. Let w be the
@@ -41,7 +45,7 @@
 //     the energy of the tip's spring depends only on its stretch, and the stretch grows by the
 //     displacement of the tip along the direction of the force. So when the tip drifts to the side,
 //     the front moves down with the drift, and the spring's energy does the work on the wall.
-//  8. A tick does not allocate, lock or call the system, and takes at most `most_steps` Newton
+//  8. A tick does not allocate, lock or call the system, and takes at most `max_steps` Newton
 //     steps.
 //
 // Depth is -z of {B}: the tool enters the bone downwards, within kMaxTilt_deg of upright.
@@ -75,16 +79,16 @@ struct CuttingTool {
 
 /// Spring from the plate to the proxy, acting about the plate's origin.
 struct CuttingCoupling {
-  bool is_rigid = false;  ///< the proxy is the plate
+  bool is_rigid = false;  ///< there is no spring: the proxy has the plate's pose
   double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;
-  /// Largest force and moment that the device can render. When the coupling reaches one of them,
-  /// its force or moment stays constant (Huber).
+  /// Largest force and moment of the coupling, chosen so that the device can render them. A spring
+  /// that is stretched beyond its limit keeps this force or moment (Huber).
   double max_force_N = std::numeric_limits<double>::infinity();
   double max_moment_Nm = std::numeric_limits<double>::infinity();
 };
 
-/// Largest tangent of the angle between the shaft and the normal of the surface under the tip. It
-/// is that of 60 degrees.
+/// Largest tangent of the angle between the shaft and the normal of the surface under the tip: the
+/// tangent of 60 degrees.
 inline constexpr double kMaxSlope = 1.7320508075688772;
 
 /// Largest number of Gauss points of a hole's wall in each slab. The wall acts on the shaft at
@@ -173,7 +177,7 @@ struct CuttingSlab {
 /// State of one hole in one slab.
 struct CuttingHoleSlab {
   double cut_m = -std::numeric_limits<double>::infinity();  ///< depth down to which the hole is cut
-  double embedded_m = 0;                                    ///< depth filled by the shaft
+  double embedded_m = 0;  ///< vertical length of the slab that the shaft fills
   /// Stiffness of the wall at one Gauss point, and force at which it yields there, in the last
   /// tick.
   double wall_N_per_m = 0, wall_most_N = 0;
@@ -191,9 +195,9 @@ struct CuttingHole {
 struct CuttingState {
   bool has_begun = false;  ///< false: in the next tick the proxy starts at the plate
   Pose T_device_proxy;
-  /// Distance from the front to the tip, along the shaft. A positive stretch loads the tip's
-  /// spring. It is carried from tick to tick and must not be recomputed from the geometry, because
-  /// that would add energy.
+  /// Distance along the shaft from the front down to the tip, negative if the tip is above the
+  /// front. A positive stretch loads the tip's spring. The stretch is carried from tick to tick and
+  /// must not be recomputed from the geometry, because this would add energy.
   double stretch_m = 0;
   /// Index of the slab of thickness 0 on which the front rests; -1: none. Until the front cuts this slab, the front stays at the slab's
   /// depth. The depth is not recomputed from the stretch, even if the tool tilts.
@@ -208,10 +212,12 @@ struct CuttingState {
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();
   double tip_friction_N_per_m = 0;  ///< stiffness of the tip's friction in the last tick
   Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();  ///< elastic slip of the tip's friction
-  double hold_tip_N = 0;    ///< largest recent force of the tip on the bone around the tip
+  /// Largest recent force of the tip on the bone. It decays towards the present force while the
+  /// front advances by about a diameter of the tool.
+  double hold_tip_N = 0;
   double hold_depth_m = 0;  ///< largest depth of the tip while hold_tip_N has been positive
   double hold_N_per_m = 0;  ///< stiffness of the hold in the last tick
-  /// Elastic slip of the hold along the shaft. It has the sign of stretch_m and is at most 0.
+  /// Elastic slip of the hold along the shaft: negative while the hold resists withdrawal, else 0.
   double hold_slip_m = 0;
   double torsion_N_per_m = 0;  ///< stiffness against the tip's rotation in the last tick
   double torsion_slip_m = 0;   ///< elastic slip of this rotation, at the tool's radius
@@ -244,8 +250,10 @@ struct CuttingResult {
   double cut_J = 0;                       ///< work of cutting bone in this tick
   double layer_N = 0;                     ///< force of the soft layers, along the shaft
   double layer_cut_J = 0;  ///< work of cutting soft layers in this tick, not contained in cut_J
-  double front_m = 0;      ///< depth of the front, or of the next material below the tip
-  double embedded_m = 0;   ///< embedded length of the shaft in all slabs
+  /// Depth of the front. If the tip is not under load: depth of the next uncut bone below the tip,
+  /// or infinity if there is none.
+  double front_m = 0;
+  double embedded_m = 0;  ///< embedded length of the shaft in all slabs
   /// Slabs whose bottom the front passed in this tick, [from, to). The caller requests holes in the
   /// meshes of these slabs. A slab is reported once for each hole through the slab. If
   /// CuttingState::holes is empty, the range is empty.
@@ -256,8 +264,9 @@ struct CuttingResult {
 };
 
 /// Runs one tick. Precondition: `state` was made for as many slabs as `slabs` has.
-/// `T_device_plate`: the pose at which the law is evaluated. If this is a predicted pose, the
-/// caller must correct the energy account for the difference from the measured pose.
+/// `T_device_plate`: the pose at which the law is evaluated. If this is a predicted pose, dx in
+/// contract 1 is the displacement between predicted poses. The caller then computes the work on the
+/// real plate from the measured poses.
 void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
                   std::span<const CuttingSlab> slabs, CuttingState& state,
                   CuttingResult& result) noexcept;

@@ -8,9 +8,9 @@
 
 namespace trocar::runtime {
 
-/// Moves the proxy, the front and the fronts of soft layers to the equilibrium. When the function
-/// is called, `e` is the potential at the start of the tick. When it returns, `e` is the potential
-/// at the equilibrium.
+/// Moves the proxy, the front and the fronts of soft layers to the equilibrium. Precondition: `e`
+/// is the potential at the start of the tick. On return `e` is the potential at the proxy's new
+/// pose. If Newton's method did not converge, `out.has_converged` is false.
 void settle(Tick& tick, Evaluation& e, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime

@@ -15,9 +15,9 @@ void find_front(Tick& tick) noexcept;
 
 /// Advance of the front along the shaft.
 struct Advance {
-  /// Length and work of the advance, and strength of the material that is cut at its end.
+  /// Length and work of the advance, and strength of the material at its lower end.
   double length_m = 0, work_J = 0, strength_N = 0;
-  bool ends_free = false;  ///< at the end the tip presses on nothing
+  bool ends_free = false;  ///< after the advance the tip presses on nothing; strength_N is 0
 };
 
 /// Computes the advance after which the tip's force no longer exceeds the strength. The force is `tip_N`
@@ -31,7 +31,7 @@ int bearing_slab(const Tick& tick) noexcept;
 /// Moves the front by `advance`, and adds the work to `out`.
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 
-/// Values that take() changes. remember() copies them, and take_back() restores them.
+/// Copy of the values that take() changes. remember() makes the copy, take_back() restores it.
 struct FrontMemory {
   double stretch_m, front_m, cut_J;
   bool is_free;

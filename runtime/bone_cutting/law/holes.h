@@ -10,8 +10,8 @@ namespace trocar::runtime {
 
 /// Sets `tick.hole` to the hole that the tool is in or would enter.
 void choose_hole(Tick& tick) noexcept;
-/// Returns the depth down to which a slab is already cut at the tool's position; minus infinity:
-/// the slab is uncut.
+/// Returns the depth down to which a slab is already cut at the tool's position, or minus infinity
+/// if the slab is uncut.
 double cut_of(const Tick& tick, int slab) noexcept;
 /// Updates whether the tool is in a hole. The tool is in a hole as long as both the tip and the
 /// front are below the top of the hole's first slab.
@@ -21,8 +21,9 @@ void enter_or_leave(Tick& tick) noexcept;
 /// force.
 void embed(Tick& tick) noexcept;
 
-/// Call this at the end of a tick in which the tool is in a hole. Walls that are loaded beyond
-/// their strength stay where the shaft pushed them. Returns the energy that the walls store (J).
+/// Call this at the end of a tick in which the tool is in a hole. `tip`, `axis`: the tool at the
+/// end of the tick. Walls that are loaded beyond their strength stay where the shaft pushed them.
+/// Returns the energy that the walls store (J).
 double yield_walls(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis) noexcept;
 /// Records as cut what the front has passed in this tick, and sets the range of passed slabs in
 /// `out`. If the tool is not in a hole, a new hole begins at its position.

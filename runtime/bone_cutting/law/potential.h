@@ -18,7 +18,7 @@ struct Evaluation {
   /// The potential V in joules, and the parts that its elements contribute.
   double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0, viscous_J = 0, layer_J = 0,
          tip_friction_J = 0, hold_J = 0, torsion_J = 0;
-  double pressed_N_per_m = 0;        ///< stiffness of the tip and the soft layers along the shaft
+  double pressed_N_per_m = 0;        ///< stiffness of tip and soft layers together, along the shaft
   double pressed_m = 0;              ///< growth of the tip's stretch since the start of the tick
   double tip_N = 0, coupling_N = 0;  ///< force on the tip, and force of the coupling
   /// Slides of the shaft since the start of the tick: along the shaft, and around the shaft.
@@ -34,9 +34,9 @@ struct Evaluation {
   bool walls_yield = false, is_saturated = false;  ///< is_saturated: the coupling is at its limits
 };
 
-/// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is not the second
-/// derivative of V but that of a parabola that touches the potential at X and lies above it
-/// elsewhere, even where elements yield (yield_spring.h). The function counts its calls in `out`.
+/// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is the second derivative
+/// of a parabola that touches the potential at X and lies above the potential elsewhere, even where
+/// elements yield (yield_spring.h). The function counts its calls in `out`.
 void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
               CuttingResult& out) noexcept;
 

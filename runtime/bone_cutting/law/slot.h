@@ -50,7 +50,8 @@ class Slot {
     double x_m = 0, y_m = 0;
     bool beside_corner = false;  ///< the nearest point of the hull is a corner
   };
-  /// Returns the offset of `p_m`. The search starts at the result for the previous point.
+  /// Returns the offset of `p_m`. The search starts at the edge or corner that was nearest to the
+  /// previous point.
   Offset offset(const Eigen::Vector2d& p_m) const noexcept {
     if (size_ == 1) return {p_m.x() - corners_[0].x(), p_m.y() - corners_[0].y(), true};
     if (size_ == 2) {
@@ -101,8 +102,8 @@ class Slot {
  private:
   Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
   /// Result of nearest_of_many(). kInside: all points are inside the hull. kCorner, kEdge: this
-  /// corner or edge is nearest to all points. kSeveral: several parts are nearest, or it is not
-  /// known.
+  /// corner or edge is nearest to all points. kSeveral: several parts are nearest, or the search
+  /// could not decide.
   struct Nearest {
     enum { kInside, kCorner, kEdge, kSeveral } part = kSeveral;
     Eigen::Vector2d offset_m = Eigen::Vector2d::Zero(), edge_m = Eigen::Vector2d::Zero();
@@ -112,7 +113,8 @@ class Slot {
 
   // The members are ordered so that a slot with one or two corners uses a single cache line.
   int size_ = 0;
-  mutable int last_edge_ = 0;  // edge nearest to the previous point, or edge whose first corner is
+  // Edge nearest to the previous point. If a corner was nearest: the edge that begins there.
+  mutable int last_edge_ = 0;
   double clearance_m_ = 0;
   Eigen::Vector2d middle_m_ = Eigen::Vector2d::Zero();
   double disc_m_ = 0;  // radius of a disc around middle_m_ that lies inside the hull

@@ -18,7 +18,7 @@ struct Tick {
   CuttingState& state;
   std::span<const SoftLayer> layers;  ///< layers that have an entry in `state`
 
-  /// The proxy's pose at the start of the tick. Slides are measured from this pose. `axis` and
+  /// The proxy's pose at the start of the tick, from which displacements are measured. `axis` and
   /// `tip` are the tool's axis and tip at this pose, in {B}. `down` is the downward component of
   /// `axis`, and `back` is the inverse of the pose's rotation.
   Pose start{};
@@ -35,7 +35,7 @@ struct Tick {
 
   int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none
   double front_m = 0, first_front_m = 0;  ///< depth of the front now, and at the tick's start
-  bool is_free = false;          ///< the front has moved so far that the tip presses on nothing
+  bool is_free = false;          ///< after the front's last advance the tip presses on nothing
   double embedded_m = 0;         ///< embedded length of the shaft in all slabs
   double friction_N = 0;         ///< friction force at which the shaft slides
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft
@@ -74,7 +74,7 @@ struct Tick {
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
   }
 
-  /// Returns the vector from the axis to `press`, on a surface with this slope.
+  /// Returns `press` minus `axis` for a surface with this slope.
   Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
     const Eigen::Vector3d upward(slope.x(), slope.y(), 1);
     const double along = upward.dot(axis);
@@ -84,7 +84,7 @@ struct Tick {
 
   int slab_count() const noexcept { return static_cast<int>(slabs.size()); }
   const CuttingSlab& slab(int i) const noexcept { return slabs[static_cast<std::size_t>(i)]; }
-  /// Index of the first slab whose bottom is at this depth or below it.
+  /// Index of the first slab whose bottom is at this depth or deeper; slab_count() if none is.
   int slab_at(double depth_m) const noexcept {
     const auto at = std::lower_bound(slabs.begin(), slabs.end(), depth_m,
                                      [](const CuttingSlab& s, double d) { return s.bottom_m < d; });

@@ -2,11 +2,11 @@
 // Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss
 // points at which the wall acts, and each Gauss point has a slot (slot.h), which is the region in
 // which the shaft's axis does not press on the wall. While the shaft stays close to a reference
-// position and the wall does not yield at a Gauss point, the nearest corner or edge of that point's
-// slot stays the same. The energy of the point is then a quadratic function of the shaft's
-// displacement, and so is the sum over such points. Therefore usually only the first evaluation of
-// a tick visits all points. The other evaluations visit only the few points whose energy is not
-// quadratic.
+// position, the nearest corner or edge of most slots stays the same. If, in addition, the wall does
+// not yield at such a point, the energy of the point is a quadratic function of the shaft's
+// displacement. The sum over all these points is quadratic as well, and its coefficients are kept.
+// Therefore usually only the first evaluation of a tick visits all points. Later evaluations visit
+// only the few points whose energy is not quadratic.
 //
 // Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all points. Apart
 // from rounding, the sum does not depend on earlier poses.

@@ -14,7 +14,7 @@
 //    two public programs for vertebrae. One program uses them with K2HPO4-equivalent density, and
 //    the other one calls the density apparent. The power law appears in the first program. Trocar
 //    uses both laws with QCT density.
-//  - Morgan 2003: the abstract says apparent density, and exponents from 1.49 to 2.18 that depend
+//  - Morgan 2003: the abstract names apparent density, and exponents from 1.49 to 2.18 that depend
 //    on the anatomical site. The coefficients for vertebrae appear in the same two programs.
 //  - Keller 1994: one public program has the coefficients for ash density of the spine, and other
 //    programs use Keller's law for the femur with ash density. Trocar uses the law with ash
@@ -23,8 +23,8 @@
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
 //  1. Values are those of the published formulas, but never negative: below its root a linear law is 0.
 //  2. If the calibration gives another kind of density than the law needs, and a conversion is not
-//     allowed or not known, estimate() returns no value. Otherwise the result names the conversion
-//     that was applied.
+//     allowed or not known, estimate() returns no value. If a conversion was applied, the result
+//     names the conversion.
 #pragma once
 
 #include <optional>
@@ -37,7 +37,7 @@ enum class DensityKind { kQct, kAsh, kApparent };
 std::string_view name_of(DensityKind kind) noexcept;
 
 /// density = at_0_HU + per_HU * HU. The default is typical of scanners at 120 kV (0.8 mg/cm^3 of
-/// K2HPO4 per HU). The default is not a measurement, and results that use it are marked as assumed.
+/// K2HPO4 per HU). The default is not a measurement. `is_assumed` marks a calibration without one.
 struct HuCalibration {
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
   DensityKind kind = DensityKind::kQct;

@@ -11,10 +11,11 @@
 //     extends as far as on its other side. A slab without any neighbour extends, on each side,
 //     by half the smallest spacing of the solid's slices. So no slab fills the gap that slices
 //     without material leave.
-//  2. For a tissue with CutTissue, the values are those of tool_in_tissue.h. A tissue without
-//     CutTissue states the forces on the scene's tool. Its threshold and stiffness are those of the
-//     tip, whatever the tip's shape. If the tissue states no rim stiffness, threshold and stiffness
-//     divided by the tool's area are also the strength and the stiffness of the walls per area.
+//  2. If a tissue has a CutTissue (strength per area and so on), tool_in_tissue.h computes the
+//     values for the tool. A tissue without CutTissue states the forces on the scene's tool. Its
+//     threshold and stiffness are those of the tip, whatever the tip's shape. If such a tissue
+//     states no rim stiffness and its slab is not of thickness 0, threshold and stiffness divided
+//     by the tool's area are also the strength and the stiffness of the walls per area.
 //  3. The direction in which a bevelled tip is pushed is the same during a session. It follows from
 //     the lateral force and the strength in the uppermost tissue with CutTissue, at its mean HU.
 //     Without such a tissue, a bevelled tip is not pushed to one side.
@@ -39,7 +40,7 @@
 namespace trocar::runtime {
 
 inline constexpr double kMaxSlabGap_m = 3e-3;
-inline constexpr double kSlabGapRounding_m = 1e-9;
+inline constexpr double kSlabGapRounding_m = 1e-9;  ///< added to kMaxSlabGap_m
 /// Number of holes that the law `cutting` remembers during a session.
 inline constexpr std::size_t kMaxRememberedHoles = 32;
 
@@ -57,7 +58,7 @@ struct BoneSheet {
   const BoneLaw* law = nullptr;
   HuCalibration calibration;
   double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
-  /// Change of the shaft's friction per embedded length for each pascal of pressure_Pa().
+  /// Change of the shaft's friction per embedded length if pressure_Pa() changes by 1 Pa.
   double friction_N_per_m_Pa = 0;
   CutMaterial material;             ///< values at the slice's mean HU
   bool states_tool_forces = false;  ///< the tissue states the tool's forces (contract 2)
@@ -65,7 +66,7 @@ struct BoneSheet {
   double top_m = 0, bottom_m = 0;   ///< depths of the top and the bottom of the sheet's slabs
   bool meets_above = false, meets_below = false;  ///< the slice has a neighbour there (contract 1)
 
-  /// Pressure under a flat tip in bone of this HU. Precondition: `law` is not null.
+  /// Pressure at which bone of this HU fails under a flat tip. Precondition: `law` is not null.
   double pressure_Pa(double hu) const noexcept;
   CutMaterial material_at(double hu) const noexcept;  ///< values in bone of this HU
   /// Friction of the shaft per embedded length in bone of this HU. `nominal_N_per_m`: this friction
@@ -74,9 +75,9 @@ struct BoneSheet {
   /// Strength of the shell over bone of this HU, if the strength of this bone is `strength_N`.
   /// Where nothing supports the shell, its strength is at most that of a thin wall (thin_wall.h).
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
-  /// Strength of the front in bone of this HU. `slice_push`: as for tool_in_tissue().
+  /// Strength of the front in bone of this HU. `slice_push`: result of slice_push().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
-  /// Moment that is necessary to turn the tool in bone of this HU at this slice-push ratio
+  /// Moment that turns the tool in bone of this HU at this slice-push ratio
   /// (ToolInTissue::torsion_Nm). 0 if the tissue states the tool's forces.
   double torsion_Nm(const ToolShape& shape, double hu, double slice_push) const noexcept;
 };
@@ -86,10 +87,10 @@ struct BoneVolume {
   double radius_m = 0;  ///< radius of the disc that has the area of the tool's cross-section
   ToolShape shape;
   bool twists = false;             ///< SceneForceLaw::twist
-  CuttingOptions options;          ///< the coupling is the scene's, before the device limits it
+  CuttingOptions options;          ///< its coupling: as the scene states, without device limits
   double shell_m = 0;              ///< thickness of the cortical shell; 0: there is none
   std::vector<BoneSheet> sheets;   ///< in the order of the session's sheets: topmost first
-  std::vector<CuttingSlab> slabs;  ///< slabs with their nominal strengths
+  std::vector<CuttingSlab> slabs;  ///< strength: BoneSheet::nominal_N
   std::vector<int> sheet_of_slab;  ///< index of each slab's sheet
   std::vector<SoftLayer> layers;   ///< uppermost first
   /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction), and

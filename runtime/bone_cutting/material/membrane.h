@@ -2,8 +2,8 @@
 // The force with which a tool breaks through a layer of soft tissue, computed from the tissue's
 // fracture toughness. A pointed tip opens a crack. The length of the crack is the width of the tip
 // at one layer thickness behind its point, but at most the length of the crack that the whole tool
-// opens (torn_length_m()). The force of tearing is 61 % of the whole force, and the rest is due to
-// spreading and friction (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
+// opens (torn_length_m()). Tearing accounts for 61 % of the force of the tool, and spreading and
+// friction account for the rest (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
 //
 // Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):
 //  1. For a pointed tip and a layer of thickness h, force = toughness * min(torn length, 2 h tan(half angle)) /
@@ -14,7 +14,7 @@
 
 namespace trocar::runtime {
 
-/// Force of tearing as a fraction of the whole force.
+/// Force of tearing divided by the whole force on the tool.
 inline constexpr double kTearingFraction = 0.61;
 
 /// Returns the force (contract 1). `toughness_J_per_m2`: work per area of crack. Precondition: the

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes the slabs of a bone volume from values at its slices. A slab extends half-way to the
-// neighbouring slices. Within a slab the strength is linear in depth, and the mean strength is the
-// slice's value, wherever the slice lies in the slab. So the work of cutting through the slab is
-// its thickness times the slice's value. A shell has a thickness and strength of its own.
+// Computes how the strength varies within each slab, from values at the slices. A slab extends
+// half-way to the neighbouring slices. Within a slab the strength is linear in depth, and its mean
+// is the slice's value, wherever the slice lies in the slab. So the work of cutting through the
+// slab is its thickness times the slice's value. A shell has a thickness and strength of its own.
+// A session uses only strength_ends(). Tests and benchmarks call make_slabs().
 //
 // Contract (tests/runtime/bone_cutting/material/slabs_test.cpp):
 //  1. The slabs cover the volume without gaps, from half a spacing above the first slice to half
 //     a spacing below the last. The mean strength of a slab is the value of its slice. The slope
 //     of the strength is that of the straight line through the values of the two neighbouring
-//     slices, within a limit (a slope limiter: B. van Leer, J. Comput. Phys. 23, 1977). The
-//     strength at each end of the slab may leave the range between the slab's own value and the
-//     value of the neighbour on that side by at most 5 % of the own value, and is never negative.
-//     The range prevents overshoot at a jump, such as a thin cortex next to soft bone. The 5 % let
-//     a strength that varies smoothly keep its maxima.
+//     slices, unless a slope limiter reduces it (B. van Leer, J. Comput. Phys. 23, 1977). The
+//     limiter works as follows. At each end of the slab there is a range, from the slab's own value
+//     to the value of the neighbour on that side. The strength at that end leaves this range by at
+//     most 5 % of the own value, and is never negative. The range prevents overshoot at a jump,
+//     such as a thin cortex next to soft bone. The 5 % let a strength that varies smoothly
+//     keep its maxima.
 //     In the first and the last slab the strength is constant.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
@@ -27,6 +29,7 @@
 
 namespace trocar::runtime {
 
+/// Values at one slice. The last three are those of CuttingSlab.
 struct BodySlice {
   double depth_m = 0;
   double strength_N = 0;  ///< force on the tip at which the cutting front advances
@@ -44,9 +47,10 @@ std::array<double, 2> strength_ends(double strength_N, double above_N, double ab
                                     double below_N, double below_gap_m,
                                     double thickness_m) noexcept;
 
-/// Makes the slabs. Throws std::invalid_argument if the depths do not ascend, if shells overlap, or
-/// if the thickness of a shell is not positive. For fewer than two slices the result is empty,
-/// because there is no spacing.
+/// Makes the slabs. `clearance_m`: CuttingSlab::clearance_m of every slab. Throws
+/// std::invalid_argument if the depths do not ascend, if shells overlap, or if the thickness of a
+/// shell is not positive. For fewer than two slices the result is empty, because there is no
+/// spacing.
 std::vector<CuttingSlab> make_slabs(std::span<const BodySlice> slices,
                                     std::span<const BodyShell> shells, double clearance_m);
 

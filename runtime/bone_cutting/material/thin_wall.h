@@ -8,7 +8,8 @@
 // (tests/bench/published_forces.json).
 //
 // Contract (tests/runtime/bone_cutting/material/thin_wall_test.cpp):
-//  1. Let t be the thickness, a the radius of the tip and R the free radius.
+//  1. Let t be the thickness, a the radius of the tip and R the free radius. The other names are
+//     members of ThinWall.
 //       bending = clamping * pi * (flow * t^2 / 4) / (1 - 2 min(a, R) / (3 R))
 //       punching = 2 pi a t * shear
 //  2. The flow stress of cortex is 100 MPa at 1.9 g/cm^3. It is proportional to the square of the

@@ -8,8 +8,8 @@
 //       coverage * (pressure * A * (1 + mu cot(half angle)) + tearing * torn length).
 //     A is the cross-section of the displaced material: a disc, or the ring of a hollow tool. The
 //     term mu cot(half angle) is due to friction of the tip's faces, with the coefficient mu,
-//     against material that presses on all faces with the same pressure. It is the same for a cone,
-//     a pyramid and a bevel, and it is 0 for a flat or hollow tip.
+//     against material that presses on all faces with the same pressure. This term is the same for
+//     a cone, a pyramid and a bevel. It is 0 for a flat or hollow tip.
 //  2. The torn length of a flat or hollow tip is the length of its outline, because the tip stamps
 //     a disc or ring out of the material. The torn length of a pointed tip is the length of the
 //     crack that the wedge opens (Shergold and Fleck, Proc. R. Soc. A 460, 2004): a diameter for a
@@ -19,7 +19,8 @@
 //     tearing force by 1 / (1 + xi^2). The necessary moment is R times xi / (1 + xi^2) times the
 //     tearing force without twist (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004). Friction
 //     on the faces acts along the direction of slip, so its component along the axis is multiplied
-//     by 1 / sqrt(1 + xi^2). The pressure does not change. The component of this friction around
+//     by 1 / sqrt(1 + xi^2). The pressure on the tip does not depend on the
+//     twist. The component of this friction around
 //     the axis has the mean lever of a disc or ring, 2 (R^3 - r^3) / (3 (R^2 - r^2)) with the radius
 //     r of the bore. Its moment is added to the moment of tearing:
 //       mu * pressure * A / sin(half angle) * lever * xi / sqrt(1 + xi^2).
@@ -57,7 +58,7 @@ struct ToolShape {
 
 struct CutMaterial {
   double strength_Pa = 0;      ///< pressure under a flat punch at which the material fails
-  double tearing_N_per_m = 0;  ///< tearing force per torn length, or work per torn area (J/m^2)
+  double tearing_N_per_m = 0;  ///< tearing force per torn length; equals the work per torn area
   double face_friction = 0;    ///< friction coefficient of the tip's faces
   double modulus_Pa = 0, poisson = 0.3;
   double friction_Pa = 0;          ///< shear stress at which the wall slides along the shaft
@@ -82,11 +83,11 @@ bool is_flat(const ToolShape& tool) noexcept;
 double displaced_area_m2(const ToolShape& tool) noexcept;
 double torn_length_m(const ToolShape& tool) noexcept;
 
-/// Values for CuttingSlab and CuttingOptions: strength_N is for the strength at the top and bottom
-/// of a slab, and each other value is for the field of the same name.
+/// Values for the fields of CuttingSlab and CuttingOptions that have the same names. `strength_N`
+/// is for strength_top_N and strength_bottom_N of a slab.
 struct ToolInTissue {
   double strength_N = 0;  ///< force on the tip at which the cutting front advances
-  double torsion_Nm = 0;  ///< moment that is necessary to turn the tool (contract 3)
+  double torsion_Nm = 0;  ///< moment that turns the tool (contract 3)
   double lateral_N = 0;   ///< lateral force of a bevel while the front advances (contract 6)
   double tip_N_per_m = 0;
   double friction_N_per_m = 0, presliding_m = 0;
@@ -94,7 +95,8 @@ struct ToolInTissue {
 };
 
 /// Computes the values. `share`: the coverage, which is the fraction of the tool's outline over
-/// material that is not yet cut. Precondition: tool and tissue are valid (error_of()).
+/// material that is not yet cut. `slice_push`: result of slice_push(). Precondition: tool and
+/// tissue are valid (error_of()).
 ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
                             double slice_push = 0) noexcept;
 
