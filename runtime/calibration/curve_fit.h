@@ -10,7 +10,8 @@
 // Quantities that a force-depth curve does not separate are given as one value:
 //  - The cutting force is the sum of the pressure force under the tip, the friction on the tip's
 //    faces and the tearing force.
-//  - Friction per length is the coefficient of friction times the pressure on the shaft times its circumference.
+//  - Friction per length is the product of the coefficient of friction, the pressure on the shaft
+//    and the circumference of the shaft.
 //  - If the curve has no withdrawal, friction and drift (the change of the strength with depth)
 //    give one slope.
 #pragma once
@@ -33,8 +34,8 @@ struct FittedPoint {
   double depth_mm = 0, force_N = 0;  ///< mean over a short stretch of the curve
   double fitted_N = 0;
   bool is_withdrawal = false;
-  /// False: the point is left out of the fit, because the tool turns round or the force
-  /// bends there.
+  /// False: the fit leaves the point out, because it lies where the withdrawal begins, or where the
+  /// force bends or falls.
   bool is_used = true;
 };
 
@@ -44,16 +45,16 @@ struct CurveFit {
   /// few points, only a lower bound of the stiffness is known, and `high` is infinite.
   FittedValue stiffness_N_per_mm;
   FittedValue cutting_N;  ///< force of the tip at the middle of the cut
-  double middle_mm = 0;   ///< depth of this middle below the surface
+  double middle_mm = 0;   ///< depth below the surface at which cutting_N holds
   /// Friction per length of the tool in the tissue. Without a withdrawal this value
   /// includes the drift.
   FittedValue friction_N_per_mm;
   /// Change of the cutting force with depth; none if the curve has no withdrawal.
   std::optional<FittedValue> drift_N_per_mm;
-  /// A hard layer at the surface, if the curve shows one: its force and its thickness.
+  /// Force and thickness of a hard layer at the surface; none: the curve shows no such layer.
   std::optional<FittedValue> layer_N, layer_mm;
   double baseline_N = 0;  ///< force before contact, which has been subtracted
-  /// Standard deviation of the correlated part of the residuals, where the force is largest.
+  /// Standard deviation of the residuals' correlated part at the largest force (residual_noise.h).
   double structure_N = 0;
   double correlation_mm = 0;  ///< integral of the residuals' correlation over depth
   double noise_N = 0;         ///< standard deviation of the load cell's noise
@@ -62,10 +63,10 @@ struct CurveFit {
   std::vector<FittedPoint> points;
 };
 
-/// Fits the law to a curve. `diameter_mm`: the tool's diameter. When the tool turns round, crushed
-/// tissue holds the tip over about this length. The points of this stretch are left out. Errors:
-/// those of rough_curve(); kRefused if no fit is found, nothing was cut, or the curve is not like
-/// an insertion. The messages do not contain the file's name.
+/// Fits the law to a curve. `diameter_mm`: the tool's diameter. When the withdrawal begins, crushed
+/// tissue holds the tip over about this length, so the points of this stretch are left out. Errors:
+/// those of rough_curve(); kRefused if no fit is found, if nothing was cut, or if the fit explains
+/// at most half of the force's variance. The messages do not contain the file's name.
 Result<CurveFit> fit_curve(const ForceCurve& curve, double diameter_mm);
 
 }  // namespace trocar::runtime

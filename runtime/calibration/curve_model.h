@@ -25,7 +25,7 @@ enum CurveParameter : std::uint8_t {
   kFriction,      ///< friction per embedded length, N/mm
   kDrift,         ///< change of the strength with depth, N/mm
   kLayerForce,    ///< strength of the hard layer, N
-  kLayerEnd,      ///< depth of the middle of the force's fall at the layer's end, mm
+  kLayerEnd,      ///< depth of the middle of the stretch in which the layer's force falls, mm
   kCurveParameters
 };
 using CurveParameters = std::array<double, kCurveParameters>;
@@ -33,11 +33,11 @@ using CurveParameters = std::array<double, kCurveParameters>;
 struct CurveShape {
   double middle_mm = 0;  ///< cut depth at which kCutting holds
   bool has_layer = false;
-  double fall_mm = 0.1;  ///< length of the force's fall at the layer's end; above 0
+  double fall_mm = 0.1;  ///< length of the stretch in which the layer's force falls; above 0
 };
 
-/// These two functions return the force in N at a depth in mm, during the insertion and
-/// during the withdrawal.
+/// Force in N at a depth in mm: insertion_N() during the insertion, withdrawal_N() during the
+/// withdrawal.
 double insertion_N(const CurveParameters& parameters, const CurveShape& shape, double depth_mm);
 double withdrawal_N(const CurveParameters& parameters, double depth_mm);
 

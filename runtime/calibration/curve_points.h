@@ -26,12 +26,12 @@ std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size
 
 struct RoughCurve {
   std::vector<CurveMean> insertion, withdrawal;
-  double noise_N = 0;         ///< standard deviation of one point's noise
-  double baseline_N = 0;      ///< mean force before contact; 0 if it is not known
-  bool has_baseline = false;  ///< enough of the curve lies before contact
-  double contact_mm = 0;
-  double spacing_mm = 0;       ///< mean distance in depth between the insertion's means
-  double rise_spacing_mm = 0;  ///< the same distance where the force first rises
+  double noise_N = 0;          ///< standard deviation of one point's noise
+  double baseline_N = 0;       ///< mean force before contact; 0 if it is not known
+  bool has_baseline = false;   ///< enough of the curve lies before contact
+  double contact_mm = 0;       ///< depth at which the tool touches the tissue
+  double spacing_mm = 0;       ///< mean difference in depth between neighbours in `insertion`
+  double rise_spacing_mm = 0;  ///< the same mean over the stretch in which the force first rises
   /// Straight line through the deeper part of the curve: its force above the baseline at the
   /// contact's depth, and its slope.
   double cutting_N = 0, slope_N_per_mm = 0;

@@ -14,12 +14,12 @@ namespace trocar::runtime {
 struct CurveSolution {
   CurveParameters parameters{};
   CurveShape shape;
-  double cost = HUGE_VAL;  ///< sum of squares of the residuals after whiten()
+  double cost = HUGE_VAL;  ///< sum of squares of the residuals after whiten() (residual_noise.h)
 };
 
 /// Returns starting values that differ in stiffness. If `has_layer` is true, they also differ in
-/// the depth of the layer's end and in the length of the force's fall there. In that case there are
-/// none if the force falls nowhere.
+/// kLayerEnd and CurveShape::fall_mm. If `has_layer` is true and the force does not fall in the
+/// upper half of the cut, the result is empty.
 std::vector<CurveSolution> starts_of(const RoughCurve& rough, bool has_layer);
 
 }  // namespace trocar::runtime

@@ -4,7 +4,8 @@
 //
 // tool_in_tissue.h computes forces from a tissue and a tool. This file inverts that computation for
 // the tool with which the curve was measured. strength_MPa is the cutting force divided by the
-// displaced area; tearing and face friction are contained in it and have no values of their own.
+// displaced area. The cutting force includes tearing and face friction, so the tissue has no
+// separate values for these.
 // friction_kPa is the friction per length divided by the circumference. modulus_MPa follows from
 // the stiffness with Poisson's ratio 0.3, and stiffness_N_per_m is the stiffness itself.
 // threshold_N is the cutting force. Such a curve does not show how stiff the walls of the hole are,

@@ -19,7 +19,8 @@ namespace trocar::runtime {
 
 inline constexpr std::size_t kMaxCurveBytes = std::size_t{16} << 20;
 inline constexpr std::size_t kMaxCurveRows = 200'000;
-inline constexpr std::size_t kMinCurveRows = 20;  ///< rows of the insertion
+inline constexpr std::size_t kMinCurveRows = 20;  ///< counts the rows of the insertion only
+/// Limits of the insertion's travel: its greatest minus its smallest depth.
 inline constexpr double kMinTravel_mm = 1, kMaxTravel_mm = 500;
 inline constexpr double kMaxCurveForce_N = 1e5;
 
@@ -28,15 +29,15 @@ struct CurvePoint {
 };
 
 struct ForceCurve {
-  std::vector<CurvePoint> insertion;   ///< up to the deepest point
-  std::vector<CurvePoint> withdrawal;  ///< after the deepest point; empty: the curve has none
-  /// Lowest and highest speed of the middle 90 % of the insertion's rows; both 0: the file
-  /// has no speeds.
+  std::vector<CurvePoint> insertion;  ///< up to the deepest point
+  /// After the deepest point. Empty: the withdrawal is missing or shorter than 10 % of the travel.
+  std::vector<CurvePoint> withdrawal;
+  /// 5 % and 95 % quantile of the speeds of the insertion's rows; both 0: the file has no speeds.
   double low_speed_mm_per_s = 0, high_speed_mm_per_s = 0;
 };
 
 /// Parses a curve. Errors: kRefused for unknown, missing or repeated columns, a field that is not a
-/// finite number, too few or too many rows, a travel that is implausible in mm, a depth that goes
+/// finite number, too few or too many rows, a travel outside its limits, a depth that goes
 /// back and forth, or a force that is constant or beyond kMaxCurveForce_N. The message is one line
 /// with `name` and, if a single line of the file is wrong, the number of that line.
 Result<ForceCurve> parse_force_curve(std::string_view csv, const std::string& name);

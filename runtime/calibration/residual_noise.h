@@ -5,17 +5,19 @@
 //
 // A branch of the curve is a stretch without gaps, for example the withdrawal. The residuals of one
 // branch have the covariance
-//   scale^2 (diag(1 / samples) + ratio^2 a_i a_j k(|z_i - z_j| / length)),
-// Here z_i is the depth of point i and a_i the size of the fitted force there, relative to the
-// largest one. This force is that of the tip alone or includes friction. The correlation k is an
-// exponential or a Matern-5/2 function. Residuals of different branches are independent. Many
-// combinations of ratio, length, a and k are tried. The weight of a combination is the product of
-// three factors: its restricted likelihood (H. Patterson, R. Thompson, Biometrika 58, 1971), which
-// accounts for the residuals that the fit has absorbed; a prior for the integral of the correlation
-// (log-normal, median 0.6 mm, geometric standard deviation 1.6); and a prior against a scale above
-// the noise that neighbouring points show. The covariance of the parameters is that of generalised
-// least squares, averaged with these weights over the combinations. So it includes the uncertainty
-// of the correlation itself.
+//   scale^2 (diag(1 / samples) + ratio^2 a_i a_j k(|z_i - z_j| / length)).
+// Here z_i is the depth of point i, and a_i is the fitted force at this point divided by the
+// largest fitted force, but at least 0.03. The fitted force is that of the tip alone or includes
+// friction. The correlation k is an exponential or a Matern-5/2 function. Residuals of different
+// branches are independent. Many combinations of ratio, length, a and k are tried. The weight of a
+// combination is the product of three factors:
+//  - its restricted likelihood (H. Patterson, R. Thompson, Biometrika 58, 1971), which accounts for
+//    the residuals that the fit has absorbed
+//  - a prior for the integral of the correlation: log-normal, median 0.6 mm, geometric standard
+//    deviation 1.6
+//  - a prior that disfavours a scale above the noise of neighbouring points
+// The covariance of the parameters is that of generalised least squares, averaged with these
+// weights over the combinations. So this covariance includes the uncertainty of the correlation.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -30,7 +32,7 @@ struct NoiseBranch {
 };
 
 struct NoisePoints {
-  Eigen::VectorXd depth_mm, samples;
+  Eigen::VectorXd depth_mm, samples;  ///< samples: number of the curve's points in each mean
   /// Expected sizes of the correlated residuals, relative to the largest: `amplitude` if the tip's
   /// force and the friction vary alike, `tip_amplitude` if only the tip's force varies.
   Eigen::VectorXd amplitude, tip_amplitude;
@@ -38,6 +40,7 @@ struct NoisePoints {
   double noise_N = 0;  ///< standard deviation of one sample, from differences of neighbours
 };
 
+/// One combination of the values in the formula above.
 struct NoiseModel {
   double ratio = 1, length_mm = 0.6;
   bool is_smooth = false;  ///< true: Matern-5/2 correlation; false: exponential
