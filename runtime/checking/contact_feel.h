@@ -29,13 +29,14 @@ struct ContactFeel {
   /// Distance by which the front moves down in one tick, m. If the front reaches a gap, the
   /// distance counts only down to the tip.
   Peak front_jump;
-  // Every force law.
+  // Every force law. The wanted force is the force that the device should render.
   /// Force that alternates from tick to tick, N. If kAlternations successive changes of a component
   /// of the wanted force have alternating signs, the smallest of these changes counts.
   Peak alternation;
-  double wanted_least_N = 0;                      ///< smallest wanted force along z
-  Peak wanted_most;                               ///< largest wanted force along z, N
-  double contact_from_s = -1, contact_to_s = -1;  ///< first and last time with force; -1: no force
+  double wanted_least_N = 0;  ///< smallest wanted force along z
+  Peak wanted_most;           ///< largest wanted force along z, N
+  /// First and last time with a wanted force above 0.5 N; -1: none.
+  double contact_from_s = -1, contact_to_s = -1;
   // Motion of the plate after the hand has let go.
   double let_go_distance_m = 0;     ///< largest distance from the position at letting go
   double let_go_speed_m_per_s = 0;  ///< largest speed

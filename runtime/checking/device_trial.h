@@ -28,7 +28,7 @@ struct DeviceTrialOptions {
   bool is_simulated = false;  ///< the device has no motors, so late ticks do no harm
   /// SafetyLimits::no_data_max_s of a session with this device.
   double no_data_max_s = SafetyLimits{}.no_data_max_s;
-  const std::atomic<bool>* stop = nullptr;  ///< ends the trial between two ticks
+  const std::atomic<bool>* stop = nullptr;  ///< if set to true, ends the trial between two ticks
 };
 
 /// Measures the noise of a value that changes slowly, by the value's second differences, to which a
@@ -72,7 +72,8 @@ struct DeviceTrial {
   std::optional<LinkReport> link;           ///< packets and round trips of the link; none: no link
 };
 
-/// Runs a trial. Blocks for the trial's duration. Errors: those of HandDevice::start().
+/// Runs a trial: starts the device, reads it for the trial's duration, and closes it. Blocks until
+/// the end. Errors: those of HandDevice::start().
 Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& options);
 
 /// The trial in words.

@@ -41,11 +41,11 @@ inline constexpr std::uint64_t kMaxDryRunTicks = 60'000;
 /// Result of a dry run for one sheet.
 struct SheetDryRun {
   bool touched = false;       ///< the sheet was loaded or punctured
-  double touched_t_s = 0;     ///< time at which it was first loaded or punctured
-  double loaded_t_s = 0;      ///< last time at which it was loaded
-  double force_max_N = 0;     ///< largest force along z while it was loaded
+  double touched_t_s = 0;     ///< time at which the sheet was first loaded or punctured
+  double loaded_t_s = 0;      ///< last time at which the sheet was loaded
+  double force_max_N = 0;     ///< largest force along z while loaded or at a puncture
   double punctured_t_s = -1;  ///< time of the first puncture; -1: none
-  bool missed = false;        ///< the tool passed it with too little material under the tool
+  bool missed = false;        ///< the tool passed the sheet with too little material under the tool
 };
 
 struct DryRun {
@@ -58,6 +58,7 @@ struct DryRun {
   RecordingRow at_fault;            ///< row of the tick in which the fault was found
   double tip_lowest_m = 0;          ///< lowest height of the tip before any fault
   std::vector<SheetDryRun> sheets;  ///< results in the order of the sheets given
+  /// Largest force delivered to the hand, and largest motor torque.
   double force_max_N = 0, torque_max_Nm = 0;
   std::uint64_t scaled_ticks = 0;   ///< ticks in which the device could not render the whole wrench
   double scale_min = 1;             ///< smallest fraction of the wrench rendered in these ticks
@@ -78,10 +79,10 @@ struct LetGoTrial {
 inline constexpr int kLetGoMoments = 10;
 inline constexpr double kLetGoAfter_s = 0.4;
 /// Does kLetGoMoments dry runs in which the hand lets go during the contact that `dry_run` had. In
-/// the first run the hand lets go at the largest force along z; in the others, at even intervals
-/// of the contact. Each run ends kLetGoAfter_s after the hand has let go. Returns none if
-/// `dry_run` has no contact, or a fault. Errors: those of run_dry_run(); kRefused if
-/// SessionOptions::stop was set.
+/// the first run the hand lets go at the largest force along z. In the other runs, it lets go at
+/// evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go.
+/// Returns none if `dry_run` has no contact, or a fault. Errors: those of run_dry_run(); kRefused
+/// if SessionOptions::stop was set.
 Result<std::optional<LetGoTrial>> try_letting_go(
     const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the column of an asset where its bone is thickest. A column is a vertical line through the
-// slices; a proposed scene has its entry point there.
+// slices. A proposed scene (new_scene.h) has its entry point in this column.
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
@@ -34,11 +34,12 @@ struct EntryColumn {
   std::vector<std::uint8_t> has_material;
 };
 
-/// Returns the column with the thickest bone. A column is at most `height_mm` high, and its
-/// consecutive levels are at most `max_gap_mm` apart. `radius_mm`: the radius of the tool.
-/// `levels`: sorted, the topmost first. Among equally thick columns, the one with the most
-/// material around it is chosen, and among these the most central one. None: the bone is nowhere
-/// as wide as the tool.
+/// Returns the column with the thickest bone. A column is at most `height_mm` high and within
+/// kMaxSceneSlices slices, and its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
+/// the radius of the tool. `levels`: sorted, the topmost first. Among equally thick columns, the
+/// one with the thickest bone for a tool of three times the radius is chosen. If there are still
+/// several, the one nearest to the middle of the material is chosen. None: the bone is nowhere as
+/// wide as the tool.
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 

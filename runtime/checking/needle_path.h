@@ -28,7 +28,7 @@ struct ChosenPoints {
 struct NeedlePath {
   /// The point where the needle meets the bone.
   Eigen::Vector3d entry_mm = Eigen::Vector3d::Zero();
-  Eigen::Vector3d direction = -Eigen::Vector3d::UnitZ();  ///< has unit length and points down
+  Eigen::Vector3d direction = -Eigen::Vector3d::UnitZ();  ///< unit vector, points down
   bool has_target = false;
   Eigen::Vector3d end_mm = Eigen::Vector3d::Zero();  ///< the target, or the point at the last level
   std::size_t first = 0, last = 0;  ///< first and last level that the needle crosses
@@ -45,9 +45,9 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 
 /// Plans a path through chosen points. `levels`: sorted, the topmost first.
 ///  - Entry: the path enters the bone in which the chosen entry lies, or else the first bone below
-///    that point. NeedlePath::entry_mm is the chosen entry if it lies at most half a slice above
-///    the topmost level of this bone, and not below that level. Otherwise it is the path's point
-///    at that level.
+///    that point. If the chosen entry lies between the topmost level of this bone and half a slice
+///    spacing above that level, NeedlePath::entry_mm is the chosen entry. Otherwise entry_mm is the
+///    path's point at that level.
 ///  - End without a target: the path ends at the lowest level with material that is at
 ///    most `height_mm` below the first level, with no gap of more than `max_gap_mm`
 ///    between these levels.

@@ -31,24 +31,26 @@ struct NewSceneChoices {
 };
 
 /// Proposes a scene. Precondition: `asset` was read from `asset_file`, and weld_materials() was
-/// applied to it. The caller will write the scene to `scene_file`.
-///  - Candidates: first scenes with the force law `cutting`, through one bone volume with a
-///    strength computed from HU. They need HU in every slice with material, and slices at most 3 mm
-///    apart. Then scenes with the law `hooke`, with slices far enough apart for each puncture to be
-///    felt separately. In all scenes the slices keep their true spacing.
+/// applied to it. `scene_file`: the file to which the caller will write the scene. The scene names
+/// the asset relative to the folder of this file.
+///  - Candidates: the first candidates are scenes with the force law `cutting`, through one bone
+///    volume with a strength computed from HU. These scenes need HU in every slice with material,
+///    and slices at most 3 mm apart. The next candidates are scenes with the law `hooke`, with
+///    slices far enough apart for each puncture to be felt separately. In all scenes the slices
+///    keep their true spacing.
 ///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
 ///    would do. The first candidate that has no warning and punctures a slice is returned.
-///  - Live hand: if `choices.hand` is kLive, a candidate is first checked with a scripted hand.
-///    Then a live hand, which starts at the first pose of the trajectory, replaces the scripted
-///    hand, and the scene is checked again.
+///  - Live hand: if `choices.hand` is kLive, a candidate is checked twice, first with a scripted
+///    hand, then with a live hand that starts at the first pose of the scripted hand. The result
+///    has the live hand.
 ///  - Chosen points: the scene has goals for the points. If there is a target and the hand is
 ///    scripted, the lowest height of the tip must be within 1.5 mm of the target's height. If every
 ///    candidate has a warning, the one with the fewest warnings is returned.
 /// Errors: kRefused if no slice of the asset has material, if two slices are less than 0.1 mm
-/// apart, if the bone is nowhere as wide as the tool, or if `options.stop` was set. Without chosen
-/// points, also if every candidate has a warning. With chosen points, also if no needle can take
-/// the path (needle_path.h), if the device cannot turn or move as far as the path requires, or if
-/// no candidate runs.
+/// apart, if the bone is nowhere as wide as the tool, if the tip reaches no height, or if
+/// `options.stop` was set. Without chosen points, also if every candidate has a warning. With
+/// chosen points, also if no needle can take the path (needle_path.h), if the device cannot turn or
+/// move as far as the path requires, or if no candidate runs.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices = {});

@@ -12,19 +12,19 @@
 //     remaining slices (tissue_assignment.h).
 //  5. If the scene's goals have a target, the tip of the upright plate can reach the target.
 //  6. The contact feels like bone (contact_feel.h). No force of more than 5 N alternates from tick
-//     to tick. With the force law `cutting`, the tip is at most 3 mm past the cutting front that
-//     bears it, and the front moves by at most 1.5 mm in a tick. If the hand lets go, at any of ten
-//     moments of the contact, no fault follows, and the plate moves by at most 3 mm, at no more
-//     than 0.25 m/s.
+//     to tick. With the force law `cutting`, three more conditions hold. The tip is at most 3 mm
+//     below the cutting front while the front bears force. The front moves by at most 1.5 mm in a
+//     tick. If the hand lets go, at any of ten moments of the contact, no fault follows, and the
+//     plate moves by at most 3 mm, at no more than 0.25 m/s.
 //  7. With the law `cutting`, the rendered stiffness is known to be passive (device_coupling.h).
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
 // is then no warning if and only if a session can start, the height of every slice is within the
 // hand's box, and items 4, 5 and 7 hold.
 //
-// If the session has more than kMaxDryRunTicks ticks, the dry run ends after these (dry_run.h).
-// For later times only the path of the hand is evaluated, as if the tool followed the hand
-// exactly: there is a warning if the path exceeds a limit or misses a slice.
+// If the session has more than kMaxDryRunTicks ticks, the dry run ends after that number of ticks
+// (dry_run.h). For later times only the path of the hand is evaluated, as if the tool followed the
+// hand exactly. A warning follows if the path exceeds a limit or misses a slice.
 // Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 

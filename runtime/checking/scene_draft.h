@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drafts of scenes for a needle's path, as JSON. The drafts are not checked here;
-// new_scene.h tries them.
+// Drafts of scenes for a needle's path, as JSON. A draft is not checked here. propose_scene()
+// (new_scene.h) checks the drafts and chooses one.
 // Tests: tests/e2e/new_scene_test.py, tests/e2e/chosen_points_test.py
 #pragma once
 
@@ -13,8 +13,8 @@
 
 namespace trocar::runtime {
 
-inline constexpr double kNeedleRadius_m = 0.0015,
-                        kPaperToolRadius_m = 0.003;  ///< radii of the tools of drafts
+/// Radius of the tool in SceneDraft::cutting(), and in SceneDraft::sheets().
+inline constexpr double kNeedleRadius_m = 0.0015, kPaperToolRadius_m = 0.003;
 
 /// Returns the height in m that the hand's motion needs in addition to the path: above the entry
 /// and below the end of the path, together.
@@ -33,8 +33,8 @@ class SceneDraft {
   SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
              WorkspaceHeights heights);
 
-  /// Sets the scene's name, and the name of the asset's file in the scene. This name is relative to
-  /// the scene's folder; only an absolute name of a file outside of that folder stays absolute.
+  /// Sets the scene's name, and the path by which the scene names the asset. This path is relative
+  /// to the scene's folder. Only an absolute path to a file outside that folder stays absolute.
   void name_files(const std::filesystem::path& asset_file, const std::filesystem::path& scene_file);
   /// Sets the height by which the scripted hand's path ends below the target, because the tip lags
   /// behind the hand. The height may be negative. Without a target this call has no effect.
@@ -46,9 +46,8 @@ class SceneDraft {
   /// Returns a scene with one bone volume, made of the levels along the path, with a strength
   /// computed from HU, and with a hand that goes in and out.
   std::string cutting(double force_scale) const;
-  /// Returns a scene with a single sheet at each of separable_levels(). `share`: the
-  /// fraction of the force that the device can render. If `share` is below 1, it becomes the
-  /// scene's force scale.
+  /// Returns a scene with a single sheet at each of separable_levels(). `share`: the fraction of
+  /// `threshold_N` that the device can render. A value below 1 becomes the scene's force scale.
   std::string sheets(double threshold_N, double share) const;
   bool has_target() const { return path_.has_target; }
   /// Returns the height of the target in {B}, in m. Precondition: the path has a target.

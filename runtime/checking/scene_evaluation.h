@@ -18,7 +18,7 @@ namespace trocar::runtime {
 
 /// Reason why the tool does not touch a slice.
 enum class Miss : std::uint8_t {
-  kTouched,      ///< the slice is touched, or a fault or the end of the dry run leaves that open
+  kTouched,      ///< touched, or not known because a fault or the end of the dry run came first
   kBeginsBelow,  ///< the path begins below the slice and never comes from above
   kStaysAbove,   ///< the path never goes below the slice
   kTooLate,      ///< the path goes below the slice only after the session's end
@@ -43,23 +43,25 @@ struct SceneEvaluation {
   const SessionOptions& options;
   Tool tool{};
   HandTrajectory path{};
-  double end_s = 0;     ///< time of the last tick
-  double let_go_s = 0;  ///< time until which the hand holds the tool, at most end_s
-  PathReport report{};
+  double end_s = 0;                 ///< time of the last tick
+  double let_go_s = 0;              ///< time until which the hand holds the tool, at most end_s
+  PathReport report{};              ///< the path up to let_go_s
   std::optional<DryRun> dry_run{};  ///< none: the session cannot start, or the hand is live
   /// Force law `cutting` only: the result of try_letting_go(), if the dry run had contact
   /// and no fault.
   std::optional<LetGoTrial> let_go{};
   std::vector<SheetView> views{};
 
+  /// True also if there is no dry run.
   bool has_fault() const { return !dry_run || dry_run->fault != Fault::kNone; }
+  /// Time at which the dry run ended; 0: there was none.
   double dry_run_end_s() const {
     return dry_run ? static_cast<double>(dry_run->ticks) / options.rate_Hz : 0;
   }
 };
 
 /// Follows the path and does a dry run. With a live hand there is no dry run, and no sheet counts
-/// as missed. The references must outlive the result. Errors: those of run_dry_run(); kRefused if
+/// as missed. The arguments must outlive the result. Errors: those of run_dry_run(); kRefused if
 /// SessionOptions::stop was set. A device that cannot reach the hand's first pose is no error: the
 /// result then has no dry run.
 Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,

@@ -44,7 +44,7 @@ Result<SceneRequirements> describe_requirements(
     const SessionOptions& options);
 
 /// Returns the number of bytes kept for a sheet during the session: for the two replicas of its
-/// mesh (runtime/workers/remesher.h) and for its first version.
+/// mesh (runtime/workers/remesher.h) and for a copy of the mesh without holes.
 std::uint64_t kept_bytes(const Sheet& sheet) noexcept;
 
 }  // namespace trocar::runtime
