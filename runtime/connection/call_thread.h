@@ -14,9 +14,9 @@
 
 namespace trocar::runtime {
 
-/// Precondition: a function that is called here owns everything that it uses (captured by value,
-/// or as a shared pointer). It may still run after the caller has stopped waiting and the
-/// CallThread is destroyed.
+/// Precondition: every function that is passed to a CallThread owns everything that it uses
+/// (captured by value, or as a shared pointer). The function may still run after the caller has
+/// stopped waiting and the CallThread is destroyed.
 class CallThread {
  public:
   CallThread();
@@ -27,8 +27,8 @@ class CallThread {
   CallThread& operator=(const CallThread&) = delete;
 
   /// Calls `function` on the thread and returns its result. Returns nullopt if there is no result
-  /// within `timeout_s`. Then either `function` is still running, or it will never be called
-  /// because an earlier call is still running.
+  /// within `timeout_s`. In this case either `function` is still running, or `function` will never
+  /// be called because an earlier call has not returned in time.
   template <typename Call>
   std::optional<std::invoke_result_t<Call>> call(Call function, double timeout_s) {
     auto result = std::make_shared<std::optional<std::invoke_result_t<Call>>>();
@@ -36,9 +36,10 @@ class CallThread {
     return std::move(*result);
   }
 
-  /// Calls `function` on the thread, and waits for its end at most `kPatience_s`. If an earlier
-  /// call is still running, `function` is called as soon as the earlier call has returned, however
-  /// late. If several functions wait, only the latest is called.
+  /// Calls `function` on the thread, and waits at most `kPatience_s` for the function's end. If an
+  /// earlier call is still running, `function` is called as soon as the earlier call has returned,
+  /// however late. If call_at_last() is called again before that, only the latest function is
+  /// called. Use this for a last command, such as zero force.
   void call_at_last(std::function<void()> function);
 
   static constexpr double kPatience_s = 0.1;

@@ -2,14 +2,14 @@
 // Turns a connection whose calls may block (pose_connection.h) into a pose device. A separate
 // thread makes one exchange after another: an exchange sends a wrench to the device and returns the
 // device's pose. The haptic thread reads the newest pose, and stores the wrench that the next
-// exchange will send. It never waits for the connection.
+// exchange will send. The haptic thread never waits for the connection.
 //
 // Contract (tests/runtime/connection/connected_device_test.cpp):
 //  1. read() and write() do not allocate, lock or block, whatever the connection does.
 //  2. If the last write() is at least kStaleCommand_s old, exchanges send zero force until the
 //     haptic thread calls write() again.
-//  3. After an error of the connection, read() returns kLinkLost, and the error is reported in one
-//     line. restore() makes the connection's thread connect again. Wrenches that were written
+//  3. After an error of the connection, read() returns kLinkLost, and `say` receives the error in
+//     one line. restore() makes the connection's thread connect again. Wrenches that were written
 //     before the new connection exists are not sent.
 //  4. The round trip of a wrench is the time from its write() to the first read() of a pose that
 //     was returned by an exchange with this wrench.

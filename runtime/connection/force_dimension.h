@@ -40,9 +40,9 @@ class ForceDimension final : public PoseConnection {
   ~ForceDimension() override;
 
   /// Loads the library, opens the device, enables the device's forces and commands zero force.
-  /// ForceDimensionOptions::say receives one line for each finding. Errors, in addition to those of
-  /// PoseConnection::open(): a call of an earlier exchange does not return in time, or the device
-  /// lacks what needs_all demands.
+  /// ForceDimensionOptions::say receives lines about the device, such as its name. Errors, in
+  /// addition to those of PoseConnection::open(): a call of an earlier exchange does not return in
+  /// time, or the device lacks what needs_all demands.
   Result<void> open() override;
   /// Moments are ignored if renders_moment() is false. Errors, in addition to those of
   /// PoseConnection::exchange(): the wrench is not finite, or the SDK's calls do not

@@ -37,10 +37,10 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
-/// An index into the array that get_status() fills, and a length for this array. How many entries
-/// get_status() fills depends on the release of the SDK.
-inline constexpr int kStatusReset = 3;  ///< this entry is 1 if the device waits for its calibration
-inline constexpr int kStatusLength = 64;  ///< length of the array: more than any release fills
+/// The entry of the array of get_status() that is not 0 if the device waits for its calibration.
+inline constexpr int kStatusReset = 3;
+/// Length of the array for get_status(), which is more than any release of the SDK fills.
+inline constexpr int kStatusLength = 64;
 
 /// The environment variable that names the library's file. If it is not set, the system's search path is used.
 inline constexpr const char* kForceDimensionVariable = "TROCAR_FORCEDIMENSION_LIBRARY";

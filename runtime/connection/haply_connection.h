@@ -33,14 +33,15 @@ Result<HaplyAddress> parse_haply_address(std::string_view text);
 
 struct HaplyOptions {
   HaplyAddress address;
-  SayLine say;                  ///< receives lines on what was found or is waited for
-  bool wants_rotation = false;  ///< true: open() fails without a VerseGrip
+  SayLine say;  ///< receives lines on what was found or is waited for
+  /// True: open() fails without a VerseGrip, a handle that measures its orientation.
+  bool wants_rotation = false;
   double open_timeout_s = kOpenTimeout_s;
 };
 
 /// A reading's position is that of the cursor, the point that the Inverse3 measures, in the
 /// service's application space (haply_messages.h). A reading's orientation and buttons are those of
-/// a VerseGrip, a handle with sensors. The force acts on the cursor. Moments are not rendered.
+/// a VerseGrip. The force acts on the cursor. Moments are not rendered.
 class HaplyConnection final : public PoseConnection {
  public:
   explicit HaplyConnection(HaplyOptions options);
@@ -78,7 +79,7 @@ class HaplyConnection final : public PoseConnection {
   Result<PoseReading> command(const HaplyDevices& devices, const std::array<double, 3>& force_N);
 
   HaplyOptions options_;
-  std::string uri_;                      ///< beginning of each message
+  std::string uri_;                      ///< the device's URI, with which each error begins
   std::optional<HaplyDevices> devices_;  ///< devices that the first open() chose
   std::unique_ptr<Socket> socket_;
 };

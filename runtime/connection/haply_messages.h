@@ -78,10 +78,10 @@ struct HaplyDevices {
   HaplySpelling spelling = HaplySpelling::kVector;
 };
 
-/// The state of these devices.
+/// The measured values in one state of an arm and a grip.
 struct HaplyState {
   std::array<double, 3> p_m{};          ///< each coordinate within 10 m
-  std::array<double, 4> q{1, 0, 0, 0};  ///< w x y z, unit within 1e-3; identity without a grip
+  std::array<double, 4> q{1, 0, 0, 0};  ///< w x y z, of norm 1 within 1e-3; identity without a grip
   /// Bit 0: button a, button_0 or the only button. Bit 1: b or button_1. Bit 2: c or button_2.
   /// Bit 3: button_3.
   std::uint32_t buttons = 0;
@@ -101,8 +101,8 @@ struct HaplyAnswer {
 /// Parses the service's answer to a message as a state of `devices`.
 HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& devices);
 
-/// Returns the message that commands a force. Precondition: the force is finite. Its components are
-/// written with enough digits for the service to read exactly the same doubles.
+/// Returns the message that commands a force. Precondition: the force is finite. The components
+/// are written with enough digits for the service to read exactly the same doubles.
 std::string haply_force_message(const HaplyDevices& devices, const std::array<double, 3>& force_N);
 
 /// Returns the message that requests an inventory and commands nothing.
