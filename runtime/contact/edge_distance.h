@@ -23,8 +23,8 @@ namespace trocar::runtime {
 
 class EdgeDistance {
  public:
-  /// Distance between neighbouring nodes. It is increased if the raster would otherwise have more
-  /// than about kMaxNodes nodes.
+  /// Distance between neighbouring nodes. This distance is larger if the raster would otherwise
+  /// have more than about kMaxNodes nodes.
   static constexpr double kSpacing_mm = 0.5;
   static constexpr double kMaxNodes = 250'000;
   static constexpr double kReach_mm = 4;

@@ -19,8 +19,8 @@ struct LocalEnvironment {
   // spring that slides at a maximum (shaft.h).
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;  ///< dry friction and its maximum, summed over the holes
-  /// Sum of the stiffnesses of those friction springs that do not slide: for a motion of the shaft
-  /// inwards (`in`), and for a motion outwards (`out`).
+  /// Stiffness of dry friction against a small motion of the shaft inwards (`in`) and outwards
+  /// (`out`). Friction springs that slide in this direction are not counted.
   double dry_in_N_per_m = 0, dry_out_N_per_m = 0;
   double viscous_N_s_per_m = 0;
   // The rims (boundaries) of the holes push the shaft sideways. Each rim acts in the plane of its

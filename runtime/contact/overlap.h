@@ -18,10 +18,11 @@ struct Overlap {
   Eigen::Vector2d centroid_steps = Eigen::Vector2d::Zero();
 };
 
-/// Intersects the tool's outline with the sheet's material, without the material in `holes`. These
-/// are outlines of the same tool that are not yet cut into the mesh, at most kMaxPendingHoles. A
-/// coverage within 1e-9 of 0 or 1 is set to exactly 0 or 1. An empty outline has coverage 0. The
-/// function does not allocate. Its time is proportional to the number of triangles near the tool.
+/// Intersects the tool's outline with the sheet's material, without the material in `holes`. The
+/// holes are outlines of the same tool that are not yet cut into the mesh, at most
+/// kMaxPendingHoles. A coverage within 1e-9 of 0 or 1 is set to exactly 0 or 1. An empty outline
+/// has coverage 0. The function does not allocate. Its time is proportional to the number of
+/// triangles near the tool.
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
                 std::span<const LatticeOutline> holes) noexcept;
 

@@ -42,7 +42,8 @@ class PrefetchWorker {
 
   // One thread, which is not the haptic thread, calls these functions.
 
-  /// Answers the latest request. `sheet(i)` must return the current version of sheet i.
+  /// Answers the latest request, so that latest() can read the answer. `sheet(i)` must return the
+  /// current version of sheet i.
   virtual void serve(const std::function<const Sheet&(std::size_t)>& sheet) = 0;
   /// Returns the stiffness for one request. Returns nothing if neither the request nor the sheet
   /// has changed since the previous call, if the tool misses the sheet, or if the solver fails.

@@ -25,8 +25,8 @@
 //  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force
 //     is zero, and a hole with the tool's outline is requested. In later ticks, until the tip
 //     has been above the sheet, the sheet exerts only the force of its hole on the shaft
-//     (shaft.h). If the coverage has dropped below `min_coverage`, the tool slides off the
-//     sheet instead of puncturing it.
+//     (shaft.h). If F would exceed c times the threshold while the coverage is below
+//     `min_coverage`, the tool slides off the sheet instead of puncturing the sheet.
 //  4. The topmost sheet in contact bears the force and shields the sheets below. The tool does not
 //     touch a shielded sheet until the tick after the topmost sheet is punctured, or until the tool
 //     slides off the topmost sheet.
@@ -211,8 +211,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
 /// Contact states, punctures and requested holes are kept.
 void reset_motion(ContactState& state) noexcept;
 
-/// Call this after the tool has jumped by `shift_m` without a force, as the proxy does when a
-/// puncture releases it. The rates of the next tick then ignore this jump.
+/// Call this after the tool has jumped by `shift_m` without a force, as the proxy does at a
+/// puncture. The rates of the next tick then ignore this jump.
 void shift_tool(const ContactModel& model, const Pose& T_device_plate,
                 const Eigen::Vector3d& shift_m, ContactState& state) noexcept;
 

@@ -58,7 +58,7 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& secti
                             double pose_interval_s, ShaftState& state,
                             const PreviousShaft& previous = {}) noexcept;
 
-/// Adds the springs and dampers that gave the last shaft_force() to `local`.
+/// Adds to `local` the springs and dampers whose force the last shaft_force() returned.
 void add_shaft(const ShaftTissue& tissue, const ShaftSection& section, const ShaftState& state,
                LocalEnvironment& local) noexcept;
 

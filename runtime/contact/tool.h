@@ -50,7 +50,7 @@ struct PlanarTransform {
   double cosine = 1, sine = 0;  ///< rotation about z
   Lattice lattice;
 
-  /// Convert x, y in {B} to lattice steps (not rounded), and back.
+  /// to_lattice() converts x, y in {B} to lattice steps, not rounded. to_scene() is the inverse.
   Eigen::Vector2d to_lattice(const Eigen::Vector2d& p_m) const noexcept;
   Eigen::Vector2d to_scene(const Eigen::Vector2d& steps) const noexcept;
 };
@@ -83,7 +83,7 @@ Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m
 /// exceeds kMaxCoordinate / 2, the outline has size 0. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
-inline constexpr double kMinClearance = 1.5;
+inline constexpr double kMinClearance = 1.5;  ///< lattice steps
 
 /// Returns the smallest distance between a corner of the cross-section and an edge that does not
 /// end at this corner.

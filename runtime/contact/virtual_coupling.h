@@ -16,9 +16,9 @@
 // Contract (tests/runtime/contact/virtual_coupling_test.cpp):
 //  1. If nothing acts on the proxy, the proxy coincides with the tool on the plate, and the
 //     force is zero.
-//  2. If the proxy rests in a sheet of stiffness k, or a rim of stiffness k pushes it aside, the
-//     force is that of two springs in series, k and the coupling. In motion, the forces of the
-//     sheet's damper and of the shaft's friction are added in full.
+//  2. If the proxy rests in a sheet of stiffness k, or a rim of stiffness k pushes the proxy
+//     aside, the force is that of two springs in series, k and the coupling. In motion, the forces
+//     of the sheet's damper and of the shaft's friction are added in full.
 //  3. In the tick in which a sheet is punctured, the coupling already transmits only the forces
 //     that remain after the puncture.
 #pragma once
@@ -56,8 +56,9 @@ PreviousPose previous_proxy(double pose_interval_s, const PreviousPose& previous
 
 /// Returns the wrench on the plate. `wrench_device`: wrench of the environment on the proxy.
 /// `environment`: the elements that this wrench consists of. `punctured`: a sheet was punctured in
-/// this tick; then the function changes `state.offset_m`, and the proxy jumps by this change. The
-/// moment on the plate is the moment of the environment.
+/// this tick. In the tick of a puncture, or if no force acts, the function changes
+/// `state.offset_m` to its value at rest, and the proxy jumps by this change. The moment on the
+/// plate is the moment of the environment.
 Wrench coupling_wrench(const CouplingOptions& options, const Wrench& wrench_device,
                        const LocalEnvironment& environment, bool punctured,
                        CouplingState& state) noexcept;
