@@ -26,7 +26,7 @@
 //     the stiffness of all other elements, expressed at the plate. If the plate rotates, this K has an additional
 //     geometric term, because the points at which the elements act move on curved paths.
 //  2. The work of cutting is the integral of the strength over the cut depth. The front never moves
-//     back. It cuts only while the tip's force exceeds the strength at the front.
+//     back. The front cuts bone only while the tip's force exceeds the strength at the front.
 //  3. A wall that has yielded stays where it was pushed (slot.h). Uncut material beside the tool is
 //     a wall as well (CuttingSlab::free).
 //  4. A hole remains after the tool is withdrawn. If the tool's axis comes within `same_hole_m` of a hole, the tool is in that hole again:
@@ -40,7 +40,7 @@
 //     to tick. So when the surface under the tip changes its direction, the force changes its
 //     direction, but the energy stays the same. A new slope takes effect at the end of the tick.
 //     With a rigid coupling the wrench is then computed with the new slope, so that this wrench and
-//     the energy account of the next tick refer to the same slope.
+//     the inequality of the next tick (contract 1) refer to the same slope.
 //  7. Inside bone a bevelled tip (CuttingTool::bevel_plate) is pushed to one side. As on a slope,
 //     the energy of the tip's spring depends only on its stretch, and the stretch grows by the
 //     displacement of the tip along the direction of the force. So when the tip drifts to the side,
@@ -111,8 +111,8 @@ struct CuttingOptions {
   /// Crushed bone holds a tip that is pulled back. The hold is this fraction of the tip's largest
   /// recent force. (Bone under a tip is crushed, not compressed elastically, so it does not push
   /// the tip out again; indentation of foams: L. Gibson, M. Ashby, Cellular Solids, 1997.) The hold
-  /// is a friction force that resists only withdrawal. It yields after a displacement of
-  /// tip_presliding_m, and it fades to 0 while the tip is raised by a diameter of the tool.
+  /// is a friction force that resists only withdrawal. The hold yields after a displacement of
+  /// tip_presliding_m, and fades to 0 while the tip is raised by a diameter of the tool.
   double tip_hold = 0;
   /// The core in a hollow tool presses on the bore, like grain in a silo (H. Janssen, 1895). The
   /// longer the core is, the larger is the pressure. The shaft's friction is therefore multiplied
@@ -122,8 +122,8 @@ struct CuttingOptions {
   /// along the core.
   double core_fraction = 0, core_growth_per_m = 0;
   /// Moment about the axis at which the tip turns in the material. The resistance acts while the
-  /// tip is under load. It reaches this moment after a rotation that moves the outline by
-  /// tip_presliding_m.
+  /// tip is under load. The resistance reaches this moment after a rotation that moves the outline
+  /// by tip_presliding_m.
   double torsion_Nm = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot (slot.h).
   double same_hole_m = 5e-5;

@@ -25,9 +25,9 @@ struct Tick {
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. Its
-  /// component along the axis is 1. Inside bone the vector is the axis, plus the bevel of the tip. On
-  /// a surface it is parallel to the inward normal.
+  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. The
+  /// vector's component along the axis is 1. Inside bone the vector is the axis, or the sum of the
+  /// axis and CuttingTool::bevel_plate. On a surface the vector is parallel to the inward normal.
   Eigen::Vector3d press = axis;
   /// Perpendicular to this vector the tip's friction acts: `press` on a surface, the axis inside
   /// bone.
@@ -66,7 +66,7 @@ struct Tick {
   }
 
   /// Removes the component of the tip's slip along `normal`, and limits the slip's length to
-  /// tip_presliding_m. Both can only lower the stored energy.
+  /// tip_presliding_m. Neither step raises the stored energy.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= normal * (normal.dot(slip) / normal.squaredNorm());

@@ -7,15 +7,14 @@
 //
 // Contract (tests/runtime/bone_cutting/material/slabs_test.cpp):
 //  1. The slabs cover the volume without gaps, from half a spacing above the first slice to half
-//     a spacing below the last. The mean strength of a slab is the value of its slice. The slope
-//     of the strength is that of the straight line through the values of the two neighbouring
-//     slices, unless a slope limiter reduces it (B. van Leer, J. Comput. Phys. 23, 1977). The
-//     limiter works as follows. At each end of the slab there is a range, from the slab's own value
-//     to the value of the neighbour on that side. The strength at that end leaves this range by at
-//     most 5 % of the own value, and is never negative. The range prevents overshoot at a jump,
-//     such as a thin cortex next to soft bone. The 5 % let a strength that varies smoothly
-//     keep its maxima.
-//     In the first and the last slab the strength is constant.
+//     a spacing below the last. The mean strength of a slab is the value of its slice. In the first
+//     and the last slab the strength is constant. In every other slab the slope of the strength is
+//     that of the straight line through the values of the two neighbouring slices, unless a slope
+//     limiter reduces the slope (B. van Leer, J. Comput. Phys. 23, 1977). At each end of the slab,
+//     the limiter allows the range from the slab's own value to the value of the neighbour on that
+//     side. The strength at that end leaves this range by at most 5 % of the own value, and is
+//     never negative. The range prevents overshoot at a jump, such as a thin cortex next to soft
+//     bone. Because of the 5 %, a strength that varies smoothly keeps its maxima.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
 //     the nearest slice whose slab the shell does not touch.
