@@ -79,8 +79,8 @@ struct LetGoTrial {
 inline constexpr int kLetGoMoments = 10;
 inline constexpr double kLetGoAfter_s = 0.4;
 /// Does kLetGoMoments dry runs in which the hand lets go during the contact that `dry_run` had. In
-/// the first run the hand lets go at the largest force along z. In the other runs, it lets go at
-/// evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go.
+/// the first run the hand lets go at the largest force along z. In the other runs the hand lets go
+/// at evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go.
 /// Returns none if `dry_run` has no contact, or a fault. Errors: those of run_dry_run(); kRefused
 /// if SessionOptions::stop was set.
 Result<std::optional<LetGoTrial>> try_letting_go(

@@ -87,7 +87,7 @@ struct BoneVolume {
   double radius_m = 0;  ///< radius of the disc that has the area of the tool's cross-section
   ToolShape shape;
   bool twists = false;             ///< SceneForceLaw::twist
-  CuttingOptions options;          ///< with the scene's coupling, not limited by the device
+  CuttingOptions options;          ///< contains the scene's coupling, not limited by the device
   double shell_m = 0;              ///< thickness of the cortical shell; 0: there is none
   std::vector<BoneSheet> sheets;   ///< in the order of the session's sheets: topmost first
   std::vector<CuttingSlab> slabs;  ///< strength: BoneSheet::nominal_N
