@@ -29,8 +29,8 @@ struct Tick {
   /// vector's component along the axis is 1. Inside bone the vector is the axis, or the sum of the
   /// axis and CuttingTool::bevel_plate. On a surface the vector is parallel to the inward normal.
   Eigen::Vector3d press = axis;
-  /// Perpendicular to this vector the tip's friction acts: `press` on a surface, the axis inside
-  /// bone.
+  /// The tip's friction acts perpendicular to this vector. On a surface the vector is `press`, and
+  /// inside bone it is the axis.
   Eigen::Vector3d normal = axis;
 
   int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none

@@ -19,11 +19,11 @@
 //     tearing force by 1 / (1 + xi^2). The necessary moment is R times xi / (1 + xi^2) times the
 //     tearing force without twist (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004). Friction
 //     on the faces acts along the direction of slip, so its component along the axis is multiplied
-//     by 1 / sqrt(1 + xi^2). The pressure on the tip does not depend on the
-//     twist. The component of this friction around
-//     the axis has the mean lever of a disc or ring, 2 (R^3 - r^3) / (3 (R^2 - r^2)) with the radius
-//     r of the bore. Its moment is added to the moment of tearing:
+//     by 1 / sqrt(1 + xi^2). Its component around the axis has the mean lever of a disc or ring,
+//     2 (R^3 - r^3) / (3 (R^2 - r^2)), where r is the radius of the bore. The moment of this
+//     component is added to the moment of tearing:
 //       mu * pressure * A / sin(half angle) * lever * xi / sqrt(1 + xi^2).
+//     The pressure on the tip does not depend on the twist.
 //  4. The stiffness of the tip is that of a rigid flat punch of radius R on an elastic half-space:
 //     2 R E / (1 - nu^2), with the modulus E and Poisson's ratio nu.
 //  5. Friction acts on the outer surface of the shaft and, in a hollow tool, on the surface of the
