@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encoders and motors of the four-legged device: angles come in, torques go out. An implementation
-// can be a simulated device in this process, the link to a drive, a recording that is replayed, or
-// a test. runtime/mechanism/four_legs.h builds a HandDevice on this interface.
+// Interface to the encoders and motors of the four-legged device: angles come in, torques go out.
+// An implementation can be a simulated device in this process, the link to a drive (the motor
+// electronics), a recording that is replayed, or a test. runtime/mechanism/four_legs.h builds a
+// HandDevice on this interface.
 // Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
@@ -16,11 +17,11 @@
 namespace trocar::runtime {
 
 inline constexpr int kLegs = 4;
-inline constexpr int kMotors = 2 * kLegs;    ///< order: th1, th4 of leg 1, th1, th4 of leg 2, ...
-inline constexpr int kEncoders = 4 * kLegs;  ///< order: th1, th2, th3, th4 of leg 1, ...
+inline constexpr int kMotors = 2 * kLegs;    ///< joints 1 and 4 of leg 1, then of leg 2 and so on
+inline constexpr int kEncoders = 4 * kLegs;  ///< joints 1 to 4 of leg 1, then of leg 2 and so on
 
 struct DeviceState {
-  double t_s = 0;  ///< time at which the encoders were read, on the device's clock; ascending
+  double t_s = 0;  ///< time at which the encoders were read, on the device's clock
   std::array<double, kEncoders> encoder_rad{};
 };
 
@@ -28,18 +29,19 @@ struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
 };
 
-/// A session calls start() once, then read(), write() and advance() in each tick, and close() at its end. The
-/// haptic thread calls read(), write() and restore(), so these never allocate, lock, throw or block.
+/// A session calls start() once, then read(), write() and advance() in each tick, and close() at
+/// its end. The haptic thread calls read(), write() and restore(), so these three functions never
+/// allocate, lock, throw or block.
 class Device {
  public:
   virtual ~Device() = default;
 
-  /// Connects to the device. From then on the device may require a command in each period. May
-  /// block. The caller calls it once.
+  /// Connects to the device. May block. After a successful start() the device may require a command
+  /// in each period of the loop. Precondition: start() was not called before.
   virtual Result<void> start() { return {}; }
-  /// Reads the latest state. `state` changes only on kOk.
+  /// Reads the latest state. `state` changes only if the result is kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
-  /// Sets the torques to hold until the next write. Never returns kEndOfData.
+  /// Sends the torques that the motors hold until the next write(). Never returns kEndOfData.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
@@ -47,16 +49,15 @@ class Device {
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() {}
-  /// Ends a tick of length `dt_s`. A device that is paced by the loop advances its time by `dt_s`. Called on the
-  /// thread of read() and write(). May block only if is_paced_by_loop() is true.
+  /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
+  /// `dt_s`, and the call may block. Called on the thread of read() and write().
   virtual void advance(double /*dt_s*/) {}
   /// Ends the connection to the device.
   virtual void close() {}
 
   /// True if the device's time advances only in advance(), so that a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link. Call this only after close(). A device without a
-  /// link returns nullopt.
+  /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench goes out. The
-// loop, its safety, the force laws and the checks of a scene use only this interface. runtime/mechanism/four_legs.h implements
-// it for the four-legged device of the paper, over encoders and motors (device.h).
+// The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench
+// goes out. The loop, its safety checks, the force laws and the checks of a scene use only this
+// interface. runtime/mechanism/four_legs.h implements it for the four-legged device of the paper,
+// on top of the interface to encoders and motors (device.h).
 //
-// A session calls start() once, and close() at its end. In every tick the loop calls the functions
-// that the tick needs, in this order. It reads the device and finds the pose, passes on for how
-// long the last command was held (account_held_time()), renders a wrench or fades the last command, writes the
-// command, describes the tick and advances the device. Functions of the haptic thread do not
-// allocate, lock, throw or block.
+// A session calls start() once, and close() at its end. A tick calls the functions that it needs,
+// in this order: read() and find_pose(); account_held_time() for the last command; render() for a
+// new wrench, or fade() for the last command; write(); describe(); advance(). Functions of the
+// haptic thread do not allocate, lock, throw or block.
 //
 // Contract:
-//  1. The result of a tick depends only on the construction arguments, on the readings, and on the sequence of calls, so that a
-//     replay of the readings gives the same bits.
+//  1. The result of a tick depends only on the construction arguments, on the readings, and on the
+//     sequence of calls. A replay of the readings therefore gives the same bits.
 //  2. Whatever wrench is wanted, the command that write() sends is finite and within the device's limits.
-//  3. delivered() is the wrench that the last command renders to the hand. The energy account uses this wrench, not the wrench
-//     that was wanted.
+//  3. delivered() is the wrench that the last command renders to the hand. The energy account
+//     (runtime/control/energy_limit.h) uses this wrench, not the wrench that was wanted.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -46,101 +46,110 @@ struct Measurement {
   std::array<double, kMaxMeasured> value{};
 };
 
-/// How far a pose is from the limits of the device's own checks. A device without joints does not set the members about joints.
+/// How far a pose is from the limits that the device itself checks. If the device has no joints,
+/// the members about joints keep their defaults.
 struct DeviceMargins {
-  Fault fault = Fault::kNone;  ///< the fault that these checks raise at this pose, or none
-  /// True if the device can be at this pose. If false, the following members are not known.
+  Fault fault = Fault::kNone;  ///< the fault that the device raises at this pose, or none
+  /// True if the device's geometry allows this pose, within the limits or not. If false, the
+  /// members below keep their defaults.
   bool is_reachable = true;
   /// Smallest distance of a joint from its limit; negative if a joint is beyond its limit.
   double joint_rad = std::numeric_limits<double>::infinity();
-  int joint = -1;                ///< the joint with this distance: its index in Measurement::value
-  double inverse_condition = 1;  ///< that of the Jacobian: at most 1, and 0 at a singularity
+  int joint = -1;  ///< index in Measurement::value of the joint with the distance `joint_rad`
+  /// Smallest over largest singular value of the Jacobian: 1 is best, 0 is a singularity.
+  double inverse_condition = 1;
 };
 
-/// A box of positions of the plate's origin in {B}.
+/// A box in {B} that holds positions of the plate's origin.
 struct WorkspaceBox {
   std::array<double, 3> min_m{}, max_m{};
 };
 
-/// Limits of the motors and joints, for programs that display a session. Members that the device
-/// does not know are empty.
+/// Limits of the motors and joints, for programs that display a session. If the device does not
+/// know a limit, its member is empty.
 struct MotorsAndJoints {
   std::optional<double> motor_peak_torque_Nm, motor_continuous_torque_Nm;
-  std::vector<std::array<double, 2>> joint_limits_rad;  ///< smallest and largest angle
+  std::vector<std::array<double, 2>> joint_limits_rad;  ///< each joint's least and largest angle
 };
 
-/// Facts about a device that do not change during a session. The force laws, the checks of a scene, the live hand and the telemetry
-/// use them without access to the device itself. The haptic thread may call the functions that are noexcept.
+/// Facts about a device that do not change during a session. The force laws, the checks of a scene,
+/// the live hand and the telemetry use this class and need no access to the device itself. The
+/// haptic thread may call the functions that are noexcept.
 class DeviceSpecification {
  public:
   virtual ~DeviceSpecification() = default;
 
   /// Name of the device, for display.
   virtual std::string_view name() const noexcept = 0;
-  /// Text for `--check`: the largest force or torque, such as "6 Nm peak a motor".
+  /// Returns the largest force or torque as text for `--check`, such as "6 Nm peak a motor".
   virtual std::string describe_strength() const = 0;
-  /// False if the device measures only its position. The plate's orientation is then always that
-  /// of the start.
+  /// False if the device measures only its position. The plate then always has the orientation that
+  /// it had at the start.
   virtual bool senses_rotation() const noexcept = 0;
   /// False if the device renders only forces. A wanted moment is then dropped.
   virtual bool renders_moment() const noexcept = 0;
   virtual int buttons() const noexcept { return 0; }
-  /// Workspace that the maker states. None: only the safety limits and the device's own checks bound the workspace.
+  /// Workspace that the maker states. If nullopt, only the safety limits and the device's own
+  /// checks bound the workspace.
   virtual std::optional<WorkspaceBox> workspace() const noexcept { return std::nullopt; }
   virtual MotorsAndJoints motors_and_joints() const { return {}; }
 
-  /// Mass that the hand feels at the plate, in kg, and moments of inertia about the plate's axes, in kg m^2.
+  /// Mass that the hand feels at the plate.
   virtual double mass_kg() const noexcept = 0;
+  /// Moments of inertia about the three axes of the plate.
   virtual std::array<double, 3> inertia_kg_m2() const noexcept = 0;
-  /// Largest stiffness at the tip that the maker states, in N/m; 0: none is stated.
+  /// Largest stiffness at the tip that the maker states; 0 if the maker states none.
   virtual double stiffness_max_N_per_m() const noexcept = 0;
-  /// Resolution of every measured value, in the unit of that value; 0: the values are exact.
+  /// Resolution of every value of a Measurement, in the unit of the value; 0 if values are exact.
   virtual double resolution() const noexcept = 0;
-  /// Damping that the device's own friction gives the plate at a pose: the matrix from the twist [v; omega] to the wrench that
-  /// opposes it, in SI units. None: the device cannot be at this pose.
+  /// Damping that the device's own friction gives the plate at a pose: the matrix that maps the
+  /// plate's twist to the wrench that opposes this twist. Nullopt if the pose is unreachable.
   virtual std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const = 0;
-  /// The largest factor, at most 1, such that the device can render the factor times this wrench at
-  /// this pose; 0: the device cannot be at this pose.
+  /// The fraction of the wrench that the device can render at this pose: 1 if it can render the
+  /// whole wrench, 0 if the pose is unreachable.
   virtual double renderable_fraction(const Pose& T_device_plate,
                                      const Wrench& wrench_device) const = 0;
-  /// Text for `--check`: what rendering a wrench at a pose demands of the device. `what` names the wrench.
+  /// Returns, as text for `--check`, the motor torque or the force that the device needs to render
+  /// this wrench at this pose. `what` names the wrench in this text.
   virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                                       const Wrench& wrench_device) const = 0;
 
-  /// The margins of this pose from the limits that find_pose() checks.
+  /// The margins of this pose from the limits that HandDevice::find_pose() checks.
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
-  /// Text for `--check`: the smallest margins over several reachable poses. Empty: the device has no such limits.
+  /// Describes, as text for `--check`, the smallest margins over several reachable poses. The text
+  /// is empty if the device has no such limits.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
-  /// Text that says by how much a pose exceeds the limit that belongs to `fault`, with value and
-  /// limit. `fault` is one that margins() can return. Empty: the pose does not exceed this limit.
+  /// Describes how the pose exceeds the limit that belongs to `fault`: the value at the pose,
+  /// and the limit. `fault` is one that margins() can return. The text is empty if the pose
+  /// is within the limit.
   virtual std::string describe_fault(Fault /*fault*/, const Pose& /*T_device_plate*/) const {
     return {};
   }
-  /// The pose computed from the device's measurements in a tick, even if the device's checks reject it. None: the pose
-  /// cannot be computed.
+  /// Computes the pose from the measurements in a row of a recording, even if the device's checks
+  /// reject this pose. Nullopt if the measurements give no pose.
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time since the last reading. The device uses this time to decide whether a reading differs
-/// too much from the last one.
+/// The time since the reading that keep_reading() kept last. From this time the device decides
+/// whether the present reading differs too much from the kept one.
 struct ReadingInterval {
-  bool has_last = false;  ///< an earlier reading was kept
-  double step_s = 0;      ///< time since that reading in which the device may have moved
+  bool has_last = false;  ///< true if a reading was kept
+  double step_s = 0;      ///< time since the kept reading; the loop caps it after a long pause
 };
 
 struct PlatePose {
   Pose T_device_plate;
-  double residual_m = 0;  ///< disagreement of redundant sensors; 0 if there are none
+  double residual_m = 0;  ///< disagreement of redundant sensors; 0 without redundant sensors
 };
 
-/// The device's own forces that render() cancels, so that the hand does not feel them.
+/// Selects the device's own forces that render() cancels, so that the hand does not feel them.
 struct CompensationOptions {
   bool friction = false;
-  bool gravity = false;  ///< compensate the plate's weight, by the gravity of the description
-  /// Compensated fraction of the friction; keep it below 1, because an overcompensated device would
-  /// move by itself.
+  bool gravity = false;  ///< the plate's weight, with the gravity of the device's description
+  /// Fraction of the friction that is compensated. Keep the fraction below 1, because an
+  /// overcompensated device moves by itself.
   double friction_fraction = 0.8;
-  /// Below this rate of a joint, the compensation of Coulomb friction is proportional to the rate.
+  /// Below this joint rate, the compensation of Coulomb friction is proportional to the joint rate.
   double still_rad_per_s = 0.05;
 };
 
@@ -149,14 +158,16 @@ struct RenderInput {
   Twist twist_device = Twist::Zero();  ///< the plate's smoothed twist
   double dt_s = 0;                     ///< period of the loop
   CompensationOptions compensation;
-  /// Rise of the factor on the compensation in each tick, until the factor is 1.
+  /// The compensation is multiplied by a factor that rises by this much in each tick, up to 1.
   double authority_rise = 0;
 };
 
-/// Values of a tick for the display, which are not recorded.
+/// Values of a tick that are displayed but not recorded.
 struct DeviceReadout {
-  std::array<double, kMaxCommanded> command_limit{};  ///< the largest values that are possible now
-  double margin = 0;  ///< smallest distance of a measured value from its limit; negative beyond it
+  /// Largest absolute value that each value of the command can have now; 0 if not known.
+  std::array<double, kMaxCommanded> command_limit{};
+  /// Smallest distance of a measured value from its limit; negative if a value exceeds its limit.
+  double margin = 0;
 };
 
 class HandDevice {
@@ -165,47 +176,49 @@ class HandDevice {
 
   virtual const DeviceSpecification& specification() const noexcept = 0;
 
-  /// Connects to the device. From then on the device may require a command in each period. May
-  /// block. The caller calls it once.
+  /// Connects to the device. May block. After a successful start() the device may require a command
+  /// in each period of the loop. Precondition: start() was not called before.
   virtual Result<void> start() { return {}; }
 
   // The haptic thread calls these functions.
 
-  /// Reads the newest state. Sets `t_s` to the state's time on the device's clock; these times
-  /// ascend. `t_s` changes only on kOk.
+  /// Reads the device's newest state. If the result is kOk, sets `t_s` to the state's time on the
+  /// device's clock; otherwise `t_s` is unchanged.
   virtual DeviceStatus read(double& t_s) noexcept = 0;
-  /// Takes the last kept reading as the reading of this tick. Called if this tick's reading is
-  /// absent or not new.
+  /// Takes the last kept reading as the reading of this tick. Called if read() gave no new reading.
   virtual void use_last_reading() noexcept = 0;
-  /// Checks the reading and the device itself, and computes the pose. `pose` changes only if there is no fault.
+  /// Checks this tick's reading against the device's limits and computes the pose. Returns the
+  /// first fault found, or none. `pose` changes only if there is no fault.
   virtual FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept = 0;
   /// This tick's reading, from which velocities are computed.
   virtual const Measurement& measured() const noexcept = 0;
-  /// Keeps this tick's reading as the last one. If this tick's reading is not finite, returns
-  /// false, and the older reading stays the last one.
+  /// Keeps this tick's reading for use_last_reading() and for the next find_pose(). If this tick's
+  /// reading is not finite, returns false, and the older reading stays the kept one.
   virtual bool keep_reading() noexcept = 0;
-  /// Tells the device for how long the last command was held. The device can compute from this, for example, the temperature of its
-  /// motors, and returns a fault if they are too hot.
+  /// Tells the device for how long the last command was held. From this time a device can compute,
+  /// for example, how hot its motors are. Returns kMotorOverload if the motors
+  /// are too hot.
   virtual FaultDetail account_held_time(double /*held_s*/) noexcept { return {}; }
-  /// After account_held_time() has returned a fault, returns this fault until the device has recovered
-  /// enough to continue.
+  /// Called in each tick of a recovery from kMotorOverload. Returns kMotorOverload until the motors
+  /// have cooled enough to continue.
   virtual FaultDetail check_rested() const noexcept { return {}; }
   /// Prepares the command that renders the wanted wrench. Sets `scale` to the fraction of the
   /// wrench that the device can render. If a fault is returned, no command is prepared, and the
   /// caller must call stop() and fade().
   virtual FaultDetail render(const RenderInput& input, double& scale) noexcept = 0;
-  /// Stores the last command that write() sent or tried to send, as the start for
-  /// fade(). Sends nothing.
+  /// Stores the last command that write() sent or tried to send, so that fade() can start from this
+  /// command. Sends nothing.
   virtual void stop() noexcept = 0;
-  /// Prepares the command that stop() stored, multiplied by `share`. Compensation then rises from
-  /// zero in the next calls of render().
+  /// Prepares the command that stop() stored, multiplied by `share`. The next calls of render() let
+  /// the compensation rise from zero again.
   virtual void fade(double share) noexcept = 0;
-  /// Sends the prepared command. The device holds it until the next write().
+  /// Sends the prepared command, which the device holds until the next write().
   /// Never returns kEndOfData.
   virtual DeviceStatus write() noexcept = 0;
-  /// Sends a command without force. Used outside of ticks.
+  /// Sends a command of zero force. Used outside of ticks.
   virtual void write_zero() noexcept = 0;
-  /// The wrench that the last command renders to the hand, without compensation of the device's own forces.
+  /// The wrench that the last command renders to the hand. The part of the command that compensates
+  /// the device's own forces does not count.
   virtual Wrench delivered() const noexcept = 0;
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
@@ -213,10 +226,10 @@ class HandDevice {
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() noexcept {}
-  /// Fills the device's columns of the recording, and the values for the display.
+  /// Fills the device's columns of the recording in `row`, and the values for the display.
   virtual void describe(RecordingRow& row, DeviceReadout& readout) const noexcept = 0;
-  /// Ends a tick of length `dt_s`. A device that is paced by the loop advances its time by `dt_s`. May block only if
-  /// is_paced_by_loop() is true.
+  /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
+  /// `dt_s`, and the call may block.
   virtual void advance(double /*dt_s*/) {}
 
   /// Ends the connection to the device.
@@ -224,8 +237,7 @@ class HandDevice {
 
   /// True if the device's time advances only in advance(), so that a late tick does no harm.
   virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link. Call this only after close(). A device without a
-  /// link returns nullopt.
+  /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 

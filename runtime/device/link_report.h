@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a session counts on the link to its device.
+// The counts and times that a session collects on the link to its device.
 // Tests: tests/runtime/link/udp_device_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
@@ -12,23 +12,23 @@
 
 namespace trocar::runtime {
 
-/// Counts of the device link's packets.
+/// Counts of the packets that arrived over the device link.
 struct LinkPackets {
   LinkCounts counts;
-  /// Number of states that the device sent after the first torques, and that were lost or arrived
-  /// after a newer state.
+  /// Number of states that were lost, or that arrived after a newer state, from the first command
+  /// to the device onward.
   std::uint64_t states_missed = 0;
 };
 
 /// Counts of the link to a device, over all connections that were established during the session.
 struct LinkReport {
   std::uint64_t sessions = 0;          ///< number of connections that were established
-  std::optional<LinkPackets> packets;  ///< none for a maker's SDK or service
+  std::optional<LinkPackets> packets;  ///< nullopt for a maker's SDK or service
   /// Time from a command to the first state that acknowledges this command. A maker's SDK or
-  /// service does not acknowledge commands. Then the time ends at the first pose that was measured
-  /// after the device took the command. Measured with the real clock only.
+  /// service does not acknowledge commands, so for these the time ends when the loop reads the pose
+  /// that the SDK or service returned in reply to the command. Measured with the real clock only.
   Histogram round_trip;
-  std::optional<Error> restore_error;  ///< failure of the last attempt to restore the connection
+  std::optional<Error> restore_error;  ///< set if the last attempt to reconnect failed
 };
 
 }  // namespace trocar::runtime

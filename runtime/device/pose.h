@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid transforms, twists and wrenches of the device, in SI units, of fixed size and without
-// allocation. The name of a pose states its frames: T_device_plate maps coordinates in the plate's
-// frame {T} to the device's frame {B}.
+// Rigid transforms, twists and wrenches of the device, in SI units. Nothing here allocates. The
+// name of a pose states its frames: T_device_plate maps coordinates in the plate's frame {T} to
+// coordinates in the device's frame {B}.
 // Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
@@ -13,7 +13,7 @@ namespace trocar::runtime {
 
 /// A twist [v; omega]: velocity of a frame's origin in m/s, and angular velocity in rad/s.
 using Twist = Eigen::Matrix<double, 6, 1>;
-/// A wrench [f; n]: force in N, and moment about a frame's origin in N*m.
+/// A wrench [f; n]: force in N, and moment in N*m about a frame's origin.
 using Wrench = Eigen::Matrix<double, 6, 1>;
 
 struct Pose {
@@ -21,12 +21,11 @@ struct Pose {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit quaternion
 };
 
-/// An earlier pose from which the present velocity is computed
-/// (runtime/control/velocity_window.h). A steady motion with this velocity leads from the earlier
-/// pose to the present one in the time `ago_s`.
+/// An earlier pose from which the present velocity is computed: the displacement from the earlier
+/// pose to the present one, divided by `ago_s`. runtime/control/velocity_window.h chooses the pose.
 struct PreviousPose {
   Pose T_device_plate;
-  double ago_s = 0;  ///< time since this pose; 0: no such pose, the last new pose is used instead
+  double ago_s = 0;  ///< time since this pose; 0: none was chosen, so use the last new pose
 };
 
 /// Composition: T_a_c = T_a_b * T_b_c.
@@ -53,15 +52,15 @@ inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   return factor * v;
 }
 
-/// Returns [translation of the frame's origin; rotation vector] from one pose to another, in {B}. A
-/// wrench that is constant during this motion does the work wrench * displacement.
+/// Returns [translation of the frame's origin; rotation vector] of the motion from `from` to `to`,
+/// in {B}. A wrench that is constant during this motion does the work wrench * displacement.
 inline Twist displacement(const Pose& from, const Pose& to) noexcept {
   Twist step;
   step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
   return step;
 }
 
-/// Returns the unit quaternion of a rotation about r by the angle |r|. This is the
+/// Returns the unit quaternion of the rotation about r by the angle |r|. This function is the
 /// inverse of rotation_vector().
 inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
   const double angle = r.norm();
@@ -72,8 +71,8 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   return q.normalized();
 }
 
-/// Returns the same wrench with its moment about another point. `lever_m` points from this new
-/// point to the old one.
+/// Returns the same wrench with its moment taken about a new point. `lever_m` points from the new
+/// point to the point about which the moment of `wrench` is taken.
 inline Wrench moved_by(const Wrench& wrench, const Eigen::Vector3d& lever_m) noexcept {
   Wrench moved = wrench;
   moved.tail<3>() += lever_m.cross(Eigen::Vector3d(wrench.head<3>()));
