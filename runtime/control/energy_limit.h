@@ -3,31 +3,34 @@
 // environment releases more, the fault kEnergyLimit is raised. The limit acts independently of the
 // passivity controller, which reduces the released energy but cannot bound it.
 //
-// W(t) is the work that the delivered wrench has done on the plate since the state `running` (safety.h) was entered. A wrench
-// held over a tick does the work wrench * (next pose - this pose), which is known one tick later. Compensation torques do not
+// W(t) is the work that the delivered wrench has done on the plate since the state `running`
+// (safety.h) was entered. The work of a wrench that is held over a tick is wrench *
+// displacement(this pose, next pose), so it is known one tick later. Compensation torques do not
 // count. S(t) is the energy stored in the elastic elements of the environment: the sheet, the rims
-// (boundaries of holes), the springs of dry friction, and the coupling. S is the force law's full
-// stored energy. S is not multiplied by Safety::authority (the factor on the force after a
-// recovery), and S is not reduced when the motors cannot render the whole wrench.
+// (boundaries of holes), the springs of dry friction, and the coupling. S is not multiplied by
+// Safety::authority (the factor on the force after a recovery), and S is not reduced when the
+// motors cannot render the whole wrench.
 //
-// Invariant: let s <= t be two ticks since `running` was entered, at most kEnergyWindow_s apart. If
-// no intended release (contract 2) takes place in the tick s, then either
+// Invariant: let s <= t be two ticks at most kEnergyWindow_s apart, with the state
+// `running` from s to t. If the force law intends no release of stored energy in the tick s
+// (contract 2), then either
 //   W(t) - W(s) <= S(s) + SafetyLimits::energy_limit_J,
 // or kEnergyLimit is raised at t.
 //
 // Contract (tests/runtime/control/energy_limit_test.cpp):
-//  1. An environment that does not generate energy (dW <= -dS) never raises the fault. Because S is the unscaled
-//     energy, the same holds if the wrench is rendered with a constant factor below 1.
+//  1. An environment that does not generate energy never raises the fault: from tick to tick, its
+//     work on the plate is at most the fall of its stored energy. Because S is the unscaled energy,
+//     the same holds if the wrench is rendered with a constant factor below 1.
 //  2. A puncture, or another release of stored energy that the force law intends, does no work on
-//     the hand by itself. The tick of such a release is never taken as s (but may be t), because S
+//     the hand by itself. The tick of such a release may be t, but is never taken as s, because S
 //     of this tick is too small: S no longer contains the energy of the punctured sheet, and does
 //     not yet contain the energy of the sheet below, which is loaded immediately afterwards.
-//  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean of the
-//     wrenches held since the last new pose.
-//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back in that time receives at most A *
-//     S more energy than it gave. Here S is the stored energy at the deepest contact. With the default SafetyTiming, A is 0.4.
-//  5. A limit that is nan or negative always raises the fault. While the state is not `running`, the account is kept
-//     at zero (reset()).
+//  3. In a tick without a new pose, W does not change. The next new pose adds the work of the mean
+//     of the wrenches that were held since the last new pose.
+//  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back
+//     within the window receives at most A * S more energy than it gave, where S is the stored
+//     energy at the deepest contact. With the default SafetyTiming, A is 0.4.
+//  5. A limit that is nan or negative always raises the fault.
 #pragma once
 
 #include <array>
@@ -40,32 +43,34 @@
 namespace trocar::runtime {
 
 inline constexpr double kEnergyWindow_s = 0.1;
-/// Size of the queue: the number of ticks in the window at kMaxRate_Hz, plus one.
+/// Size of the queue of EnergyAccount: the number of ticks in the window at kMaxRate_Hz, plus one.
 inline constexpr int kEnergyTicks = static_cast<int>(kEnergyWindow_s * kMaxRate_Hz) + 1;
 
 /// Inputs of a tick.
 struct EnergyInput {
   Pose T_device_plate;
-  bool new_pose = true;
+  bool new_pose = true;      ///< false if the pose is that of an earlier tick
   double stored_J = 0;       ///< S of this tick
-  bool is_released = false;  ///< the force law dropped stored energy on purpose in this tick
+  bool is_released = false;  ///< the force law intends a release in this tick
 };
 
-/// The energy account, kept between ticks. It finds the smallest W(s) + S(s) of the window with a monotonic
-/// queue: an entry followed by a lower one can never be the minimum again, so it is removed.
+/// The energy account, kept between ticks. To find the smallest W(s) + S(s) of the window, it keeps
+/// a monotonic queue: an entry followed by a lower entry can never be the minimum again, so the
+/// higher entry is removed.
 class EnergyAccount {
  public:
-  /// Takes the inputs of a tick. Returns kEnergyLimit if the invariant's inequality does not
-  /// hold, or none.
+  /// Takes the inputs of a tick. Returns kEnergyLimit if the inequality of the invariant does not
+  /// hold for a tick s of the window; otherwise returns no fault.
   FaultDetail check(const SafetyLimits& limits, double rate_Hz, const EnergyInput& input) noexcept;
-  /// Adds the wrench that the motors hold until the next tick.
+  /// Adds the wrench that the motors hold until the next tick. Call this once in each tick.
   void note_delivered(const Wrench& wrench_device) noexcept {
     delivered_ += wrench_device;
     ++delivered_ticks_;
   }
   /// Sets the account to zero. The loop calls this in each tick in which the state is not `running`.
   void reset() noexcept;
-  /// Largest W(t) - W(s) - S(s) found by the last check(), at least 0. reset() keeps it.
+  /// Largest W(t) - W(s) - S(s) over the window of the last check(), at least 0. reset() does not
+  /// change this value.
   double excess_J() const noexcept { return excess_J_; }
 
  private:

@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// One tick of the haptic loop, the same in real and in virtual time. Its input is the pose that a device measures. Its outputs are
-// the wrench that the device is to render, and one row of the recording. No allocation, lock or exception.
+// One tick of the haptic loop, the same in real and in virtual time. The input of a tick is the
+// pose that a device measures. The outputs are the wrench that the device is to render, and one row
+// of the recording. A tick does not allocate, lock or throw.
 //
 // Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
 // energy_limit.h and passivity.h:
-//  1. Every command written was prepared by the device, within its limits (hand_device.h).
-//  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h, which starts from the last command
-//     written. If the fault is that a command could not be written, the ramp starts in the next tick, from that command. The force is
-//     zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
+//  1. Every command written was prepared by the device, within the device's limits (hand_device.h).
+//  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h,
+//     which starts from the last command written. If the fault is that a command could not be
+//     written, the ramp starts in the next tick, from the command that could not be written. The
+//     force is zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. All times are those of the device's clock. Differences of the device's time stamps, rounded
-//     to nanoseconds, are used for four things: the intervals between poses, the velocities, the
-//     largest allowed difference between two readings, and the time for which the motors were
-//     heated in a late tick. In `running`, a device state is new if its time stamp is finite and
-//     later than the previous one. After no_data_max_s without a new device state, the fault
-//     kNoData is raised. If a time stamp lies more than gap_max_s after the previous one, kNoData
-//     is raised immediately. (gap_max_s also limits the time between ticks.) In all states of the
-//     safety state machine except `running`, the device's clock may restart, for example after the
-//     link was restored. The velocity estimation then restarts too.
+//  4. Four times are measured on the device's clock, as differences of its time stamps rounded to
+//     nanoseconds: the interval between two poses, the interval of a velocity, the interval that
+//     bounds the step from one reading to the next, and the time for which a late tick heated the
+//     motors. In `running`, a device state is new if its time stamp is finite and later than the
+//     previous time stamp. After no_data_max_s without a new device state, the fault kNoData is
+//     raised. If a time stamp lies more than gap_max_s after the previous one, kNoData is raised
+//     immediately. In all other states of the safety state machine, the device's clock may restart,
+//     for example after the link was restored. The velocity estimation then restarts too.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of authority and compensation after a recovery, and the
 //     change from one prefetched stiffness to the next.
@@ -44,7 +45,7 @@ struct LoopModel {
   Tool tool;
   SafetyLimits limits;
   PassivityOptions passivity;        ///< not applied if the force law is passive
-  CompensationOptions compensation;  ///< added to what the device renders, in `running` only
+  CompensationOptions compensation;  ///< the device adds it to the wrench, in `running` only
   double rate_Hz = 1000;
 };
 
@@ -58,32 +59,34 @@ struct LoopState {
   PassivityState passivity;
   EnergyAccount energy;
   std::uint64_t tick = 0;  ///< number of ticks done
-  /// Time between the previous new pose and the pose of this tick, on the device's clock. It is 0 if the pose of this tick is not
-  /// new, or is the first one. While no pose is new, the last velocity is kept, so that the next new pose causes no force spike.
+  /// Time between the previous new pose and the pose of this tick, on the device's clock; 0 if the
+  /// pose of this tick is not new, or is the first pose. While no pose is new, the last velocity is
+  /// kept, so that the next new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Time by which the device's clock is ahead of the ticks counted so far, as far as it has not
-  /// yet been passed to HandDevice::account_held_time().
+  /// Time by which the device's clock is ahead of the tick count. HandDevice::account_held_time()
+  /// has not received this time yet.
   double ahead_s = 0;
   Safety safety;
-  double reading_t_s = 0;  ///< time of the last reading that was kept
-  int no_data_ticks = 0;
+  double reading_t_s = 0;    ///< time of the last reading that was kept
+  int no_data_ticks = 0;     ///< ticks since the last new reading
   bool has_reading = false;  ///< a reading was kept
 };
 
 struct TickResult {
   RecordingRow row;
-  ContactOutput
-      contact;  ///< result of the force law; the caller requests a hole for each of its cuts()
+  /// Result of the force law. The caller of haptic_tick() requests a hole for each of its cuts().
+  ContactOutput contact;
   DeviceReadout readout;
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
-  /// The first fault found in this tick, with the measured value. If new_fault is set, `found` describes it.
-  /// In `recovering` a fault is not latched, but it delays the recovery.
+  /// The first fault found in this tick, with the measured value. If new_fault is set, `found`
+  /// describes this fault. In `recovering` a fault is not latched, but delays the recovery.
   FaultDetail found;
-  /// ForceLaw::retract_distance_m(). While it is positive, `running` cannot begin.
+  /// Height by which the tip must be raised before `running` can begin
+  /// (ForceLaw::retract_distance_m()).
   double retract_distance_m = 0;
   /// `device_ns`: time that this tick took to read, check and write the device. `law_ns`: time that
-  /// this tick took to compute the force.
+  /// this tick took to advance the safety state, compute the force and prepare the command.
   std::int64_t device_ns = 0, law_ns = 0;
   bool torques_are_zero = false;  ///< the ramp after a fault has ended, so the force is zero
 };
@@ -93,7 +96,7 @@ struct TickInputs {
   std::span<const Sheet* const> sheets;  ///< ForceLawInput::sheets
   PrefetchedStiffness prefetched;        ///< ForceLawInput::prefetched
   double gap_s = 0;                      ///< wall time since the previous tick started
-  int missed_in_row = 0;                 ///< number of deadlines missed right before this tick
+  int missed_in_row = 0;                 ///< deadlines missed in a row right before this tick
   Fault outside = Fault::kNone;          ///< fault found by the caller, outside of the tick
   bool recover = false;                  ///< the operator asks for recovery
 };

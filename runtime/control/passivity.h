@@ -1,32 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-// Time-domain passivity observer and controller (B. Hannaford,
-// J. Ryu, Time-domain passivity control of haptic interfaces, IEEE TRA 18(1), 2002). The observer
-// compares the work that the environment (tissue and coupling) has absorbed with the energy that
-// the environment stores (J. Ryu, C. Preusche, B. Hannaford, G. Hirzinger, Time domain passivity
-// control with reference energy following, IEEE TCST 13(5), 2005).
+// Time-domain passivity observer and controller. The observer compares the work that the
+// environment (tissue and coupling) has absorbed with the energy that the environment stores. The
+// controller adds damping if the environment has generated energy.
 //
-// A wrench held over a tick does the work wrench * (next pose - this pose), which is known exactly
-// one tick later. The energy balance is the work that the environment absorbed from the hand minus
-// the energy that it stores. If a spring of stiffness K is sampled and held, and the plate moves by
-// x in a tick, the balance falls by K x^2 / 2 in this tick, in either direction of motion. A
-// negative balance means that the environment generates energy.
+// The work of a wrench that is held over a tick is wrench * displacement(this pose, next pose), so
+// it is known exactly one tick later. The energy balance is the work that the environment absorbed
+// from the hand minus the energy that the environment stores. A negative balance means that the
+// environment has generated energy. Example: if the force of a spring of stiffness K is computed
+// once per tick, and the plate moves by x in a tick, the balance falls by K x^2 / 2, in either
+// direction of motion.
+//
+// Sources: B. Hannaford, J. Ryu, Time-domain passivity control of haptic interfaces, IEEE TRA
+// 18(1), 2002; J. Ryu, C. Preusche, B. Hannaford, G. Hirzinger, Time domain passivity control with
+// reference energy following, IEEE TCST 13(5), 2005.
 //
 // Contract (tests/runtime/control/passivity_test.cpp):
 //  1. The balance equals the absorbed work minus the stored energy, up to rounding, for any motion.
-//  2. As long as the balance is not negative, or the environment only absorbs energy, the wrench is
-//     unchanged to the last bit. So a push that ends in a puncture follows the force law exactly.
+//  2. While the balance is not negative, or the environment only absorbs energy, the wrench is
+//     unchanged to the last bit. A push that ends in a puncture therefore feels exactly the wrench
+//     of the force law.
 //  3. The damping is at most damping_max() and opposes the plate's motion. Along the direction of
-//     the environment's force, the damping can at most cancel this force, so that the damping
-//     never pulls the hand into a sheet. An energy deficit that remains is removed in later ticks
-//     of the contact.
-//  4. A planned release (a puncture) sets the balance to zero. So neither the energy that the sheet
-//     lost nor an earlier deficit causes damping afterwards.
-//  5. While the required damping is within its bound, a sheet returns to the hand at most the energy
-//     that it absorbed plus the work of one tick. `released_max_J` records any excess. Energy that a
-//     sheet, a rim or the springs of friction still store does not count as released.
-//  6. A positive balance is capped at credit_max_J. Otherwise a dissipative environment (friction on
-//     the shaft) could accumulate energy that later feeds oscillations. Stored energy that the
-//     caller does not report must be less than credit_max_J.
+//     the environment's force, the damping can at most cancel this force, so the damping never
+//     pulls the hand into a sheet. If part of a negative balance remains, later ticks of the
+//     contact remove this part.
+//  4. A planned release (a puncture) sets the balance to zero. After a puncture, neither the energy
+//     that the sheet lost nor an earlier negative balance causes damping.
+//  5. While the required damping is within its bound, a sheet returns to the hand at most the
+//     energy that the sheet absorbed plus the work of one tick. Energy that a sheet, a rim or the
+//     springs of friction still store does not count as returned. PassivityState::released_max_J
+//     records the largest excess of the returned over the absorbed energy.
+//  6. A positive balance is capped at credit_max_J. Without the cap, a dissipative environment,
+//     such as friction on the shaft, could accumulate a balance that later feeds oscillations.
+//     Precondition: stored energy that the caller does not report is less than credit_max_J.
 #pragma once
 
 #include "runtime/device/pose.h"
@@ -35,12 +40,13 @@ namespace trocar::runtime {
 
 struct PassivityOptions {
   bool on = true;
-  double reserve_J = 0;        ///< deficit that is tolerated before damping acts
+  double reserve_J = 0;        ///< damping acts only if the balance is below -reserve_J
   double credit_max_J = 2e-3;  ///< cap of item 6
-  double damping_share =
-      0.25;  ///< bound on damping / (plate mass * rate); a sampled damper is stable below 2
-  double damping_max_N_s_per_m = 100;
-  double length_m = 0.05;  ///< lever that converts an angular velocity to a velocity
+  /// Bound on damping * interval / plate mass, where the damper's velocity is computed over the
+  /// interval. A sampled damper is stable below 2.
+  double damping_share = 0.25;
+  double damping_max_N_s_per_m = 100;  ///< second bound on the damping
+  double length_m = 0.05;              ///< lever that converts an angular velocity to a velocity
 };
 
 /// Inputs of a tick.
@@ -49,7 +55,7 @@ struct PassivityInput {
   Wrench wrench_device = Wrench::Zero();  ///< the environment's wrench on the plate, in {B}
   double stored_J = 0;                    ///< energy in the environment now; 0 without contact
   PreviousPose previous;                  ///< start of the interval for the damper's velocity
-  bool planned_release = false;           ///< the environment is released in this tick (puncture)
+  bool planned_release = false;           ///< the force law releases energy on purpose (puncture)
 };
 
 /// State kept between ticks.
@@ -61,21 +67,23 @@ struct PassivityState {
   double stored_J = 0;
   double balance_J = 0;          ///< energy balance since the contact began
   double damping_N_s_per_m = 0;  ///< damping of this tick
-  Wrench unit_damper =
-      Wrench::Zero();         ///< minus the wrench of a damper of 1 N s/m in the last motion
+  /// The wrench of a damper of 1 N s/m at the velocity of the last motion, with opposite sign.
+  Wrench unit_damper = Wrench::Zero();
   double released_max_J = 0;  ///< largest net energy that a contact released to the hand
 };
 
-/// Returns the bound of item 3.
+/// Returns the bound of item 3. `dt_s`: interval over which the damper's velocity is computed.
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
-/// Returns the wrench to render instead of `input.wrench_device`. The caller must call
-/// note_delivered() afterwards. `pose_interval_s`: time between the previous new pose and this one,
-/// on the device's clock; 0: the pose is not new, and an active damper keeps its force.
+/// Returns the wrench to render instead of `input.wrench_device`. Then render the wrench and call
+/// note_delivered(). `pose_interval_s`: time between the previous new pose and this pose, on the
+/// device's clock. If the pose is not new, `pose_interval_s` is 0, and the damper of the last tick
+/// stays unchanged.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 
-/// Stores the wrench that the motors hold until the next tick; the balance uses its work.
+/// Stores the wrench that the motors hold until the next tick. The next keep_passive() adds its
+/// work to the balance.
 inline void note_delivered(const Wrench& wrench_device, PassivityState& state) noexcept {
   state.delivered = wrench_device;
 }

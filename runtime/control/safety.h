@@ -1,22 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safety state machine. It has five states (idle, ready, running, fault, recovering), events that lead from one state
-// to another, and a factor on the torques in each state.
+// The safety state machine. It has five states (idle, ready, running, fault, recovering), events
+// that lead from one state to another, and factors on the force and on the torques.
 //
 // Contract (tests/runtime/control/safety_test.cpp):
 //  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request for recovery
 //     leaves the state `fault`. The operator's emergency stop leads to `fault` from every state, and replaces the fault
 //     that was kept.
-//  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the fault is found. The
-//     ramped torques are the last torques times a factor that falls linearly to 0 in ramp_ticks() ticks and is
-//     already below 1 in the first of these ticks. At 250 Hz and more this takes at most
-//     kRampMax_s. At lower rates torques are zero immediately. After kEnergyLimit torques are also
-//     zero immediately, because a ramp would continue to release energy to the hand.
-//  3. The state `recovering` changes to `ready` after `quiet_s` without a fault and with the tool in free space. A fault
-//     restarts this time. In `recovering`, torques are zero.
-//  4. After a recovery the factor on the force (`authority`) rises linearly from 0 to 1 over `ramp_up_s`. With
-//     `ramps_at_start`, it also does so at the beginning of a session.
-//  5. If a time is nan, the result is safe: torques are zero immediately, recovery never ends, and
-//     authority does not rise. A negative time is treated as zero.
+//  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the
+//     fault is found: the last torques are multiplied by a factor that falls linearly to 0 in
+//     ramp_ticks() ticks. The factor is below 1 already in the first of these ticks. At 250 Hz
+//     and more the ramp takes at most kRampMax_s. At lower rates torques are zero immediately.
+//     After kEnergyLimit torques are also zero immediately, because a ramp would continue to
+//     release energy to the hand.
+//  3. The state `recovering` changes to `ready` when, for the time `quiet_s`, there was no fault
+//     and the tool was in free space. A fault or a contact of the tool restarts this time. In
+//     `recovering`, torques are zero.
+//  4. In the state `running` after a recovery, the factor on the force (`authority`) rises linearly
+//     from 0 to 1 over `ramp_up_s`. If `ramps_at_start` is set, the factor rises in the same way at
+//     the beginning of a session.
+//  5. If a time of SafetyTiming is nan, the result is safe: torques are zero immediately, recovery
+//     never ends, and authority does not rise. A negative time is treated as zero.
 #pragma once
 
 #include <cstdint>
@@ -36,11 +39,11 @@ struct SafetyTiming {
 };
 
 enum class SafetyEvent : std::uint8_t {
-  kSeen,     ///< the device's state was read and passed the checks
+  kSeen,     ///< the device was read, and no check found a fault
   kFree,     ///< no fault, and the tool is in free space
   kFault,    ///< a fault was found
   kRecover,  ///< the operator requests recovery
-  kSettled,  ///< the time of item 3 is over
+  kSettled,  ///< the time `quiet_s` of item 3 has passed
   kStop,     ///< the operator's emergency stop is pressed
 };
 inline constexpr int kSafetyEvents = 6;
@@ -51,30 +54,32 @@ SafetyState next_state(SafetyState state, SafetyEvent event) noexcept;
 /// State kept between ticks.
 struct Safety {
   SafetyState state = SafetyState::kIdle;
-  Fault fault = Fault::kNone;  ///< latched fault; none except in `fault` and `recovering`
-  double fault_t_s = 0;
+  Fault fault = Fault::kNone;         ///< latched fault; none except in `fault` and `recovering`
+  double fault_t_s = 0;               ///< time at which `fault` was latched
   std::uint64_t faults = 0;           ///< number of faults that were latched
-  std::uint64_t ramp_ticks_done = 0;  ///< number of ticks of the ramp since `running` was left
-  std::uint64_t quiet_ticks = 0;      ///< number of ticks without fault (item 3)
-  bool recovered = false;             ///< the authority rises from 0 (item 4) in the next `running`
+  std::uint64_t ramp_ticks_done = 0;  ///< ticks since `running` was left; huge: no ramp
+  std::uint64_t quiet_ticks = 0;      ///< ticks that count towards `quiet_s` (item 3)
+  bool recovered = false;             ///< the next `running` begins with authority 0 (item 4)
   double authority = 1;               ///< factor on the force in `running` (item 4)
 };
 
 /// Number of ticks of the ramp of item 2, at least 1.
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// Rise of the authority in a tick (item 4), at least 0. If the rise is 1 or more, the authority
-/// is 1 immediately.
+/// Rise of the authority in a tick (item 4), at least 0. A rise of 1 or more makes the authority 1
+/// within one tick.
 double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// Call this when a fault is found at `t_s`. Returns true if this fault is latched.
+/// Enters the state that follows a fault found at `t_s`. Returns true if this fault is latched.
+/// advance() calls this for its own `fault`; call it for a fault found later in the tick.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 
-/// Call this in each tick in which the operator's emergency stop is pressed.
+/// Enters the state `fault` because of the operator's emergency stop. Call this in each tick in
+/// which the stop is pressed.
 void press_stop(Safety& safety, double t_s) noexcept;
 
-/// Requests recovery. The request takes effect only in the state `fault` after torques have become zero. Returns true if
-/// it takes effect.
+/// Requests recovery. The request takes effect only in the state `fault` after torques have become
+/// zero. Returns true if the request takes effect.
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Returns the state with which a session begins.
@@ -84,13 +89,14 @@ inline Safety initial_safety(const SafetyTiming& timing) noexcept {
   return safety;
 }
 
-/// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `seen`: a state of the device has
-/// been read. `free`: the tool is in free space.
+/// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `t_s`:
+/// time of the tick. `seen`: a state of the device was read in this tick or earlier. `free`: the
+/// tool is in free space.
 void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,
              bool seen, bool free) noexcept;
 
-/// Returns the factor of item 2 for this tick. It multiplies the last torques before `running` was left. Call this once in
-/// each tick in which the state is not `running`.
+/// Returns the factor of item 2 for this tick. The caller multiplies the last torques of `running`
+/// by this factor. Call this once in each tick in which the state is not `running`.
 double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Returns true in the state `fault` once the ramp has ended, so that torques are zero.
