@@ -18,8 +18,8 @@
 //     last two states.
 //  2. In a steady motion the window grows to kVelocitySamples intervals. The error of an encoder's
 //     velocity is then at most one count divided by the duration of the window.
-//  3. The window goes back only as far as the readings of every encoder stay within a count of the
-//     straight line.
+//  3. The window goes back only as far as the readings of every encoder stay within a count of
+//     the straight line.
 //  4. A device state is late if it came more than a period after the previous state. If the newest
 //     state is late and the motion is not steady, the velocity is computed for the time half a
 //     period before the newest state, as it would be for a state on time. For this, the mean

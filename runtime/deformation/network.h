@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The spring network of a sheet. It has one out-of-plane displacement w_i per node i, and the energy
+// The spring network of a sheet. It has one out-of-plane displacement w_i per
+// node i, and the energy
 //   E(w) = 1/2 sum over springs k_ij (w_i - w_j)^2 + 1/2 sum over nodes f_i w_i^2.
-// Here k_ij = T (cot a + cot b) / 2, where a and b are the angles opposite to the edge ij (a boundary edge has
-// only one), and f_i = f A_i, where A_i is a third of the area of the triangles around i. These are linear
-// finite elements of a membrane of tension T on a Winkler foundation of stiffness f, lumped at the nodes
-// (Pinkall and Polthier 1993 for the cotangents; MacNeal 1949 for the network).
+// Here k_ij = T (cot a + cot b) / 2, where a and b are the angles opposite to the edge ij. A
+// boundary edge has only one opposite angle, and k_ij = T (cot a) / 2. Further f_i = f A_i, where
+// A_i is a third of the area of the triangles around i. The network is the linear finite element
+// model of a membrane of tension T on a Winkler foundation of stiffness f per area, with the
+// foundation lumped at the nodes. Sources: Pinkall and Polthier 1993 for the cotangents, MacNeal
+// 1949 for the network.
 //
 // Laws (each is tested in tests/runtime/deformation/deformation_network_test.cpp):
 //  1. The sum of all f_i is f times the mesh's area.
-//  2. The energy of the springs equals that of the membrane, which is T / 2 times the integral of
-//     the squared gradient of w, where w is linear in each triangle. So the matrix of the springs
-//     is positive semidefinite for any angles. With the foundation it is positive definite, so a
-//     Cholesky factorisation always exists.
+//  2. The energy of the springs equals the energy of the membrane, which is T / 2 times the
+//     integral of the squared gradient of w, where w is linear in each triangle. The matrix of the
+//     springs is therefore positive semidefinite, whatever the angles. The sum of this matrix and
+//     the foundation's matrix is positive definite, so a Cholesky factorisation always exists.
 //  3. The spring of an inner edge is non-negative if and only if the edge is locally Delaunay. The
 //     spring of a boundary edge is non-negative if and only if the angle opposite to the edge is at
 //     most 90 degrees. make_network() decides these signs exactly, in integers (SpringSigns).
 //  4. Maximum principle: if no spring is negative, then in an equilibrium without load a positive
-//     maximum and a negative minimum can occur only at nodes that are held (NodeKind). The error
-//     bounds of local_solver.h follow from this.
+//     maximum and a negative minimum of w can occur only at nodes that are held (NodeKind). The
+//     error bounds of local_solver.h follow from this principle.
 // Tests: tests/runtime/deformation/deformation_network_test.cpp
 #pragma once
 
@@ -41,13 +44,12 @@ double decay_length_m(const Membrane& membrane) noexcept;
 
 /// Says how a node is held.
 enum class NodeKind : std::uint8_t {
-  kFree,    ///< not held: in equilibrium
+  kFree,    ///< not held; moves until the forces are in equilibrium
   kTool,    ///< held by the tool, at the tool's depth
   kBorder,  ///< held at 0, on the region's border to the rest of the sheet (the ring)
 };
 
-/// Numbers of springs, and of springs with negative stiffness: at inner edges, and at boundary
-/// edges.
+/// Number of springs at inner edges and at boundary edges, and how many of them are negative.
 struct SpringSigns {
   std::uint32_t interior = 0, boundary = 0;
   std::uint32_t negative_interior = 0, negative_boundary = 0;
@@ -55,29 +57,31 @@ struct SpringSigns {
 };
 
 /// A spring network. Node i is vertex i of the mesh. The springs of node i have the indices from
-/// first[i] to first[i + 1] - 1, in ascending order of the neighbours. Each spring is listed at
-/// both of its nodes. foundation_N_per_m[i] is the stiffness f_i of the Winkler foundation.
+/// first[i] to first[i + 1] - 1, in ascending order of their other nodes. Each spring is listed at
+/// both of its nodes.
 struct Network {
-  std::vector<std::uint32_t> first;  ///< size() + 1 elements
-  std::vector<std::uint32_t> neighbour;
-  std::vector<double> stiffness_N_per_m;
-  std::vector<double> foundation_N_per_m;
+  std::vector<std::uint32_t> first;        ///< size() + 1 elements
+  std::vector<std::uint32_t> neighbour;    ///< other node of each listed spring
+  std::vector<double> stiffness_N_per_m;   ///< k_ij of each listed spring
+  std::vector<double> foundation_N_per_m;  ///< f_i of each node
   SpringSigns signs;
 
   std::size_t size() const noexcept { return foundation_N_per_m.size(); }
 };
 
-/// Makes the network of a mesh, which must be valid (formats/geometry/mesh_validity.h). O(n).
+/// Makes the network of a mesh. Precondition: the mesh is valid
+/// (formats/geometry/mesh_validity.h). O(vertices).
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane);
 
-/// Returns the number of negative springs with at least one free node. Springs between held nodes do not
-/// affect an equilibrium. O(springs).
+/// Returns the number of negative springs with at least one free node. Only these springs
+/// matter, because springs between held nodes do not affect an equilibrium. `kind`: kind of
+/// each node. O(springs).
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept;
 
-/// Returns the force that keeps node i in place, in the direction of w:
-///   f_i w_i + sum over j of k_ij (w_i - w_j).
-/// The force is zero at a free node in equilibrium. At a held node it is the reaction.
+/// Returns the force in the direction of w that keeps node i in place:
+///   f_i w_i + sum over neighbours j of k_ij (w_i - w_j).
+/// At a free node in equilibrium, the force is zero. At a held node, the force is the reaction.
 double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept;
 
 }  // namespace trocar::runtime

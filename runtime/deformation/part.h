@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Copies the part of a sheet around the tool to a mesh of its own.
+// Copies the part of a sheet around the tool into a separate mesh, from which
+// region.h makes a region.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -19,11 +20,13 @@ struct Circle {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0;
 };
-/// Returns the circle whose centre is the mean of the corners and which passes through the farthest
-/// corner. For a regular polygon it is the circumscribed circle. `tool` must not be empty.
+/// Returns the circle whose centre is the mean of the tool's corners and whose radius is the
+/// distance of the farthest corner. For a regular polygon this is the circumscribed circle.
+/// `tool` must not be empty.
 Circle circle_around(const Ring& tool) noexcept;
 
-/// A directed edge with the part on its left and the rest of the sheet on its right.
+/// A directed edge of the sheet with the copied part on its left and the rest of
+/// the sheet on its right.
 struct OuterEdge {
   LatticePoint from, to;
   // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
@@ -31,21 +34,23 @@ struct OuterEdge {
 };
 
 struct SheetPart {
-  SliceMesh mesh;                                    ///< a valid mesh
-  std::vector<std::array<std::uint32_t, 3>> across;  ///< neighbours, as in SheetMesh::across
-  std::vector<std::uint32_t> parent;                 ///< slot of each vertex in the sheet
+  SliceMesh mesh;  ///< a valid mesh
+  std::vector<std::array<std::uint32_t, 3>>
+      across;                         ///< neighbours of each triangle, as in SheetMesh::across
+  std::vector<std::uint32_t> parent;  ///< slot of each vertex in the sheet
   std::vector<OuterEdge> outer;  ///< the part's border to the rest of the sheet, in ascending order
 };
 
-/// Returns a connected part of the sheet: the triangles `seeds`, and all triangles that have a
-/// point nearer than `radius` steps to the circle's disc and are connected with the seeds through
-/// such triangles. The search is breadth first from the seeds, in their order, so the same
-/// arguments give the same part. `queue` is scratch memory. O(part log part).
+/// Returns the part of the sheet around `circle`: the triangles `seeds`, and every triangle that
+/// is near the circle and connected with the seeds through near triangles. A triangle is near if
+/// it has a point nearer than `radius` steps to the circle's disc. The search is breadth first
+/// from the seeds, in their order, so the same arguments give the same part. `queue` is scratch
+/// memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// Converts the part to a sheet mesh, with vertices and triangles in the same order, and with
-/// spare slots. O(slots).
+/// Converts the part to a sheet mesh with vertices and triangles in the same order, followed by
+/// this many spare slots. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

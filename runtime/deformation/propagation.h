@@ -1,26 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
-// Force propagation, an approximate solver that a scene can choose instead of the default solver
-// (paper, II.C, after its reference [5]; Choi, Sun, Heng and Zou, "Deformable simulation using
-// force propagation model with finite element optimization", Computers & Graphics 28, 2004).
+// Force propagation, an approximate solver that a scene can choose instead of the default solver.
+// Sources: paper, II.C, after its reference [5]; Choi, Sun, Heng and Zou, "Deformable simulation
+// using force propagation model with finite element optimization", Computers & Graphics 28, 2004.
 //
 // The published descriptions agree on the following. The object is a network of mass points and
 // springs. A node that the tool moves passes force on to its neighbours, and each neighbour passes
-// force on to its own neighbours. So nodes are activated breadth first from the contact. The depth
-// of a node is the smallest number of springs between the node and the contact. Only nodes up to a
-// given depth move, so the cost depends on this depth and not on the size of the object. The active
-// nodes move by an explicit step with damping.
+// force on to its own neighbours. Nodes are thus activated breadth first from the contact. The
+// depth of a node is the smallest number of springs between the node and the contact. Only nodes up
+// to a given depth move, so the cost depends on this depth and not on the size of the object. The
+// active nodes move by an explicit step with damping.
 //
-// The following is chosen here. Springs and Winkler foundation are those of network.h, so the
-// result differs from the network's equilibrium only because of the limited depth and time. The
-// tool's nodes have depth 0. Nodes deeper than the given depth do not move (w = 0). The step is the
-// semi-implicit Euler step. It treats one node after the other in the order of activation, and uses
-// the new positions of nodes activated earlier. So within one sweep over the active nodes, the
-// force travels outwards through all of them. The mass of each node is proportional to the node's
-// stiffness: m_i = k_i dt^2 with k_i = f_i + sum of k_ij over j. So every node has the same
-// stability limit, and the transient is numerical, not physical. A step is then
+// The published descriptions leave the rest open, and this file chooses:
+//  - Springs and Winkler foundation are those of network.h, so the result differs from the
+//    network's equilibrium only because depth and time are limited.
+//  - The tool's nodes have depth 0. Nodes deeper than the given depth do not move (w = 0).
+//  - The step is the semi-implicit Euler step. A sweep applies the step to the active nodes in the
+//    order of activation, and uses the new positions of nodes activated earlier. In one sweep the
+//    force therefore travels outwards through all active nodes.
+//  - The mass of a node is proportional to its stiffness k_i = f_i + sum of k_ij over j, with the
+//    mass m_i = k_i dt^2, where dt is the duration of a sweep. Every node then has the same
+//    stability limit, and the transient is numerical, not physical.
+// With these choices the step of node i is
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
-// where r_i is reaction_N() of network.h. A fixed point of this step is the depth-limited equilibrium. With
-// damping = 1 the step is the Gauss-Seidel iteration.
+// where r_i is reaction_N() of network.h. A fixed point of this step is the equilibrium with
+// limited depth. With damping = 1 the step is the Gauss-Seidel iteration.
 // Tests: tests/runtime/deformation/deformation_propagation_test.cpp
 #pragma once
 
@@ -32,8 +35,8 @@
 
 namespace trocar::runtime {
 
-/// If the damping is 0.5 or less, the mode whose sign alternates from node to node is unstable (von Neumann's
-/// stability analysis).
+/// Smallest damping allowed. By von Neumann's stability analysis, a displacement whose sign
+/// alternates from node to node grows if the damping is 0.5 or less.
 inline constexpr double kMinDamping = 0.55;
 
 struct PropagationOptions {
@@ -43,7 +46,7 @@ struct PropagationOptions {
   double damping = 0.7;
 };
 
-/// The nodes in the order of activation. Immutable once made.
+/// The nodes that move, in the order of activation. The plan does not change from tick to tick.
 struct PropagationPlan {
   std::vector<std::uint32_t> tool;                ///< nodes of depth 0
   std::vector<std::uint32_t> active;              ///< nodes of depth 1 .. options.depth
@@ -51,22 +54,22 @@ struct PropagationPlan {
   PropagationOptions options;
 };
 
-/// State that changes from tick to tick. make_propagation_state() sets its size.
+/// State that changes from tick to tick. make_propagation_state() makes it.
 struct PropagationState {
-  std::vector<double> w_m;                   ///< one value per node
+  std::vector<double> w_m;                   ///< displacement of each node of the network
   std::vector<double> velocity_m_per_sweep;  ///< one value per active node
 };
 
-/// Makes the plan. `kind` has network.size() elements. Nodes of the kind kBorder never move.
-/// Allocates.
+/// Makes the plan. `kind`: kind of each node, network.size() elements. Nodes of the kind kBorder
+/// never move. Allocates.
 PropagationPlan plan_propagation(const Network& network, std::span<const NodeKind> kind,
                                  const PropagationOptions& options);
 /// Makes a state in which nothing is deformed. Allocates.
 PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
 
-/// Runs one tick with the tool at `depth_m`, which consists of plan.options.sweeps sweeps. Returns
-/// the sum of the tool nodes' reactions in N, without the foundation under the tool. No allocation.
-/// O(springs of active nodes) per sweep.
+/// Runs the sweeps of one tick with the tool at `depth_m`. Returns the sum of the tool nodes'
+/// reactions in N. This sum does not contain the force of the foundation under the tool. Does not
+/// allocate. O(springs of active nodes) per sweep.
 double propagate(const Network& network, const PropagationPlan& plan, double depth_m,
                  PropagationState& state) noexcept;
 

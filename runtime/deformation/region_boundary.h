@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the kinds of a region's nodes from the region's boundary edges. A boundary edge lies on the
-// tool, on the border to the rest of the sheet (the ring), or on the sheet's outline.
+// Finds how each node of a region is held (NodeKind), from the region's boundary edges. A
+// boundary edge lies on the tool, on the border to the rest of the sheet (the ring), or on
+// the sheet's outline.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -16,23 +17,25 @@ namespace trocar::runtime {
 /// Returns the distance from a point to the tool's outline, in steps. O(corners).
 double distance_to_outline(const Ring& tool, double x, double y) noexcept;
 
-/// The boundary edges, indexed by the slot of the vertex where they start. At most one edge starts
-/// at a vertex, because the triangles of a vertex form one fan (sheet_mesh.h, invariant 3).
+/// The boundary edges of a mesh. Element v of each vector belongs to the edge that starts at vertex
+/// v. At most one boundary edge starts at a vertex, because the triangles of a vertex form one fan
+/// (sheet_mesh.h, invariant 3).
 struct BoundaryEdges {
-  std::vector<std::uint32_t> next;  ///< end vertex of the edge; kNone: no edge starts here
-  std::vector<NodeKind> kind;       ///< kind of the edge
+  std::vector<std::uint32_t> next;  ///< vertex where the edge ends; kNone: no edge starts at v
+  std::vector<NodeKind> kind;       ///< kFree for an edge on the sheet's outline
 };
 
-/// Returns the boundary edges of a mesh out of which the tool was cut. Edges that `outer` lists (in
-/// ascending order) are kBorder, edges along the tool are kTool, and all other edges are kFree.
-/// `circle`: circle_around(tool). O(slots).
+/// Returns the boundary edges of a mesh out of which the tool was cut. Edges in `outer` are
+/// kBorder, edges along the tool are kTool, and all other edges are kFree. `outer`:
+/// SheetPart::outer, in ascending order. `circle`: circle_around(tool). O(slots).
 BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<OuterEdge>& outer,
                                   const Ring& tool, const Circle& circle);
 
-/// Returns the kinds of the nodes, by slot, after refinement. `before`: the boundary edges before
-/// refinement. The parts of a split edge have the kind of that edge. A node between edges of two
-/// kinds gets one of these kinds: kTool if there is one, otherwise kBorder. Nodes of the sheet's
-/// outline very close to the tool are kTool as well (region.h, contract 2). O(slots).
+/// Returns the kind of each vertex slot of the refined mesh. `before`: the boundary edges before
+/// refinement. If refinement split an edge, the parts have the kind of the edge. A node between a
+/// kTool edge and another edge is kTool. A node between a kBorder edge and a kFree edge is
+/// kBorder. Nodes of the sheet's outline very close to the tool are kTool as well (region.h,
+/// contract 2). O(slots).
 std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
                                  const Ring& tool, const Circle& circle);
 

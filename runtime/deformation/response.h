@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The response of a sheet to the tool at one position: a stiffness, the point where the force
-// acts, the shape of the sheet, and bounds on the errors of stiffness and shape. A worker computes
-// the response in advance. The problem is linear in the depth, so a haptic tick needs only the
-// product of stiffness and depth.
+// Computes the response of a sheet to the tool at one position: a stiffness, the point where the
+// force acts, the shape of the sheet, and bounds on the errors of stiffness and shape. A worker
+// computes the response in advance. The force is linear in the depth, so a haptic tick only
+// multiplies the stiffness by the depth.
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
@@ -16,19 +16,21 @@
 namespace trocar::runtime {
 
 struct ResponseOptions {
-  /// If positive, the radius is chosen so that both bounds (force, displacement) are at most this
-  /// value, and region.radius_m is ignored. If 0, region.radius_m is used, whatever the bounds are.
+  /// If positive, the radius of the region is chosen so that both bounds of RingBounds are
+  /// at most this value, and region.radius_m is ignored. If 0, region.radius_m is used,
+  /// whatever the bounds.
   double error_bound = 0.01;
   RegionOptions region;
 };
 
-/// The numbers of a response.
+/// The figures of a response.
 struct RegionResponse {
   double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: the tool misses the sheet
-  /// Point of action of the resultant reaction in the slice plane, in lattice steps (not rounded).
+  /// Point in the slice plane where the total force on the tool acts, in lattice
+  /// steps (not rounded).
   Eigen::Vector2d centre_steps = Eigen::Vector2d::Zero();
   double radius_m = 0;  ///< radius of the region; infinite if it is the whole sheet
-  RingBounds bounds;    ///< relative bounds; `force` is relative to stiffness_N_per_m
+  RingBounds bounds;    ///< `force` is relative to stiffness_N_per_m
   std::uint32_t nodes = 0, free_nodes = 0;
   std::uint32_t negative_springs = 0;  ///< number of negative springs at free nodes
 };
@@ -41,9 +43,9 @@ struct Region {
   RegionResponse response;
 };
 
-/// Computes the response. The arguments are those of make_region(), the elastic constants and the
-/// options. Allocates. Takes about 300 us for 200 free nodes. Errors: those of make_region(); also
-/// kBug if the region cannot be solved.
+/// Computes the response. `sheet`, `seeds`, `tool`, `lattice` and `workspace` are as for
+/// make_region(). Allocates. Takes about 300 us for 200 free nodes. Errors: those of make_region();
+/// also kBug if the region cannot be solved.
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace);

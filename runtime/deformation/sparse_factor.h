@@ -3,13 +3,13 @@
 // factorisation along the elimination tree (Davis, "Algorithm 849", 2005), in the approximate
 // minimum degree order that Eigen computes.
 //
-// The alternative is Eigen's SimplicialLDLT. Compared with this class, it takes 1.1 to 1.2 times as
-// long to factor 100 to 10,000 nodes, the same time for 40,000 nodes, and 1.2 to 1.4 times as long
-// to solve. A response at a new position would take 1.03 times as long, and a calibration 1.02
-// times (medians of one run of deformation_bench --benchmark_filter=none). These times alone would
-// not justify this class. It is kept because Eigen's results differ in the last bits. Recordings
-// with the force law `network` contain these results, and a recording in virtual time must have the
-// same bytes in every version.
+// The alternative is Eigen's SimplicialLDLT. Its results differ from those of this class in the
+// last bits. Recordings with the force law `network` contain these results, and a recording in
+// virtual time must have the same bytes in every version of the program. This is why the class is
+// kept. Its speed alone would not justify it: Eigen takes 1.1 to 1.2 times as long as this class to
+// factor 100 to 10,000 nodes, the same time for 40,000 nodes, and 1.2 to 1.4 times as long to
+// solve. With Eigen, a response at a new position would take 1.03 times as long, and a calibration
+// 1.02 times as long (medians of one run of deformation_bench --benchmark_filter=none).
 // Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
@@ -22,28 +22,29 @@
 
 namespace trocar::runtime {
 
-/// A factorisation. It is immutable once made, so any thread may read it. The unknowns are the free
-/// nodes, in the order of elimination.
+/// A factorisation. After make() it does not change, so any thread may read it. The unknowns are
+/// the displacements of the free nodes, in the order of elimination.
 class SparseFactor {
  public:
   SparseFactor() = default;
 
-  /// Factors the rows and columns of the network's matrix that belong to free nodes. `kind` has
-  /// network.size() elements. The matrix is positive definite for springs of any sign (network.h,
-  /// law 2). If rounding or a foundation of stiffness 0 leads to a pivot that is not positive,
-  /// returns false and leaves the factor empty. Allocates. O(fill), about n^1.5 for a planar mesh.
+  /// Factors the rows and columns of the network's matrix that belong to free nodes. `kind`: kind
+  /// of each node, network.size() elements. The matrix is positive definite for springs of any sign
+  /// (network.h, law 2). If nevertheless a pivot is not positive, because of rounding or of a
+  /// foundation of stiffness 0, returns false, and the factor is empty. Otherwise returns true.
+  /// Allocates. O(n^1.5) for the n free nodes of a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }
   /// Number of entries of L below the diagonal.
   std::size_t entries() const noexcept { return row_.size(); }
 
-  /// The node of each unknown.
+  /// The index in the network of the node of each unknown.
   std::span<const std::uint32_t> nodes() const noexcept { return node_; }
 
-  /// Solves the equations. `x` has size() elements. When the function is called, `x` contains the
-  /// forces on the unknowns in N. When it returns, `x` contains their displacements in m. No
-  /// allocation. O(entries()).
+  /// Solves the equations. `x` has one element for each unknown: the force on its node in N when
+  /// the function is called, and the displacement of its node in m when the function returns. Does
+  /// not allocate. O(entries()).
   void solve(std::span<double> x) const noexcept;
 
  private:
