@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hand that a person moves while the session runs. Another process sends messages with the
-// wanted pose of the tool's tip (TelemetryHand in formats/session/telemetry.h). The springs of
-// the simulated hand (runtime/simulation/hand.h) pull the tip to a target, and the target follows
-// the wanted pose.
+// A simulated hand that a person moves while the session runs. The springs of the simulated hand
+// (runtime/simulation/hand.h) pull the tool's tip to a target pose. Another process sends messages
+// with the pose that the person wants (TelemetryHand in formats/session/telemetry.h), and the
+// target follows the wanted pose.
 //
 // Contract (tests/runtime/devices/live_hand_test.cpp), for any messages:
 //  1. While the person holds the hand, the target approaches the wanted pose with a time
 //     constant of 12 ms, at no more than 0.15 m/s and 1 rad/s. HandTarget::twist_device is
 //     the target's velocity.
-//  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within the
-//     largest rotation given there. The target also stays away, by kHandMargin, from poses of the
-//     plate at which the loop would raise a fault. Exception: if the target starts outside these
-//     bounds because a force has pushed the tip there, the target may return.
-//  3. A message whose pose is not finite or far outside the limits is ignored.
-//  4. When the person lets go, or 250 ms after the last new message, the target follows the tip at
-//     no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. The speed of 0.3 m/s is
-//     higher than that of item 1. Therefore, 300 ms after the last message, even a force on a soft
-//     tissue has fallen below a tenth of its value. Until the person first holds the hand, the
+//  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
+//     LiveHandLimits::turn_max_rad. The target also keeps the distance kHandMargin from poses of
+//     the plate at which the loop would raise a fault. Exception: if a force has pushed the tip
+//     outside these bounds and the target starts at the tip, the target may return.
+//  3. A message is ignored if a number of its pose is not finite, or is larger than 1 m or 7 rad.
+//  4. When the person lets go, or 250 ms after the last new message, the target follows the tip
+//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. The speed of 0.3
+//     m/s is so high that, 300 ms after the last message, even a force on a soft tissue has
+//     fallen below a tenth of its value. Until the person holds the hand for the first time, the
 //     target rests at the start.
 //  5. The same calls give the same targets.
 #pragma once
@@ -40,35 +40,37 @@
 namespace trocar::runtime {
 
 struct LiveHandLimits {
-  Pose T_device_tool_start;
-  /// Box of tip positions. With the tool's rotation at the start, the device reaches all of them
-  /// and 5 mm more on each side. The box extends down to 20 mm below the lowest slice, or as far as
-  /// the device can reach.
+  Pose T_device_tool_start;  ///< target pose of the tip when the session begins
+  /// Box of tip positions in {B}. With the tool's rotation at the start, the device reaches every
+  /// position in the box and 5 mm more on each side. The box extends down to 20 mm below the lowest
+  /// slice, or as far as the device can reach.
   Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
   double turn_max_rad = 0;  ///< largest angle from the rotation at the start
   double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
 };
 
-/// Returns the limits for a scene with a live hand. Precondition: the scene's slices have been
-/// placed (place_body()). Errors: kRefused if there is no box, or if the start is not in the box.
+/// Returns the limits for a scene with a live hand. Precondition: place_body() has placed the
+/// slices of the scene. Errors: kRefused if there is no box around the height of the start, or if
+/// the start is not in the box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
 
-/// Returns what a session publishes about a live hand with these limits.
+/// Returns what a session publishes about a live hand in its telemetry: limits, start and springs.
 PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits);
 
-/// Records the targets over time. Memory is allocated only in the constructor.
+/// Records the targets of a live hand over time, so that the session can write the path as
+/// keyframes for a scene. The haptic thread may call add(), because add() does not allocate.
 class TargetPath {
  public:
-  /// Keeps one target in each `interval_s` of the first `duration_s`. At most 2^18 targets are
-  /// kept, so for a long duration the interval is longer than `interval_s`. With a duration of 0 no
-  /// target is kept.
+  /// Keeps one target in each `interval_s`, for the first `duration_s`. At most 2^18 targets are
+  /// kept: if the duration is too long for this number, the interval is longer than `interval_s`.
+  /// If the duration is 0, no target is kept.
   explicit TargetPath(double duration_s, double interval_s = 0.004);
-  /// Precondition: times ascend from call to call. Does not allocate.
+  /// Adds the target at the time `t_s`. Precondition: times ascend from call to call.
   void add(double t_s, const Pose& T_device_tool) noexcept;
-  /// Returns a path with at most kMaxKeyframes keyframes, the first at time 0. The path is within 5 um and 0.05 mrad of every target kept.
-  /// If that needs more than kMaxKeyframes keyframes, both tolerances are doubled
-  /// until kMaxKeyframes suffice.
+  /// Returns a path with at most kMaxKeyframes keyframes, the first at the time of the first
+  /// target. The path is within 5 um and 0.05 mrad of every target kept. If this needs more than
+  /// kMaxKeyframes keyframes, both tolerances are doubled until kMaxKeyframes suffice. Allocates.
   HandTrajectory keyframes() const;
 
  private:
@@ -78,7 +80,8 @@ class TargetPath {
 
 class LiveHand final : public UnscriptedHand, public HandReceiver {
  public:
-  /// `device` must outlive the hand.
+  /// `hand_limits`: from live_hand_limits(). `limits`: limits of the loop. `device` must
+  /// outlive the LiveHand.
   LiveHand(const LiveHandLimits& hand_limits, const Tool& tool, const DeviceSpecification& device,
            const SafetyLimits& limits, TargetPath path);
 
@@ -116,7 +119,8 @@ class LiveHand final : public UnscriptedHand, public HandReceiver {
 
 /// Distances that the target keeps from the limits at which the loop raises a fault.
 struct HandMargin {
-  double box_m = 1e-3, angle_rad = 0.0175;  ///< the angle is that of a joint or a tilt
+  /// `box_m`: from the sides of the workspace. `angle_rad`: from the limits of joints and tilts.
+  double box_m = 1e-3, angle_rad = 0.0175;
 };
 inline constexpr HandMargin kHandMargin;
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that a session can use, and their URIs. A new device is one class derived from PoseConnection,
-// PoseDevice or HandDevice, in a file of its own, and one entry in the table of open_device.cpp.
+// Opens the devices that a session can use. A URI names a device. To add a device, write one class
+// derived from PoseConnection, PoseDevice or HandDevice in a new file, and add one entry to the
+// table of open_device.cpp.
 // Tests: tests/runtime/devices/open_device_test.cpp
 #pragma once
 
@@ -24,77 +25,80 @@ namespace trocar::runtime {
 inline constexpr std::string_view kDefaultDevice = "inproc";
 
 struct OpenDeviceOptions {
-  const Scene& scene;      ///< the hand of this scene holds a simulated device
+  const Scene& scene;      ///< its hand holds a simulated device
   std::string scene_name;  ///< name of the scene in error messages
   const AnyDeviceDescription& description;
   std::filesystem::path key_file;  ///< key of the link to a device process
-  bool is_simulated = false;       ///< the user says that a device process has no motors
+  bool is_simulated = false;       ///< the user states that the device process has no motors
   Clock clock = Clock::kReal;      ///< the session's clock
   double rate_Hz = 1000;           ///< the session's rate
-  /// Moves the scene's hand. Null unless the scene's hand is live. It must outlive the device.
+  /// The live hand that holds a simulated device; must outlive the device. Null if the
+  /// scene's hand is not live.
   UnscriptedHand* hand = nullptr;
-  /// Receives messages about a device that is reached through a maker's SDK or service, one line
-  /// each. It is never called on the haptic thread.
+  /// Receives messages about a device that is reached through a maker's SDK or service. Each call
+  /// gives one line, and no call is on the haptic thread.
   SayLine say;
 };
 
-/// True if the device of this URI may have motors. The device that is simulated in this process has
-/// none. Every other device is assumed to have motors, whatever the device reports.
+/// True if the device of this URI may have motors: false for the device that is simulated in this
+/// process, true for every other device, whatever the device reports.
 bool may_have_motors(std::string_view uri);
 
-/// Longest time without data from a simulated device process, in s. It is long because other work on the machine can
-/// delay the process.
+/// Longest time without data from a device process without motors. The time is long because other
+/// work on the machine can delay the process.
 inline constexpr double kSimulatedNoData_s = 0.25;
 
-/// True if the URI names a device process, which the device link (udp_link.h) reaches.
+/// True if the URI names a device process, to which the session connects by the
+/// device link (udp_link.h).
 bool is_device_process(std::string_view uri);
 
 /// Checks a URI. Errors: kUsage if no device has this URI, if a key file is needed but not given,
 /// or if a key file is given but not needed.
 Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 
-/// Returns the name of the built-in pose device description (pose_session.h) that belongs to a
-/// URI. The name is empty if the URI has none: the device is the four-legged one, or the user must
-/// give a description.
+/// Returns the name of the built-in pose device description (pose_session.h) that belongs to a URI.
+/// Returns an empty name if no built-in description belongs to the URI. The device is then the
+/// four-legged one, or the user must give a description.
 std::string_view built_in_description(std::string_view uri);
-/// Like built_in_description(), but connects to the device to find out whether it measures
-/// the orientation of its handle. If it does, the returned name ends with kWithRotation.
-/// Blocks up to kOpenTimeout_s. Errors: kUsage if the address in the URI is wrong; those of
-/// the device's PoseConnection::open().
+/// Like built_in_description(), but connects to the device and asks whether the device measures the
+/// orientation of its handle. If so, the returned name ends with kWithRotation. Blocks up to
+/// kOpenTimeout_s. Errors: kUsage if the address in the URI is wrong; those of the device's
+/// PoseConnection::open().
 Result<std::string> find_built_in_description(std::string_view uri);
-/// A device ready for start(), or for the first tick of a replay.
+/// A device on which HandDevice::start() may be called next. With a replayed recording, the first
+/// tick may come next.
 struct OpenedDevice {
   std::unique_ptr<Device> encoders_and_motors;  ///< set for the four-legged device
   std::unique_ptr<PoseDevice> pose_device;      ///< set for a device that measures its own pose
-  std::unique_ptr<HandDevice> device;           ///< uses one of the two members above
+  std::unique_ptr<HandDevice> device;  ///< the device for the loop; uses one of the members above
 };
 
-/// Builds the four-legged device from these encoders and motors.
+/// Builds the four-legged hand device on these encoders and motors.
 OpenedDevice make_four_legs(const DeviceDescription& description,
                             std::unique_ptr<Device> encoders_and_motors);
 
-/// Builds the hand device from this pose device. pose_frame() determines where the device lies
-/// in the scene.
+/// Builds the hand device on this pose device. pose_frame() determines where the
+/// device lies in the scene.
 OpenedDevice make_pose_hand(const PoseDeviceDescription& description, const Scene& scene,
                             std::unique_ptr<PoseDevice> pose_device);
 
-/// Makes the simulated device of this description, held by the scene's hand. Errors: kRefused if
-/// the device cannot reach the position where the hand begins; kBug if the scene's hand is live.
+/// Makes the simulated device of this description, held by the scene's hand. Errors: kBug if the
+/// scene's hand is live; those of make_simulated_device() or make_simulated_pose_device().
 Result<std::shared_ptr<HandDevice>> simulate_device(const Scene& scene,
                                                     const AnyDeviceDescription& description);
 
-/// Makes the specification of a device of this description, placed in the scene.
+/// Makes the specification of a device with this description that is placed in the scene.
 std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescription& description,
                                                         const Scene& scene);
 
 /// Opens the device of a URI. Errors: those of check_device_uri() and of the device; kUsage if the
-/// description is for another kind of device. For the device that is simulated in this process:
-/// kBug if the scene's hand is live and OpenDeviceOptions::hand is null, or the scene's hand is not
-/// live and OpenDeviceOptions::hand is set.
+/// description is for another kind of device than the URI; for a device with its own clock, kUsage
+/// unless the session's clock is Clock::kReal. For the device that is simulated in this process:
+/// kBug if the scene's hand is live and OpenDeviceOptions::hand is null, or if the hand is not live
+/// and OpenDeviceOptions::hand is set.
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
-/// Returns the help text of all URIs, such as "inproc: simulated in the process; udp:HOST:PORT:
-/// ...".
+/// Returns the URIs of all devices with an explanation of each, as text for `--help`.
 std::string device_uri_help();
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The distances of a pose from the limits of the device and the safety layer.
+// The distances of a plate pose from the limits of the device and of the loop (limits.h).
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
@@ -13,12 +13,13 @@ namespace trocar::runtime {
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-/// How far a pose is from the limits. The tilts are angles, which pose_fault() compares
-/// with their limits.
+/// How far a pose is from the limits. The two tilts are the angles themselves, not
+/// distances from a limit.
 struct PoseMargins {
   DeviceMargins device;
-  double box_m = 0;     ///< plate's origin to the nearest side of the workspace; negative outside
-  double tilt_rad = 0;  ///< angle between the z axes of the plate and of {B}
+  /// Distance from the plate's origin to the nearest side of the workspace; negative outside.
+  double box_m = 0;
+  double tilt_rad = 0;       ///< angle between the z axes of the plate and of {B}
   double tool_tilt_rad = 0;  ///< angle between the tool's axis and the z axis of {B}
 };
 PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& limits,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a session with a pose device needs: the built-in descriptions of devices, the limits and the
-// force scale that fit a device and a scene, the entries about the device in a recording, and a
-// device that replays a recording.
+// What a session with a pose device (runtime/device/pose_device.h) needs besides the device itself:
+// built-in descriptions, the limits and the force scale that fit a device and a scene, the entries
+// about the device in a recording, and a device that replays a recording.
 // Tests: tests/runtime/devices/pose_session_test.cpp
 #pragma once
 
@@ -30,42 +30,48 @@ inline constexpr std::string_view kWithRotation = "+rotation";
 /// senses_rotation is true, otherwise false. Errors: kRefused if there is no such description.
 Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 
-/// Sets the options that depend on the pose device. The box of the device's workspace becomes the
-/// workspace limit. The force is zero in the tick that finds a fault, without a ramp. When a
-/// session begins, the force rises from zero. The rendered stiffness is limited to StiffnessLimits
-/// and to the largest stiffness that the description gives. If the force law treats slices as
-/// separate sheets, a virtual coupling is switched on to keep that limit.
+/// Sets the options that depend on the pose device:
+///  - The box around the device's workspace becomes the workspace limit.
+///  - In the tick that finds a fault, the force goes to zero without a ramp.
+///  - When a session begins, the force rises from zero.
+///  - The rendered stiffness is at most StiffnessLimits::max_N_per_m. If the description
+///    states a largest stiffness, this stiffness divided by StiffnessLimits::margin is a
+///    second limit. If the force law treats slices as separate sheets, a virtual coupling is
+///    switched on to keep these limits.
 void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
                              SessionOptions& options);
 
-/// Returns the largest force scale (factor on all forces of a scene), at most the scene's own, with
-/// which the device can render the forces at which the scene's tissues break. With the force law
-/// `cutting` this includes a margin for friction on the shaft. Errors: those of the law's factory.
+/// Returns the largest force scale (factor on all forces of a scene) with which the device can
+/// render the forces at which the scene's tissues break. With the force law `cutting`, these forces
+/// include a margin for friction on the shaft. The result is at most the force scale that the scene
+/// states. Errors: those of the law's factory.
 Result<double> fitting_force_scale(const PoseDeviceDescription& description, const Scene& scene,
                                    std::span<const std::unique_ptr<const Sheet>> sheets,
                                    double rate_Hz);
 
-/// Writes the entries about the device into the origin of a recording. `device`: the digest of its
-/// description, or "built-in/NAME".
+/// Writes the entries about the pose device into the origin of a recording. `device`: the digest of
+/// the device's description, or "built-in/NAME" for a built-in description.
 void write_pose_device_origin(const std::string& device, const PoseDeviceDescription& description,
                               const Scene& scene, const SessionOptions& options,
                               RecordingOrigin& origin);
 
-/// Entries about a pose device in a recording's origin.
+/// The entries about a pose device in a recording's origin.
 struct PoseDeviceOrigin {
-  std::optional<std::string> built_in;  ///< none: the description is not built in
+  std::optional<std::string> built_in;  ///< name of the description; nullopt: it is not built in
   double force_scale = 1, force_max_N = 0, stiffness_margin = 1;
 };
-/// Reads these entries. Returns nullopt if the recording was not made with a pose device.
+/// Reads the entries that write_pose_device_origin() wrote. Returns nullopt if the recording was
+/// not made with a pose device.
 std::optional<PoseDeviceOrigin> read_pose_device_origin(const RecordingOrigin& recorded);
 
-/// A pose device that returns the readings and statuses of a recording, tick by tick.
+/// A pose device that replays a recording: each read() returns the reading and the
+/// status of the next row.
 class ReplayPoseDevice final : public PoseDevice {
  public:
   /// `rows` must outlive the device.
   explicit ReplayPoseDevice(std::span<const RecordingRow> rows) : rows_(rows) {}
 
-  /// Returns the reading and status of the next row; kEndOfData after the last row.
+  /// Returns the reading and the status of the next row, or kEndOfData after the last row.
   DeviceStatus read(PoseReading& reading) noexcept override;
   DeviceStatus write(const HandleWrench& /*wrench*/) noexcept override {
     return next_ == 0 ? DeviceStatus::kOk : rows_[next_ - 1].device_write;

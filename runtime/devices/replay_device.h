@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording of the four-legged device played back as a device: it returns the recorded states and
-// statuses, tick by tick.
+// Plays back a recording of the four-legged device: each read() returns the state and the
+// status of the next row.
 // Tests: tests/runtime/session/puncture_experiment_test.cpp
 #pragma once
 
@@ -16,7 +16,7 @@ class ReplayDevice final : public Device {
   /// `rows` must outlive the device.
   explicit ReplayDevice(std::span<const RecordingRow> rows) : rows_(rows) {}
 
-  /// Returns the state and status of the next row; kEndOfData after the last row.
+  /// Returns the state and the status of the next row, or kEndOfData after the last row.
   DeviceStatus read(DeviceState& state) noexcept override {
     if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
     const RecordingRow& row = rows_[next_++];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The hand that a scene describes.
+// Converts the hand that a scene describes to the simulated hand of runtime/simulation/hand.h.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -8,10 +8,11 @@
 
 namespace trocar::runtime {
 
-/// Returns the path along which the scene's hand pulls the tool's tip.
+/// Returns the path of the target to which the scene's hand pulls the tool's tip.
 HandTrajectory hand_trajectory(const Scene& scene);
 
-/// Returns the impedance of the scene's hand.
+/// Returns the impedance of the scene's hand: the values of its grip, except for those
+/// that the scene states.
 HandImpedance hand_impedance(const SceneHand& hand);
 
 }  // namespace trocar::runtime

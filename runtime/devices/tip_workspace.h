@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The volume that the tip can reach without turning the plate.
+// Finds tip positions that a device reaches without turning the plate. The tip reaches a position
+// if the loop raises no fault there (pose_fault()).
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
@@ -17,22 +18,23 @@ namespace trocar::runtime {
 struct WorkspaceHeights {
   double min_m = 0, max_m = 0;
 };
-/// Returns the longest range of heights that the tip reaches with the plate's rotation `q`,
-/// which is upright by default. Heights 2 mm apart are tested. Returns nullopt if the tip
-/// reaches none of them.
+/// Returns the longest range of heights that the tip reaches with the plate's rotation `q`, which
+/// is upright by default. The function tests heights 2 mm apart. Returns nullopt if the tip reaches
+/// none of these heights.
 std::optional<WorkspaceHeights> workspace_heights(
     const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool,
     const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
 
-/// A rectangle of tip positions at one height. The tip reaches all of them with the same rotation
-/// of the plate.
+/// A rectangle of tip positions at one height in {B}. The tip reaches every position in the
+/// rectangle with the same rotation of the plate.
 struct WorkspaceRectangle {
   Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
 };
-/// Returns such a rectangle for the height `tip_z_m` and the plate's rotation `q`. The search
-/// begins with a plate whose origin is on the z axis of {B}. It finds the largest square around
-/// this plate's tip, and then moves each side of the square outwards as far as possible. Positions
-/// 2 mm apart are tested. Returns nullopt if the tip does not reach the first position.
+/// Returns a rectangle for the height `tip_z_m` and the plate's rotation `q`. The middle of the
+/// search is the position of the tip if the plate's origin is on the z axis of {B}. The search
+/// finds the largest square around the middle, and then moves one side after the other outwards
+/// as far as possible. The function tests positions 2 mm apart. Returns nullopt if the tip does
+/// not reach the middle.
 std::optional<WorkspaceRectangle> workspace_rectangle(
     const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool, double tip_z_m,
     const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());
