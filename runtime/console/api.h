@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Answers the requests below /api/ (protocol.md). The caller must have checked who asks. This code
-// does not use sockets.
+// Answers the requests whose path begins with /api/ (protocol.md). Precondition: the caller has
+// checked who asks. This code does not use sockets.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -27,7 +27,7 @@ struct Answer {
   unsigned status = 200;  ///< HTTP status
   std::string type = "application/json", body;
   std::string policy = kPolicyOfData;  ///< Content-Security-Policy
-  /// A body that several answers share. It is sent instead of `body`. Null: `body` is sent.
+  /// A body that several answers share. If it is not null, it is sent instead of `body`.
   std::shared_ptr<const std::string> shared = {};
 };
 
@@ -43,14 +43,14 @@ struct ApiRequest {
   std::string from;  ///< address of the peer, for the log
 };
 
-/// An answer, or a function that makes the answer. The caller must run the function on
-/// the worker thread.
+/// An answer, or a function that makes the answer. If it is a function, the caller must run it on
+/// the worker thread (ConsoleState::worker), because it may read large files.
 using Reply = std::variant<Answer, std::function<Answer()>>;
 
 Reply answer_api(ConsoleState& console, const ApiRequest& request);
 
-/// Answers a request for an emergency stop. Such a request needs no token, so the caller calls this
-/// function before it checks the role.
+/// Answers a request for an emergency stop. This request needs no token, so call this function
+/// before you check the role.
 Answer answer_emergency_stop(ConsoleState& console);
 
 }  // namespace trocar::runtime

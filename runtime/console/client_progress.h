@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stores what one WebSocket client has received so far, and determines its next message. Each
-// message is made from the supervisor's present state, so nothing is queued for a slow client.
+// Stores what one WebSocket client has received so far, and determines the client's next message.
+// Each message is made from the supervisor's present state, so nothing is queued for a slow client.
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -16,7 +16,7 @@
 
 namespace trocar::runtime {
 
-/// A message: text, or a binary frame with its kind and number.
+/// A message: a text, or a binary frame with its kind and number (protocol.md).
 struct ClientMessage {
   std::string text;
   Frame frame;  ///< null: the message is text
@@ -27,15 +27,17 @@ class ClientProgress {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Call this before the first next() if the client already has the events of this session up to
-  /// the number `last_event`.
+  /// Call this before the first next() if the client connects again and already has the events of
+  /// this session up to the number `last_event`.
   void resume_after(std::uint64_t last_event) noexcept { first_cursor_ = last_event; }
-  /// Returns the next message, if there is one that the client may get now. Events come before the
-  /// state, and the state before binary messages. `has_new_snapshot`: a new snapshot has just been
-  /// read. `hand`: who holds the live hand, if the session has one.
+  /// Returns the next message for the client, or nullopt if no message is due. Events come
+  /// before the state, and the state comes before binary messages. `hand`: who holds the live
+  /// hand; ignored if the session has no live hand. `has_new_snapshot`: the last poll has
+  /// read a new snapshot.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
                                     bool has_new_snapshot, Clock::time_point now);
-  /// Call this when the client has drawn the binary messages up to `number`.
+  /// Call this when the client reports that it has drawn the binary messages up to `number`. Until
+  /// then, the client gets only a few further binary messages.
   void acknowledge(std::uint64_t number);
   /// Returns true if a binary message has been waiting for its acknowledgement for more than 6 s.
   bool is_stalled(Clock::time_point now) const;
@@ -53,7 +55,7 @@ class ClientProgress {
 
   bool said_hello_ = false, has_history_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
-  /// Holder of the live hand as the client was told last; none: the client was told nothing.
+  /// Holder of the live hand that the client was told last; nullopt: the client was told none.
   std::optional<HandShare> hand_;
   std::vector<std::uint64_t> sheet_versions_;
   std::uint64_t shape_version_ = 0;

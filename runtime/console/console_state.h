@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state that all connections of one console share. Only the network thread uses this state,
-// with two exceptions, which belong to the worker thread: the bone caches and Files::list().
+// The state that all connections of one console share. Only the network thread uses this state. Two
+// parts belong to the worker thread instead: the bone caches and Files::list().
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -35,10 +35,10 @@ class RefusalLog {
   std::optional<std::chrono::steady_clock::time_point> last_stop_;
 };
 
-/// The answer to the last request for a bone, or for its volume. The answer is kept because all
-/// pages of a session ask for the same bone.
+/// The answer to the last request for a bone, or to the last request for a volume of HU. The answer
+/// is kept because all pages of a session ask for the same bone.
 struct BoneCache {
-  std::string key;  ///< names and times of the files
+  std::string key;  ///< names and times of the files from which the answer was made
   std::shared_ptr<const std::string> answer;
 };
 
@@ -73,7 +73,7 @@ struct ConsoleState {
   BoneCache bone, volume;
 };
 
-/// Removes the connections that have ended. Returns the number of the remaining ones.
+/// Removes the connections that have ended. Returns the number of connections that remain.
 template <typename T>
 std::size_t count_living(std::vector<std::weak_ptr<T>>& all) {
   std::erase_if(all, [](const auto& one) { return one.expired(); });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scenes, assets and recordings that pages may name. These files are in a folder, or were given
-// on the command line. The files are not trusted.
+// The scenes, assets and recordings that pages may name. The files are those of a folder or, for
+// playback, those that were given on the command line. The contents of the files are not trusted.
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -17,31 +17,31 @@
 namespace trocar::runtime {
 
 /// Lists and finds files. The folder is searched two levels deep, without following links. The
-/// names of files in the folder of sessions begin with "sessions/", wherever that folder is. If the
-/// folder of sessions is elsewhere, a subfolder sessions/ of the folder is searched, too. Only one
-/// thread at a time may call list(); any thread may call find().
+/// names of files in the folder of sessions begin with "sessions/", wherever the folder of sessions
+/// is. If this folder is not the subfolder sessions/, both are searched. Only one thread at a time
+/// may call list(); any thread may call find().
 class Files {
  public:
-  /// Uses the files of a folder. `sessions`: the folder of sessions, which need not exist yet;
-  /// empty: the subfolder sessions/ of `folder`. Errors: kRefused if `folder` is not a folder;
-  /// kUnwritable if the path `sessions` cannot be resolved.
+  /// Uses the files of a folder. `sessions`: the folder of sessions, which need not exist yet. If
+  /// `sessions` is empty, the folder of sessions is the subfolder sessions/ of `folder`. Errors:
+  /// kRefused if `folder` is not a folder; kUnwritable if the path `sessions` cannot be resolved.
   static Result<Files> of_folder(const std::filesystem::path& folder,
                                  const std::filesystem::path& sessions = {});
-  /// Uses the files of a playback: a recording, a second recording to compare with (`against`,
-  /// which may be empty), and their scene. Pages name these files without their folders.
+  /// Uses the files of a playback: a recording, its scene and, unless `against` is empty, a second
+  /// recording to compare with. Pages name these files without their folders.
   static Files of_recording(const std::filesystem::path& recording,
                             const std::filesystem::path& against,
                             const std::filesystem::path& scene);
 
-  /// Returns the regular file with this name from list(). Errors: kRefused if the name leads out of
-  /// the folder, if a link is on the way, or if there is no such file.
+  /// Returns the path of the regular file that has this name in list(). Errors: kRefused if the
+  /// name leads out of the folder, if a link is on the way, or if there is no such file.
   Result<std::filesystem::path> find(std::string_view name) const;
-  /// The folder; empty for playback.
+  /// The folder of of_folder(); empty for playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }
   const std::filesystem::path& sessions() const noexcept { return sessions_; }
   /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md). If
   /// there are too many files to list all of them, the object also has the key `truncated`. A file
-  /// is read again only if its size or time has changed.
+  /// is read again only if its size or its time has changed since the previous call.
   std::string list();
 
  private:
@@ -50,14 +50,15 @@ class Files {
     std::filesystem::file_time_type time;
     std::string kind;    ///< key in the list; empty: the file is not listed
     std::string json;    ///< entry in the list
-    std::string digest;  ///< digest of the scene, or of the scene that a recording names
-    std::string device;  ///< the device of a session's recording, if it is known
+    std::string digest;  ///< digest of the scene, or of a recording's scene
+    std::string device;  ///< device of a session's recording; empty: not known
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 
   std::filesystem::path path_of(std::string_view name) const;
   /// Calls inspect(file, name) for each file below `root` that may be listed. Each name begins with
-  /// `prefix`. If there are more than kMaxInspected entries, stops after these and returns false.
+  /// `prefix`. If `root` has more than kMaxInspected entries, stops after this number of entries
+  /// and returns false. Otherwise returns true.
   template <typename Inspect>
   bool search(const std::filesystem::path& root, const std::string& prefix, int depth,
               Inspect inspect) const;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force on the hand and the height of the tip since a session began, for pages that connect
-// later. If there are more than kMaxPoints points, each pair of points is replaced by the one with
-// the larger force, so that peaks stay.
+// while the session runs. If there are more than kMaxPoints points, one point of each pair of
+// successive points is removed: the point with the smaller force, so that peaks stay.
 // Tests: tests/runtime/console/force_history_test.cpp
 #pragma once
 
@@ -26,9 +26,9 @@ class ForceHistory {
  private:
   std::vector<Point> points_;
   double last_t_s_ = -1;
-  int every_ = 1;    ///< one of this many successive points is kept: the one with the largest force
-  int pending_ = 0;  ///< number of points since a point was kept
-  std::optional<Point> largest_;  ///< the one of these points with the largest force
+  int every_ = 1;                 ///< one point is kept for this many added points
+  int pending_ = 0;               ///< points added since a point was kept
+  std::optional<Point> largest_;  ///< pending point with the largest force
 };
 
 }  // namespace trocar::runtime

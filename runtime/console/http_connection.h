@@ -17,13 +17,16 @@ namespace trocar::runtime {
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   HttpConnection(ConsoleState& console, tcp::socket socket, std::string from);
+  /// Reads and answers one request after the other until the connection ends.
   void read();
+  /// True while the connection waits for a request. If there are already 64 connections, the server
+  /// closes an idle connection when another client connects.
   bool is_idle() const noexcept { return is_idle_; }
   void close();
 
  private:
   void on_error(beast::error_code error);
-  /// Logs the refusal, answers, and closes the connection.
+  /// Logs a refused request, answers with `status`, and closes the connection.
   void refuse(unsigned status, const char* kind);
   void refuse_host(const Request& request);
   void answer(const Request& request);

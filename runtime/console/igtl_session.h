@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sends the console's session to OpenIGTLink clients (docs/openigtlink.md).
+// Passes poses, forces and state of the console's session to OpenIGTLink clients, such as 3D Slicer
+// (docs/openigtlink.md).
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -15,8 +16,8 @@
 
 namespace trocar::runtime {
 
-/// Gives an IgtlServer the telemetry that the supervisor has read. A session's bone is loaded on
-/// the worker thread, and only if there is a client.
+/// Gives an IgtlServer the telemetry that the supervisor has read. The bone of a session is loaded
+/// only if there is a client, and on the worker thread.
 class IgtlSession {
  public:
   using Clock = std::chrono::steady_clock;
@@ -27,7 +28,8 @@ class IgtlSession {
   void poll(Clock::time_point now);
 
  private:
-  /// The position of the session's bone in the patient, and the packed message with its surface.
+  /// The position of the session's bone in the patient, and the packed message
+  /// with the bone's surface.
   struct Position {
     std::optional<Eigen::Affine3d> T_patient_device;
     IgtlBytes surface;
@@ -40,8 +42,8 @@ class IgtlSession {
   std::unique_ptr<IgtlServer> server_;
   IgtlState state_;
   std::optional<std::uint64_t> asked_;  ///< the session whose position is loaded or being loaded
-  std::optional<Position> position_;    ///< none: not loaded yet
-  double shown_ticks_ = 0;              ///< number of ticks of the pose that was sent last
+  std::optional<Position> position_;    ///< nullopt: not loaded yet
+  double shown_ticks_ = 0;              ///< tick count of the pose that was sent last
   std::pair<RunState, int> shown_status_{RunState::kIdle, -1};  ///< state and fault sent last
 };
 

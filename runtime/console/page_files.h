@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of the page, which are read once when the console starts, and the policies that say
-// which scripts may run in a browser (Content-Security-Policy).
+// The files of the console's page, which are read once when the console starts, and the policies
+// that tell a browser which scripts may run (Content-Security-Policy).
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -20,17 +20,17 @@ struct PageFile {
 
 class PageFiles {
  public:
-  /// Reads the page's files in `folder` and in its subfolders hand/, imaging/, planning/, view/
-  /// and vendor/: at most 64 files of at most 8 MiB each. If vendor/ is empty, the page only says
-  /// how to get its libraries. Errors: kRefused if there is no index.html, or if there are more
-  /// or larger files.
+  /// Reads the page's files in `folder` and in its subfolders hand/, imaging/, planning/, view/ and
+  /// vendor/: at most 64 files of at most 8 MiB each. vendor/ holds the JavaScript libraries. If it
+  /// is empty, the page only says how to get the libraries. Errors: kRefused if there is no
+  /// index.html, or if there are more or larger files.
   static Result<PageFiles> read(const std::filesystem::path& folder);
-  /// Returns the file for the path of a request, such as "/" or "/vendor/uPlot.esm.js"; null:
-  /// there is none.
+  /// Returns the file for the path of a request, such as "/" or "/vendor/uPlot.esm.js". Returns
+  /// null if there is no such file.
   const PageFile* find(std::string_view target) const;
-  /// Returns the page's Content-Security-Policy. This policy allows every script of this
-  /// server. It also allows, each by its hash, the page's import map and the inline scripts of
-  /// session reports and of the page of learning curves.
+  /// Returns the page's Content-Security-Policy. It allows every script file of this server. By
+  /// their hashes, it also allows the page's import map and the inline scripts of two pages that
+  /// appear in frames of this page: the session report and the history of sessions.
   const std::string& security_policy() const noexcept { return policy_; }
   /// Returns false if vendor/ is empty.
   bool is_complete() const noexcept { return complete_; }
@@ -41,18 +41,19 @@ class PageFiles {
   bool complete_ = true;
 };
 
-/// Returns the folder with the page's files: share/trocar/console next to the program's folder
-/// bin/. If there is none, returns the folder in the sources from which the program was built.
+/// Returns the folder with the page's files. For an installed program, this is
+/// share/trocar/console next to the program's folder bin/. Otherwise it is the folder in the
+/// sources from which the program was built.
 std::filesystem::path page_folder();
 
-/// The Content-Security-Policy of session reports, and that of the history. Reports in
-/// the console's folder are not trusted, so the only script that may run is that of
-/// this version's template.
+/// The Content-Security-Policy of session reports, and the Content-Security-Policy of the history
+/// of sessions. Reports in the console's folder are not trusted, so only the script of this
+/// version's template may run.
 const std::string& report_policy();
 const std::string& history_policy();
 
-/// Returns the hashes of those scripts in an HTML page that begin with `tag`, as a
-/// Content-Security-Policy needs them: 'sha256-...', each with a blank before it.
+/// Returns the hashes of the scripts in an HTML page whose opening tag is `tag`. The hashes have
+/// the form of a Content-Security-Policy: 'sha256-HASH', each with a blank before it.
 std::string script_hashes(std::string_view html, std::string_view tag);
 
 }  // namespace trocar::runtime

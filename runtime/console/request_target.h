@@ -10,15 +10,15 @@
 
 namespace trocar::runtime {
 
-/// Path and parameters of "/path?name=value&...", percent-decoded.
+/// Path and parameters of a target such as "/path?name=value&name2=value2", percent-decoded.
 struct RequestTarget {
   std::string path;  ///< begins with '/'
   std::map<std::string, std::string> parameters;
 
-  /// Parses a target. None: the text is malformed, repeats a parameter, or has more than 8
-  /// parameters.
+  /// Parses a target. Returns nullopt if the text is malformed, repeats a parameter, or has
+  /// more than 8 parameters.
   static std::optional<RequestTarget> parse(std::string_view text);
-  /// Returns the value of a parameter; empty if the parameter is missing.
+  /// Returns the value of a parameter, or an empty text if the parameter is missing.
   std::string parameter(const char* name) const;
 };
 

@@ -19,17 +19,20 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
-  /// Address with which the printed links begin: a result of public_url_of(). Empty: the links
+  /// Address with which the printed links begin: a result of public_url_of(). If empty, the links
   /// begin with the address on which the console listens.
   std::string public_url;
-  std::string start;     ///< JSON for `start` of /api/folder, the name of a scene; empty: none
-  std::string playback;  ///< JSON for `playback` of /api/folder; empty: none
-  std::optional<IgtlAddress> igtl;  ///< address for OpenIGTLink clients; none: they are not served
+  /// The scene of --start, as JSON for /api/folder, or empty if there is none. The page starts a
+  /// session with this scene.
+  std::string start;
+  std::string playback;  ///< the files of a playback, as JSON for /api/folder; empty: no playback
+  /// Address for OpenIGTLink clients. If nullopt, they are not served.
+  std::optional<IgtlAddress> igtl;
 };
 
-/// Prints the links, serves until SIGINT, SIGTERM or SIGHUP, and then ends what the console runs
-/// (Supervisor::end_all()). Errors: kUsage if the address is not numerical; kUnwritable if the
-/// server cannot listen on the address.
+/// Prints the links and serves until SIGINT, SIGTERM or SIGHUP. Then ends the programs that the
+/// console runs (Supervisor::end_all()) and returns. Errors: kUsage if ServerSettings::listen is
+/// not numerical; kUnwritable if the server cannot listen on an address.
 Result<void> serve(const ServerSettings& settings, Files files, PageFiles page);
 
 }  // namespace trocar::runtime

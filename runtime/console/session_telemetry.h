@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's copy of one session's shared-memory telemetry: description, events, the latest
-// snapshot (the numbers of one tick) and the meshes, each ready to be sent to clients. The copy is
-// kept after the session has ended, until the next session begins.
+// snapshot (the numbers of one tick) and the meshes. Every part is stored in the form in which
+// clients get it. After the session has ended, the copy is kept until the next session begins.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -19,7 +19,7 @@
 
 namespace trocar::runtime {
 
-/// The contents of a binary message, which all clients share.
+/// The contents of a binary message (messages.h). All clients get the same bytes.
 using Frame = std::shared_ptr<const std::string>;
 
 class SessionTelemetry {
@@ -33,26 +33,26 @@ class SessionTelemetry {
     Frame frame;                ///< result of mesh_message() (messages.h); null: nothing to show
   };
 
-  /// Begins to copy another session.
+  /// Forgets the present session and begins to copy the session of `reader`.
   void attach(std::unique_ptr<TelemetryReader> reader);
   /// Forgets the session. Called when another session is about to begin.
   void clear();
   bool is_attached() const noexcept { return reader_ != nullptr; }
-  /// Reads new events, the latest snapshot and changed meshes. Takes less than a millisecond, plus
-  /// the time for at most two cut sheets.
+  /// Reads new events, the latest snapshot and changed meshes. One call reads at most two sheets.
+  /// The rest of the call takes less than a millisecond.
   void poll();
-  /// Passes a command on. Precondition: is_attached().
+  /// Passes a command on to the session. Precondition: is_attached().
   void command(TelemetryCommand command) { reader_->command(command); }
-  /// Holds X-ray screening or ends it (TelemetryReader::screen()). Precondition: is_attached().
+  /// Keeps X-ray screening on or ends it (TelemetryReader::screen()). Precondition: is_attached().
   void screen(bool is_held) { reader_->screen(is_held); }
   /// True if the session has a live hand and has not ended.
   bool has_hand() const noexcept { return reader_ && reader_->has_hand() && !has_ended_; }
-  /// Moves the live hand to a target (TelemetryHand::target); none: the hand lets go. Precondition:
-  /// has_hand().
+  /// Moves the live hand to a target (TelemetryHand::target). If `target` is nullopt, the hand lets
+  /// go. Precondition: has_hand().
   void move_hand(const std::optional<std::array<double, 6>>& target);
 
   std::uint64_t sessions() const noexcept { return sessions_; }  ///< changes with each new session
-  /// The description of the session; SessionAbout::json is empty if there is no session yet.
+  /// The description of the session. If there is no session yet, SessionAbout::json is empty.
   const SessionAbout& about() const noexcept { return about_; }
   /// The latest 20,000 events, in the order of their numbers.
   const std::deque<Event>& events() const noexcept { return events_; }
@@ -60,9 +60,10 @@ class SessionTelemetry {
   /// True if the event `ended` has been read.
   bool has_ended() const noexcept { return has_ended_; }
   std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of snapshots read
-  const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: none yet
+  const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: no snapshot yet
   const ForceHistory& history() const noexcept { return history_; }
-  /// Returns value number `at` of a column of the latest snapshot; 0 if there is no such value.
+  /// Returns the value with index `at` in a column of the latest snapshot, or 0 if
+  /// there is no such value.
   double value(const char* column, std::size_t at = 0) const;
   const std::vector<Mesh>& sheets() const noexcept { return sheets_; }
   const Mesh& shape() const noexcept { return shape_; }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor of the one session that a console shows. The supervisor starts the session's
-// programs, or finds a session that already runs. It then follows this session, and passes commands
-// on to it.
+// The supervisor of the one session that a console shows. The supervisor starts the programs of the
+// session, or finds a session that already runs. It then follows this session, and passes the
+// commands of pages on to the session.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -25,14 +25,15 @@
 
 namespace trocar::runtime {
 
-/// The state of the session. kSilent: the session's process runs, but no new telemetry has
-/// come for kSilentAfter. kLost: the process is gone, without the event `ended` and without a
-/// known exit code.
+/// The state of the session. kSilent: the session's process runs, but no new telemetry
+/// has come for kSilentAfter. kLost: the process is gone, and neither the event `ended`
+/// nor an exit code is known.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
 
-/// Take one X-ray picture, keep continuous X-ray (screening) on, or switch it off.
+/// Requests for X-ray. kShot: take one picture. kScreen: keep continuous X-ray (screening) on for
+/// another second. kEnd: switch screening off.
 enum class XrayRequest : std::uint8_t { kShot, kScreen, kEnd };
 
 struct StartRequest {
@@ -52,51 +53,56 @@ class Supervisor {
     /// The folder of the scenes; empty: the console only plays recordings.
     std::filesystem::path folder;
     std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
-    /// The telemetry link (--live) of a session to follow; the console then starts no sessions.
-    /// Empty: the console starts sessions.
+    /// The telemetry link (trocar-run --live) of a session to follow. If it is set, the console
+    /// only watches this session and starts none. If it is empty, the console starts sessions.
     std::filesystem::path attach;
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
-    /// The devices that pages may choose; there is at least one, and the first is the default.
+    /// The devices that pages may choose, at least one. The first device is the default.
     std::vector<DeviceChoice> devices = {DeviceChoice{}};
-    std::optional<double> stiffness_limit_N_per_m;  ///< the operator's limit for all sessions
+    std::optional<double> stiffness_limit_N_per_m;  ///< --stiffness-limit of all sessions
   };
   explicit Supervisor(Settings settings);
 
-  /// Starts a session. Errors: kRefused if this console starts no programs, if a session, a test or
-  /// the making of a scene already runs, or if a program cannot be started; kUnwritable if a file
-  /// of the session cannot be written.
+  /// Starts a session. Errors: kRefused if this console starts no programs, if a session, the test
+  /// of a device or the making of a scene already runs, or if a program cannot be started;
+  /// kUnwritable if a file of the session cannot be written.
   Result<void> start(const StartRequest& request);
-  /// Starts the test of a device, in which the device gets no force. Errors: those of start();
-  /// kRefused if the device is one that Trocar itself simulates.
+  /// Starts the test of a device. The device gets no force in the test. Errors: those of start();
+  /// also kRefused if Trocar itself simulates the device.
   Result<void> test_device(const DeviceChoice& device);
   const DeviceTest& test() const noexcept { return test_; }
-  /// Makes a scene in the console's folder. Errors: those of start() and of SceneMaker::start().
+  /// Starts to make a scene in the console's folder. Errors: those of start() and of
+  /// SceneMaker::start().
   Result<void> make_scene(const NewSceneRequest& request);
   const SceneMaker& scene_maker() const noexcept { return scene_maker_; }
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
-  /// The texts that pages must not see: absolute paths, and the files in the devices' options.
+  /// Hides texts that pages must not see: the console's folders, and the files in
+  /// the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
   /// Takes an X-ray picture, or switches screening on or off. Screening ends after 1 s unless
-  /// kScreen is requested again. Errors: kRefused if no session runs, or if the session takes no
-  /// X-ray or is paused.
+  /// kScreen is requested again. Errors: kRefused if no session runs, if the session takes no
+  /// X-ray, or if the session is paused (unless the request is kEnd).
   Result<void> xray(XrayRequest request);
-  /// Passes a command on to the session. The command `stop` also ends a test or the making of a
-  /// scene. Errors: kRefused if no session runs.
+  /// Passes a command on to the session. The command `stop` also ends the test of a device and the
+  /// making of a scene. If the device process of the session has ended, the command `recover` first
+  /// starts this process again. Errors: kRefused if no session runs and `stop` has ended nothing;
+  /// for `recover`, those of starting the device process.
   Result<void> command(TelemetryCommand command);
-  /// True if a session runs whose live hand can be moved.
+  /// True if the session runs and has a live hand, so that move_hand() may be called.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
   /// Sets the target of the live hand: the position of the tip in {B} in m, and the rotation vector
-  /// in rad. None: the hand lets go. Precondition: has_hand().
+  /// of the plate in rad. If `target` is nullopt, the hand lets go. Precondition: has_hand().
   void move_hand(const std::optional<std::array<double, 6>>& target) {
     telemetry_.move_hand(target);
   }
-  /// Sends the emergency stop. poll() kills the session if its telemetry does not show zero
-  /// torques within 100 ms. A session that has only been started is killed immediately, and a
-  /// test is stopped.
+  /// Sends the emergency stop. If the telemetry does not show zero torques within 100 ms, poll()
+  /// kills the session. A session that has been started but shows no telemetry yet is killed
+  /// immediately. The test of a device is stopped. Errors: kRefused if no session and no test runs.
   Result<void> emergency_stop();
-  /// Ends the session, unless this console only watches it (Settings::attach), and also a device
-  /// process, a test and the making of a scene. Uses a command or signal first, and SIGKILL after
-  /// `patience`. Call this repeatedly until it returns true, which means that all have ended.
+  /// Ends the session, the device process, a test and the making of a scene. A session that this
+  /// console only watches (Settings::attach) goes on. The first call asks the programs to end.
+  /// Calls later than `patience` after the first call kill what is left of session and device
+  /// process. Call this repeatedly until it returns true: all have then ended.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.
@@ -105,12 +111,12 @@ class Supervisor {
   /// Telemetry of the present session, or of the last one.
   const SessionTelemetry& telemetry() const noexcept { return telemetry_; }
   RunState state() const noexcept { return state_; }
-  /// Returns true if the session starts, runs, is silent or is paused.
+  /// Returns true if the session is starting, runs, is silent or is paused.
   bool is_live() const noexcept {
     return state_ == RunState::kStarting || state_ == RunState::kRunning ||
            state_ == RunState::kSilent || state_ == RunState::kPaused;
   }
-  /// The message `state` of protocol.md. state_version() changes whenever this text changes.
+  /// The message `state` of protocol.md. Whenever this text changes, state_version() changes, too.
   const std::string& state_json() const noexcept { return state_json_; }
   std::uint64_t state_version() const noexcept { return state_version_; }
   const std::filesystem::path& scene_file() const noexcept { return scene_file_; }
@@ -118,20 +124,20 @@ class Supervisor {
   std::filesystem::path log_file() const;
 
  private:
-  /// The deadline of an emergency stop: until then, a tick with a number above `ticks` must
-  /// show zero torques.
+  /// The check of an emergency stop: before the time `until`, a tick with a number above `ticks`
+  /// must show zero torques.
   struct StopCheck {
     Clock::time_point until;
     double ticks = 0;
   };
 
-  /// Checks that nothing runs. Errors: kRefused if this console starts no programs, or if a
-  /// session, a test or the making of a scene already runs.
+  /// Checks that a program may be started. Errors: kRefused if this console starts no programs, or
+  /// if a session, a test or the making of a scene already runs.
   Result<void> check_free();
   Result<void> start_run();
   Result<void> start_device(const std::string& endpoint);
-  /// Writes a note about the device process into the session's folder, so that a later
-  /// console finds it.
+  /// Writes a note about the device process into the session's folder, so that a later console
+  /// finds the device process.
   Result<void> note_device();
   void adopt_device();
   void release_device(int signal);
@@ -151,10 +157,10 @@ class Supervisor {
   HiddenTexts hidden_;
   DeviceTest test_;
   SceneMaker scene_maker_;
-  StartRequest request_;  ///< the present or last request
+  StartRequest request_;  ///< request of the present session, or of the last session
   SessionTelemetry telemetry_;
   std::optional<Process> run_, device_;
-  std::vector<Process> ending_devices_;  ///< devices that have been asked to end
+  std::vector<Process> ending_devices_;  ///< device processes that were asked to end
   bool waits_for_device_ = false, recover_when_ready_ = false;
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< size of the log when the device process was started

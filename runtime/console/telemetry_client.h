@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket /live of one client, which is a page or a script (protocol.md).
+// One client, which is a page or a script that is connected by the WebSocket /live (protocol.md).
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -20,7 +20,7 @@ namespace trocar::runtime {
 
 /// A client's message for the live hand.
 struct HandRequest {
-  std::optional<std::array<double, 6>> target;  ///< none: the client lets go of the hand
+  std::optional<std::array<double, 6>> target;  ///< nullopt: the client lets go of the hand
   std::uint64_t number = 0;                     ///< increases with each message of the client
 };
 
@@ -30,14 +30,16 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   TelemetryClient(ConsoleState& console, beast::tcp_stream stream, std::string from)
       : console_(console), socket_(std::move(stream)), from_(std::move(from)) {}
 
-  /// Answers the handshake. The client must send its token within 5 s.
+  /// Answers the handshake and begins to read messages. If the client does not send its token
+  /// within 5 s, the connection is closed.
   void run(const Request& request);
-  /// Sends the next message if the previous one has been sent. Closes the connection if the
-  /// client has stalled.
+  /// Sends the next message, if the previous message has been sent and a message is due. If the
+  /// client has stalled (ClientProgress::is_stalled()), closes the connection. The server calls
+  /// this after each poll of the session.
   void pump(Clock::time_point now);
-  /// Closes the connection without a closing message.
+  /// Closes the connection immediately, without a closing message to the client.
   void abort();
-  Role role() const noexcept { return role_; }  ///< kNone until the first message
+  Role role() const noexcept { return role_; }  ///< kNone until the client has sent its token
 
  private:
   void read();
@@ -47,7 +49,8 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   bool on_later(const std::string& text);
   bool on_hand(const HandRequest& request);
   void release_hand();
-  /// True if the number of clients with this client's role is within the limit.
+  /// True if the number of clients with this client's role, including this client,
+  /// is within the limit.
   bool has_place() const;
   void close(websocket::close_code code);
   std::function<void(beast::error_code, std::size_t)> written();

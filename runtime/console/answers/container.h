@@ -13,11 +13,11 @@
 
 namespace trocar::runtime {
 
-/// The arrays of one container, one after the other.
+/// Collects the arrays of one container and makes the container.
 class Arrays {
  public:
-  /// Appends an array, aligned to the size of its numbers. Returns the offset of this array in
-  /// bytes from the start of all arrays, and the count of its numbers.
+  /// Appends an array, aligned to the size of its numbers. Returns two values: the offset of the
+  /// array in bytes from the start of the first array, and the count of its numbers.
   template <typename Number>
   std::array<std::size_t, 2> add(std::span<const Number> numbers) {
     bytes_.resize((bytes_.size() + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number));
@@ -26,8 +26,8 @@ class Arrays {
     return {at, numbers.size()};
   }
   void reserve(std::size_t bytes) { bytes_.reserve(bytes); }
-  /// Returns the whole container: the length of the JSON as four bytes, the JSON, and the arrays,
-  /// which begin at a multiple of 8 bytes.
+  /// Returns the whole container: the length of the JSON as four bytes, the JSON, and the arrays.
+  /// The JSON ends with blanks, so that the arrays begin at a multiple of 8 bytes.
   std::string with_json(std::string_view json) const {
     std::string out(4, '\0');
     out += json;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene's bone as the console shows it: the asset, and where its slices lie in {B}.
+// Loads a scene's bone as the console shows it: the asset, and where the asset's slices lie in {B}.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -24,34 +24,35 @@ struct PlacedBone {
   Asset asset;  ///< contains only the scene's slices, with one mesh each
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<AssetSurface> surfaces;
-  std::vector<AssetSlice> all;  ///< all slices of the asset; empty if only the scene's were read
+  std::vector<AssetSlice> all;  ///< all slices of the asset; empty: only the scene's were read
 };
 
-/// The parts of an asset to load. kForView: the scene's slices with HU at their vertices and, if
-/// the asset has a surface, the whole asset. kWithVolumes: the whole asset, with its volumes of HU.
+/// The parts of an asset to load. kForView: the scene's slices, with HU at their vertices. If the
+/// asset has a surface, kForView also loads the surface and all other slices. kWithVolumes: the
+/// whole asset, with its volumes of HU.
 enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
 
-/// Returns the JSON text of a .glb. Errors: kRefused if the file is not binary glTF, or if the text
-/// exceeds 64 MiB.
+/// Returns the JSON text in a .glb file. Errors: kRefused if the file is not binary glTF, or if the
+/// text exceeds 64 MiB.
 Result<std::string> glb_json(const std::filesystem::path& file);
 
 /// Returns true if the asset with this JSON text has a surface for display.
 bool has_surface(std::string_view glb_json);
 
-/// Loads a scene and its bone. If `asset` is not empty, it replaces the scene's own asset. Errors:
-/// kRefused if the scene or the asset is one that trocar-run refuses.
+/// Loads a scene and its bone. If `asset` is not empty, it replaces the asset that the scene names.
+/// Errors: kRefused if trocar-run would refuse the scene or the asset.
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts);
 
 /// Returns the slice of the asset with this AssetSlice::index. Precondition: the slice exists.
 const AssetSlice& slice_of(const Asset& asset, int index);
 
-/// Returns the transform from the patient's frame (LPS) to the plane of the topmost sheet, both in
-/// mm. None: the sheets do not lie relative to each other as in the scan.
+/// Returns the transform from the patient's frame (LPS) to the frame of the topmost sheet's slice,
+/// both in mm. Returns nullopt if the sheets do not lie relative to each other as in the scan.
 std::optional<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded);
 
 /// Returns the transform from the patient's frame (LPS, mm) to {B} (m), including the scale from mm
-/// to m. None: the sheets do not lie relative to each other as in the scan.
+/// to m. Returns nullopt if the sheets do not lie relative to each other as in the scan.
 std::optional<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded);
 
 }  // namespace trocar::runtime

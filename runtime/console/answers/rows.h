@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encodes a recording for playback.
+// Encodes a recording for playback on a page.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -11,7 +11,7 @@
 namespace trocar::runtime {
 
 /// Returns the answer of /api/recording (protocol.md). Errors: those of parse_recording(); kRefused
-/// if the file has more than 2 GiB, or if it has X-ray but does not state its rate.
+/// if the file has more than 2 GiB, or if the recording has X-ray but does not state its rate.
 Result<std::string> rows_of(const std::filesystem::path& recording);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The HU of a scene's scan in {B}, from which pages draw X-ray pictures and planes of the CT.
+// Encodes the HU of a scene's scan in {B}. Pages draw X-ray pictures and planes
+// of the CT from them.
 // Tests: tests/e2e/console_volume_test.py
 #pragma once
 
@@ -10,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// Returns the answer of /api/volume (protocol.md). If `asset` is not empty, it replaces the scene's
-/// own asset. Errors: those of load_bone() (placed_bone.h).
+/// Returns the answer of /api/volume (protocol.md). If `asset` is not empty, it replaces the asset
+/// that the scene names. Errors: those of load_bone() (placed_bone.h).
 Result<std::string> volume_of(const std::filesystem::path& scene_file,
                               const std::filesystem::path& asset);
 

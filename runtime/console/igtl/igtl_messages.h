@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packs OpenIGTLink messages, with headers of version 1, which every client can read. Lengths are
-// in mm, as the protocol requires.
+// Packs OpenIGTLink messages. The headers are those of version 1, which every client can read.
+// Lengths are in mm, as the protocol requires. The functions return the bytes of a whole message.
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -29,14 +29,16 @@ struct IgtlStamp {
   double unix_s;  ///< UTC, since 1970
 };
 
-/// TRANSFORM: the pose of an object, as a transform with the translation in mm.
+/// Packs a TRANSFORM: the pose of an object, as a transform with the translation in mm.
 std::string transform_message(IgtlStamp stamp, const Eigen::Affine3d& T_mm);
-/// SENSOR: at most 255 values of one unit.
+/// Packs a SENSOR message: at most 255 values of one unit.
 std::string sensor_message(IgtlStamp stamp, std::span<const double> values, IgtlUnit unit);
-/// STATUS: a code, the name of an error with at most 19 characters (empty: no error), and a text.
+/// Packs a STATUS message: a code, the name of an error, and a text. `error` has at most 19
+/// characters, and is empty if there is no error.
 std::string status_message(IgtlStamp stamp, IgtlStatus code, const std::string& error,
                            const std::string& text);
-/// POLYDATA: x, y, z of each vertex in mm, and the indices of three vertices for each triangle.
+/// Packs a POLYDATA message: x, y, z of each vertex in mm, and three vertex
+/// indices for each triangle.
 std::string polydata_message(IgtlStamp stamp, std::span<const float> vertices_mm,
                              std::span<const std::uint32_t> triangles);
 

@@ -20,8 +20,8 @@ struct IgtlHeader {
   std::uint64_t crc = 0;       ///< checksum of the body
 };
 
-/// Reads a header. None: the header is malformed, has an unknown version, or announces a body of
-/// more than kMaxIgtlBody bytes.
+/// Reads a header. Returns nullopt if the header is malformed, has an unknown version, or announces
+/// a body of more than kMaxIgtlBody bytes.
 std::optional<IgtlHeader> read_igtl_header(std::span<const std::uint8_t, kIgtlHeaderBytes> bytes);
 
 /// Returns true if the body has the checksum that the header states.

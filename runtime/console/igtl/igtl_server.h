@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sends the poses, forces, state and surface of one session to OpenIGTLink clients. Nothing is
-// queued: the next messages for a client are chosen when the previous ones have been sent.
+// queued for a client: when the previous messages to the client have been sent, the next messages
+// are chosen from the present state.
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -19,25 +20,28 @@ namespace trocar::runtime {
 /// Packed messages, shared by all clients.
 using IgtlBytes = std::shared_ptr<const std::string>;
 
-/// The present state of a session: its status, its latest tick, and its surface. A client gets the
-/// status or the tick when the number of this part has changed, and the surface once. When
-/// `session` changes, the client gets all three parts again.
+/// The present state of a session as messages: status, latest tick, and surface. A client gets the
+/// status when `status_number` has changed, the tick when `tick_number` has changed, and the
+/// surface once. When `session` changes, the client gets all three again. On request, a client also
+/// gets the status or the surface again.
 struct IgtlState {
   std::uint64_t session = 0;
   std::uint64_t status_number = 0;
   IgtlBytes status;
   std::uint64_t tick_number = 0;
   IgtlBytes tick;     ///< pose, force and time of one tick; null: no tick yet
-  IgtlBytes surface;  ///< also sent on request; null: there is no surface, or it is not loaded yet
+  IgtlBytes surface;  ///< null: there is no surface, or it is not loaded yet
 };
 
 class IgtlServer {
  public:
   using Clock = std::chrono::steady_clock;
-  /// A function that is called when a client is refused, with the reason and the client's address.
+  /// A function that is called when a client is refused. `kind`: the reason. `from`:
+  /// the client's address.
   using Refused = std::function<void(const char* kind, const std::string& from)>;
 
-  /// Makes a server that listens on the address. Errors: kUnwritable if it cannot listen there.
+  /// Makes a server that listens on `address`. Errors: kUnwritable if it cannot
+  /// listen on `address`.
   static Result<std::unique_ptr<IgtlServer>> listen(boost::asio::io_context& context,
                                                     const IgtlAddress& address, Refused refused);
   virtual ~IgtlServer() = default;
@@ -48,8 +52,8 @@ class IgtlServer {
   virtual std::string endpoint() const = 0;
   virtual bool has_clients() const = 0;
   /// Sends the changed parts of the state to each client whose previous messages have been sent. A
-  /// client gets at most 60 ticks in a second. Disconnects clients that have stalled. Call this
-  /// every few milliseconds.
+  /// client gets at most 60 ticks in a second. Disconnects clients that have read nothing for 6 s.
+  /// Call this every few milliseconds.
   virtual void pump(const IgtlState& state, Clock::time_point now) = 0;
 
  protected:

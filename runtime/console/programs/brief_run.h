@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run of a program that the console starts and that ends by itself, such as the test of a device.
+// Runs a program that ends by itself, such as the test of a device.
 // Tests: tests/e2e/console_device_test.py, tests/e2e/console_new_scene_test.py
 #pragma once
 
@@ -18,19 +18,22 @@ class BriefRun {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Starts the program words[0], with the other words as its arguments, and appends its output to
-  /// `log`. Precondition: is_running() is false. Errors: kRefused if the program cannot be started.
+  /// Starts the program words[0] with words[1] and the following words as arguments. The program's
+  /// output is appended to `log`. Precondition: is_running() is false. Errors: kRefused if the
+  /// program cannot be started.
   Result<void> start(const std::vector<std::string>& words, const std::filesystem::path& log);
   bool was_started() const noexcept { return process_.has_value(); }
   bool is_running() const noexcept { return process_ && !has_ended_; }
-  /// Asks the program to end. If the program does not end within a second, poll() kills it.
+  /// Asks the program to end. If the program does not end within a second,
+  /// poll() kills the program.
   void stop(Clock::time_point now);
   bool was_stopped() const noexcept { return stopped_at_.has_value(); }
   /// Checks whether the program has ended. The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
-  /// Returns the exit code of the program. None: the program runs, or a signal ended it.
+  /// Returns the exit code of the program, or nullopt if the program still runs
+  /// or a signal ended it.
   std::optional<int> exit_code() const;
-  /// Returns how the program ended: "exit code 3" or "signal 9"; empty while it runs.
+  /// Returns how the program ended, such as "exit code 3" or "signal 9". Empty while it runs.
   std::string end() const { return has_ended_ ? process_->end() : std::string(); }
 
  private:

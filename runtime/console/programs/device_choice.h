@@ -13,8 +13,8 @@
 
 namespace trocar::runtime {
 
-/// Two simulated devices. kInProcess: trocar-run itself simulates the device. kSimulator: another
-/// process, which the console starts, simulates the device.
+/// The names of the two devices that Trocar itself simulates. kInProcess: trocar-run simulates the
+/// device. kSimulator: the console starts a separate process that simulates the device.
 inline constexpr const char *kInProcess = "inproc", *kSimulator = "sim";
 
 struct DeviceChoice {
@@ -22,6 +22,7 @@ struct DeviceChoice {
   std::vector<std::string> words;  ///< options for trocar-run, such as "--key-file", "FILE"
 
   bool has(std::string_view word) const;
+  /// True if Trocar itself simulates the device, or if `words` contains --simulated.
   bool is_simulated() const;
   /// True unless Trocar itself simulates the device (kInProcess, kSimulator).
   bool can_be_tested() const { return name != kInProcess && name != kSimulator; }
@@ -33,13 +34,13 @@ struct DeviceChoice {
 /// repeated or without its value.
 Result<DeviceChoice> parse_device_choice(std::string_view text);
 
-/// Replaces texts that pages must not see, such as names of folders, in what the console
-/// sends to pages.
+/// Replaces texts that pages must not see, such as names of folders. Apply hide() to every text for
+/// pages that may contain such texts.
 class HiddenTexts {
  public:
   /// Makes hide() replace `text` by `shown`.
   void add(const std::string& text, const std::string& shown);
-  /// Makes hide() replace the names of the files in the device's options that include a folder.
+  /// Makes hide() replace the files in the device's options, if they are given with a folder.
   void add(const DeviceChoice& device);
   std::string hide(std::string text) const;
 
@@ -47,7 +48,7 @@ class HiddenTexts {
   struct Entry {
     std::string text, shown;
   };
-  std::vector<Entry> entries_;  ///< the longest text first, because one text may begin with another
+  std::vector<Entry> entries_;  ///< longest text first, because a text may contain another
 };
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A test of a device before a session: trocar-run --test as a process of the console. The device
-// gets no force.
+// Tests a device before a session: the console runs trocar-run --test. In the test the
+// device gets no force.
 // Tests: tests/e2e/console_device_test.py
 #pragma once
 
@@ -18,8 +18,9 @@ class DeviceTest {
  public:
   using Clock = BriefRun::Clock;
 
-  /// Starts a test. Precondition: is_running() is false. The files of the test go into a new folder
-  /// in `sessions`. Errors: those of create_session_folder() and BriefRun::start().
+  /// Starts a test. `programs`: the folder that contains trocar-run. The files of the test go into
+  /// a new folder in `sessions`. Precondition: is_running() is false. Errors: those of
+  /// create_session_folder() and BriefRun::start().
   Result<void> start(const DeviceChoice& device, const std::filesystem::path& programs,
                      const std::filesystem::path& sessions);
   bool is_running() const noexcept { return run_.is_running(); }
@@ -27,7 +28,7 @@ class DeviceTest {
   /// Checks whether the test has ended. The caller must call this every few milliseconds.
   void poll(Clock::time_point now) { run_.poll(now); }
   /// Returns a function that makes the answer to GET /api/test (protocol.md). The function reads
-  /// files, so the worker thread should call it.
+  /// files, so call it on the worker thread.
   std::function<std::string()> answer(const HiddenTexts& hidden) const;
 
  private:

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A program that this console, or an earlier one, has started.
+// A process that this console has started, or that an earlier console or another
+// program has started.
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
@@ -15,19 +16,20 @@
 
 namespace trocar::runtime {
 
-/// Refers to a process by a pidfd (a file descriptor for a process), so that no signal can
-/// reach another process that later got the same number. The process keeps running when this
-/// object is destroyed.
+/// Refers to a process by a pidfd (a file descriptor for a process). If the process has ended and
+/// its number was given to another process, no signal can reach this other process. When this
+/// object is destroyed, the process keeps running.
 class Process {
  public:
-  /// Starts the program arguments[0], and appends its standard output and standard error to `log`.
-  /// The process has a process group of its own, so Ctrl-C on the console's terminal does not
-  /// reach it. The process inherits no other file descriptor. Errors: kRefused if the program
-  /// cannot be started.
+  /// Starts the program arguments[0]. Its standard output and standard error are appended to `log`,
+  /// its standard input is /dev/null, and it inherits no other file descriptor. The process has a
+  /// process group of its own, so Ctrl-C on the console's terminal does not reach it. Errors:
+  /// kRefused if the program cannot be started.
   static Result<Process> start(const std::vector<std::string>& arguments,
                                const std::filesystem::path& log);
-  /// Refers to a process that already runs. None: no process with this number runs, or its start
-  /// time (field 22 of /proc/PID/stat) is not `start_ticks`.
+  /// Refers to a process that already runs. Returns nullopt if no process with this
+  /// number runs, or if `start_ticks` is given and is not the start time of the process
+  /// (field 22 of /proc/PID/stat).
   static std::optional<Process> adopt(pid_t pid, std::optional<std::uint64_t> start_ticks = {});
 
   Process(Process&& other) noexcept;
@@ -35,13 +37,14 @@ class Process {
   ~Process();
 
   pid_t pid() const noexcept { return pid_; }
-  std::uint64_t start_ticks() const;  ///< field 22 of /proc/PID/stat; 0: unknown
+  std::uint64_t start_ticks() const;  ///< start time: field 22 of /proc/PID/stat; 0: unknown
   /// Returns true if the process has ended. Does not wait.
   bool has_ended();
-  /// After has_ended() has returned true, returns "exit code 3" or "signal 9". Empty if another
-  /// console started the process, because the end is then not known.
+  /// After has_ended() has returned true, returns how the process ended, such as "exit code 3" or
+  /// "signal 9". Empty for a process of adopt(), because the system does not report its end.
   std::string end() const;
-  /// Returns the exit code. None: the process runs, a signal ended it, or its end is not known.
+  /// Returns the exit code. Returns nullopt if the process runs, if a signal ended it, or if
+  /// its end is not known.
   std::optional<int> exit_code() const;
   void signal(int number) const noexcept;
 

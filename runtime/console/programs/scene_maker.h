@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes a scene, through points that a person has chosen on the bone or without points.
-// For this the console runs two programs, one after the other: trocar-run --new-scene
-// and trocar-run --check.
+// Makes a scene. A person may choose on the bone where the needle enters and where it goes. The
+// console first runs trocar-run --new-scene, which makes the scene, and then trocar-run --check.
 // Tests: tests/e2e/console_new_scene_test.py
 #pragma once
 
@@ -22,8 +21,8 @@ namespace trocar::runtime {
 struct NewSceneRequest {
   std::filesystem::path asset;
   std::string name;  ///< name of the scene's file without ".json": 1 to 32 letters, digits, - or _
-  /// Chosen points in the patient's frame (LPS, mm). Without an entry the needle goes through the
-  /// thickest bone.
+  /// The points that were chosen for the needle, in the patient's frame (LPS, mm). Without an entry
+  /// the needle goes through the thickest bone. A target needs an entry.
   std::optional<std::array<double, 3>> entry_mm, target_mm;
   bool has_live_hand = false;
   DeviceChoice device;
@@ -35,24 +34,24 @@ class SceneMaker {
   struct Folders {
     std::filesystem::path programs;  ///< the folder that contains trocar-run
     std::filesystem::path scenes;    ///< the folder that gets the new scene
-    std::filesystem::path sessions;  ///< gets a new folder with the output of the programs
+    std::filesystem::path sessions;  ///< gets a new folder with the programs' output
   };
 
   /// Starts to make a scene. Precondition: is_running() is false. `options`: options of trocar-run
-  /// that the console gives to every session. Errors: kRefused if a file of that name exists; those
-  /// of create_session_folder() and BriefRun::start().
+  /// that the console gives to every session. Errors: kRefused if a file with the scene's name
+  /// exists; those of create_session_folder() and BriefRun::start().
   Result<void> start(const NewSceneRequest& request, const Folders& folders,
                      const std::vector<std::string>& options);
   bool is_running() const noexcept {
     return state_ == State::kMaking || state_ == State::kChecking;
   }
-  /// Asks the running program to end. A scene that is already written stays.
+  /// Asks the running program to end. If the scene is already written, it stays.
   void stop(Clock::time_point now) { run_.stop(now); }
-  /// Checks whether the running program has ended. After --new-scene, gives the scene its name and
-  /// starts --check. The caller must call this every few milliseconds.
+  /// Checks whether the running program has ended. If --new-scene has ended, gives the scene its
+  /// name and starts --check. The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
   /// Returns a function that makes the answer to GET /api/new_scene (protocol.md). The function
-  /// reads files, so the worker thread should call it.
+  /// reads files, so call it on the worker thread.
   std::function<std::string()> answer(const HiddenTexts& hidden) const;
 
  private:
@@ -65,7 +64,7 @@ class SceneMaker {
   State state_ = State::kNone;
   std::filesystem::path program_, scene_, logs_;
   std::string name_;
-  /// Options of both programs: those of the device, and those of every session.
+  /// Options for both runs: the options of the device, and the options of every session.
   std::vector<std::string> options_;
   bool is_written_ = false, was_checked_ = false, was_stopped_ = false;
   std::string end_;    ///< how the last program has ended

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads descriptions of a session that another process has written. A description may be damaged: a
-// value that is missing or of another type counts as empty.
+// Reads two descriptions of a session: the description in the session's shared memory, and the note
+// about the session's device process. Both may be damaged. If a value is missing or has the wrong
+// type, the value counts as empty.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -18,33 +19,34 @@ namespace trocar::runtime {
 
 /// The description in a session's shared memory (formats/session/telemetry.md).
 struct SessionAbout {
-  std::string json;                  ///< the whole description; "{}" if the text is no JSON object
+  std::string json;                  ///< whole description; "{}" if the text is no JSON object
   std::string id;                    ///< identifies the session: process and time of its start
   std::string scene, asset, record;  ///< names of files as given to the session
   std::string clock, device;
   bool has_live_hand = false, takes_xray = false;
-  std::string columns;  ///< the description's `columns` as JSON, as many as fit into a snapshot
-  /// Name of each of these columns, and index of its first value in a snapshot.
+  std::string columns;  ///< the description's `columns` that fit into a snapshot, as JSON
+  /// Name of each column in `columns`, and index of its first value in a snapshot.
   std::vector<std::pair<std::string, std::size_t>> column_at;
   std::vector<std::int32_t> slices;  ///< slice index of each sheet; -1: not known
 };
 /// Parses a description. `snapshot_values`: number of values in a snapshot of this session.
 SessionAbout parse_about(std::string_view text, std::size_t snapshot_values);
 
-/// The device process of a session, as noted in the file console.json of the session's folder. A
-/// later console finds the process by this note.
+/// The device process of a session, as the file console.json in the session's folder describes it.
+/// If the console is started again, it finds the process by this note.
 struct DeviceNote {
   std::int64_t pid = 0;
   std::uint64_t start_ticks = 0;
   std::string endpoint;
 };
-/// Writes the note. `device`: the name of the session's device. `process`: none if the console
-/// started no device process.
+/// Writes the file console.json. `device`: the name of the session's device. `process`: nullopt if
+/// the console started no device process. Errors: those of write_file_atomically().
 Result<void> write_device_note(const std::filesystem::path& file, const std::string& device,
                                const std::optional<DeviceNote>& process);
-/// Reads the name of the session's device from the note; empty if the note has none.
+/// Returns the name of the session's device from the file console.json, or an empty text
+/// if the file has none.
 std::string noted_device(const std::filesystem::path& file);
-/// Reads the note. None: no device process is noted.
+/// Returns the device process from the file console.json, or nullopt if the file names none.
 std::optional<DeviceNote> read_device_note(const std::filesystem::path& file);
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files by which the console follows sessions: folders, logs, and the link to
-// the shared memory.
+// The files by which the console follows its sessions: their folders, their logs, and the link to
+// their shared memory.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -14,28 +14,30 @@
 
 namespace trocar::runtime {
 
-/// Creates a folder such as SESSIONS/2026-11-22T03-04-05-NAME. Its name consists of the local time
-/// and the name of the scene's file, in which '_' replaces all characters except letters, digits,
-/// '_' and '-'. A second session within the same second gets the suffix "-2", and so on. Errors:
-/// kRefused if `sessions` is a link; kUnwritable if the folder cannot be created.
+/// Creates a folder such as SESSIONS/2026-11-22T03-04-05-NAME. The folder's name consists of
+/// the local time and the name of the scene's file, in which '_' replaces all characters
+/// except letters, digits, '_' and '-'. If the folder exists, the new folder's name gets the
+/// suffix "-2", "-3" and so on. Errors: kRefused if `sessions` is a link; kUnwritable if the
+/// folder cannot be created.
 Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
                                                     const std::filesystem::path& scene);
 
-/// Searches the log of a device process, from byte `from` on, for the endpoint that the process
-/// reports as ready. Empty: the process is not ready yet.
+/// Searches the log of a device process, from byte `from` on, for the endpoint (HOST:PORT) at which
+/// the process reports to be ready. Returns an empty text if the process is not ready yet.
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from);
 
 /// Returns the last line with text in the last 64 KiB of a log, shortened to 400 bytes.
 std::string last_line(const std::filesystem::path& log);
 
-/// Returns a reason for the end of a session whose programs printed no reason. It follows from the
-/// exit code and from the free space on the disk of `folder`, the session's folder.
+/// Returns a text with the reason for the end of a session whose programs printed no reason. The
+/// function derives the reason from the exit code and from the free space on the disk of `folder`,
+/// the session's folder.
 std::string reason_of(ExitCode code, const std::filesystem::path& folder);
 
-/// Returns the last 64 KiB of a log; empty if there is no such file.
+/// Returns the last 64 KiB of a log, or an empty text if there is no such file.
 std::string tail_of(const std::filesystem::path& log);
 
-/// Returns the process that a link to /proc/PID/fd/N names; 0: `link` is not such a link.
+/// Returns the PID of a link to /proc/PID/fd/N, or 0 if `link` does not point into /proc.
 pid_t pid_of_link(const std::filesystem::path& link);
 
 }  // namespace trocar::runtime
