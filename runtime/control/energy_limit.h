@@ -4,10 +4,10 @@
 // passivity controller, which reduces the released energy but cannot bound it.
 //
 // W(t) is the work that the delivered wrench has done on the plate since the state `running`
-// (safety.h) was entered. The work of a wrench that is held over a tick is wrench *
-// displacement(this pose, next pose), so it is known one tick later. Compensation torques do not
-// count. S(t) is the energy stored in the elastic elements of the environment: the sheet, the rims
-// (boundaries of holes), the springs of dry friction, and the coupling. S is not multiplied by
+// (safety.h) was entered. If the plate moves by the displacement d in a tick, a wrench that is held
+// over this tick does the work wrench * d, which is known one tick later. Compensation torques do
+// not count. S(t) is the energy stored in the elastic elements of the environment: the sheet, the
+// rims (boundaries of holes), the springs of dry friction, and the coupling. S is not multiplied by
 // Safety::authority (the factor on the force after a recovery), and S is not reduced when the
 // motors cannot render the whole wrench.
 //

@@ -34,10 +34,9 @@ struct OuterEdge {
 };
 
 struct SheetPart {
-  SliceMesh mesh;  ///< a valid mesh
-  std::vector<std::array<std::uint32_t, 3>>
-      across;                         ///< neighbours of each triangle, as in SheetMesh::across
-  std::vector<std::uint32_t> parent;  ///< slot of each vertex in the sheet
+  SliceMesh mesh;                                    ///< a valid mesh
+  std::vector<std::array<std::uint32_t, 3>> across;  ///< neighbours, as in SheetMesh::across
+  std::vector<std::uint32_t> parent;                 ///< slot of each vertex in the sheet
   std::vector<OuterEdge> outer;  ///< the part's border to the rest of the sheet, in ascending order
 };
 

@@ -10,7 +10,7 @@
 // to a given depth move, so the cost depends on this depth and not on the size of the object. The
 // active nodes move by an explicit step with damping.
 //
-// The published descriptions leave the rest open, and this file chooses:
+// The following is chosen here:
 //  - Springs and Winkler foundation are those of network.h, so the result differs from the
 //    network's equilibrium only because depth and time are limited.
 //  - The tool's nodes have depth 0. Nodes deeper than the given depth do not move (w = 0).
@@ -35,8 +35,8 @@
 
 namespace trocar::runtime {
 
-/// Smallest damping allowed. By von Neumann's stability analysis, a displacement whose sign
-/// alternates from node to node grows if the damping is 0.5 or less.
+/// Smallest damping allowed. If the damping is 0.5 or less, the mode whose sign alternates from
+/// node to node is unstable (von Neumann's stability analysis).
 inline constexpr double kMinDamping = 0.55;
 
 struct PropagationOptions {

@@ -20,8 +20,8 @@
 //     when the tool was cut out.
 //  4. The time is proportional to the size of the region, not to the size of the sheet.
 //  5. If sheet and tool are moved by lattice steps or rotated by right angles, the region is moved
-//     and rotated with them, and is otherwise the same to the bit. Exception: the moments of region
-//     and tool do not determine a unique canonical rotation
+//     and rotated with them, and is otherwise the same to the bit. This does not hold if the
+//     moments of region and tool do not determine a unique canonical rotation
 //     (formats/geometry/canonical_rotation.h).
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
@@ -44,7 +44,7 @@
 namespace trocar::runtime {
 
 /// Size of the triangles. The edge length at the tool is `at_tool` times the tool's circumradius.
-/// With the distance from the tool, the edge length grows by `grade` times the distance. If the
+/// At the distance d from the tool, the edge length is larger by `grade` times d. If the
 /// membrane is calibrated (calibration.h) and the decay length is at least 1.5 circumradii, the
 /// defaults give about 200 free nodes. The stiffness under a hexagon then differs by at most 1 %
 /// from the exact stiffness, and near edges and holes mostly by at most 1.5 %

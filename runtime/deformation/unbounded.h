@@ -7,8 +7,9 @@
 // on a mesh, so it also serves as a reference for the spring network.
 //
 // Let u = 1 on the tool's outline, n the normal pointing into the sheet, and q = -du/dn the slope
-// at the outline. Let r be the distance between two points x and y, and G(r) = K0(r / lambda) / (2
-// pi), where K0 is the modified Bessel function of the second kind. Green's third identity gives
+// at the outline. Let r be the distance between two points x and y, and
+//   G(r) = K0(r / lambda) / (2 pi),
+// where K0 is the modified Bessel function of the second kind. Green's third identity gives
 //   integral of G q ds = c(x) - integral of dG/dn_y ds
 // for x on the outline, where y runs along the outline, and c = 1/2 except at corners. The equation
 // is solved by collocation with constant q on panels, which are parts of the outline's edges. At a
