@@ -79,7 +79,7 @@ struct Scan {
 inline constexpr int kMinHu = -1024, kMaxHu = 3071;
 
 /// Renders the whole scan; phantom.seed is the seed of the noise, too. threads <= 0: all cores. If
-/// `*stop` becomes true during the work, the scan is incomplete.
+/// `*stop` becomes true during the work, the scan may be incomplete.
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
                  int threads = 0, const std::atomic<bool>* stop = nullptr);
 

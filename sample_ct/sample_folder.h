@@ -23,8 +23,9 @@ Result<void> check_sample_folder(const std::filesystem::path& folder);
 /// final names, replacing outputs of an earlier run. Creates `folder` if needed. Before each step,
 /// calls `progress`, if given, with the name of the step. Errors: kUnwritable if a file cannot be
 /// written (the message names the file), if an existing png/ or dicom/ has files that are not
-/// slices of an earlier run, or if `*stop` is set before all files are written. If an error occurs
-/// before the move, existing outputs are unchanged. The hidden folder is always removed.
+/// slices of an earlier run, or if `*stop` is set before all files are written; those of
+/// write_png() and write_nifti(). If an error occurs before the move, existing outputs are
+/// unchanged. The hidden folder is always removed.
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::filesystem::path& folder,
                                  const std::function<void(const std::string&)>& progress = {},

@@ -13,7 +13,7 @@
 namespace trocar::sample {
 
 /// Writes a .nii.gz atomically. The same scan gives the same bytes: the gzip header has no name and
-/// no time. Errors: kUnwritable if the file cannot be written.
+/// no time. Errors: kUnwritable if the file cannot be written; kBug if libnifti or zlib fails.
 Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file);
 
 std::string nifti_library_version();

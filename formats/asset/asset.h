@@ -108,9 +108,9 @@ struct AssetSizes {
 /// Encodes an asset as .glb. decode_asset() restores the asset with these differences: vertices,
 /// triangles and rings may be in another order; HU are rounded to the steps in which they are
 /// stored, and `mean_hu` to 0.1; all other measures and `input_digest` are dropped. If `sizes` is
-/// not null, sets `*sizes` to the result of asset_sizes(). Errors: kBug if a slice, a plane of HU
-/// or a JSON text is not valid; kRefused if the asset exceeds kMaxAssetCoordinate, kMaxAssetSpan or
-/// 4 GiB.
+/// not null, sets `*sizes` to the result of asset_sizes(). Errors: those of asset_grid(),
+/// encode_slice() and assemble_asset(); kBug if a plane of HU does not fit the outlines of its
+/// slice; kRefused if a plane of HU has too many samples.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 
 // The next functions encode step by step, for scans of thousands of slices: asset_grid(), then
@@ -193,7 +193,8 @@ struct AssetPart {
 /// their planes of Asset::hu. Asset::context and surfaces are not read. If the file has a slice
 /// index (asset_index.h), only the bytes of these slices are read, so time, memory and bytes read
 /// hardly depend on the size of the file. A file without a slice index is read completely. Errors:
-/// kRefused if a slice does not exist, or if decode_asset() would refuse the slice.
+/// kRefused if a slice does not exist, if the file cannot be read, or if the bytes that are read
+/// are not those of a valid asset.
 Result<AssetPart> read_asset_part(const std::filesystem::path& file,
                                   std::vector<int> slice_indices);
 Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
@@ -205,11 +206,12 @@ std::span<const AssetSlice> materials_of_slice(const Asset& asset, std::size_t f
 /// Number of slices of an asset. A slice with several materials counts once.
 std::size_t slice_count(const Asset& asset);
 
-/// Proves that every mesh matches its outline (mesh_validity.h), that the materials of a slice
-/// leave no gap and do not overlap (shared_borders.h), and that every surface is closed
-/// (triangle_surface.h). Checks for every slice with a mesh that the plane's matrix is a rotation
-/// within 1e-4, and that HU at vertices are there for all vertices or for none. Errors: kRefused if
-/// a proof or check fails; the message names the file, and the slice and position if there are any.
+/// Proves that every mesh matches its outline (mesh_validity.h), that the materials of a slice lie
+/// in one plane, do not overlap and leave no gap along common borders (shared_borders.h), and that
+/// every surface is closed (triangle_surface.h). Checks for every slice with a mesh that the
+/// plane's matrix is a rotation within 1e-4, and that HU at vertices are there for all vertices or
+/// for none. Errors: kRefused if a proof or check fails; the message names the file, and the slice
+/// and position if there are any.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
 
 }  // namespace trocar

@@ -6,9 +6,10 @@
 // size for each entry (one material of one slice). A reader finds any slice with a few short reads:
 // the file's first 20 bytes give the start of the binary chunk, the index header gives the number
 // of records, and the records are in ascending order of slices. A record has the offsets of the
-// entry's payload and of the text of its glTF node, which has the plane. Other glTF readers ignore
-// the index, because no buffer view covers its bytes. (glTF also allows a further chunk after the
-// binary chunk, but validators warn of such a chunk, and tools that rewrite a file drop it.)
+// entry's payload and of the text of its glTF node, but not the entry's plane, which plane_of()
+// (slice_payload.h) computes from node, frame and payload. Other glTF readers ignore the index,
+// because no buffer view covers its bytes. (glTF also allows a further chunk after the binary
+// chunk, but validators warn of such a chunk, and tools that rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
 //  1. The index counts as absent if its version is unknown, or if the sizes of the chunks in its

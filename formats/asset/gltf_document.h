@@ -29,7 +29,7 @@ struct GltfDocument {
   tinygltf::Model model;
 };
 /// Parses the container of a .glb. Errors: kRefused if the container is broken, is not valid glTF,
-/// has more than one buffer, or has a buffer in another file. Messages begin with `name`.
+/// has more than one buffer, or has a buffer with a URI. Messages begin with `name`.
 Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::string& name);
 
 /// The bytes of a buffer view, or std::nullopt if the view does not exist, has a stride, or does

@@ -22,8 +22,8 @@ nlohmann::json number(double value);
 void put_transform(const Eigen::Affine3d& T_mm, const Lattice& lattice, nlohmann::json& node);
 
 /// Returns the primitive of a slice's triangles, all at the height of z steps. Adds the Draco
-/// payload and the accessors to `gltf`, counts the payload's bytes in `sizes`, and stores the
-/// payload's location in `record`.
+/// payload and the accessors to `gltf`, counts the triangles and the payload's bytes in `sizes`,
+/// and stores the payload's location in `record`.
 nlohmann::json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32_t z,
                                    AssetSizes& sizes, EntryRecord& record);
 /// Returns a primitive that shows an outline as lines, for viewers. Adds the lines to `gltf` and

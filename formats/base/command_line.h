@@ -40,7 +40,8 @@ void add_help_for_diagnostics(CLI::App& app);
 
 /// Parses arguments into the options declared in `app`. argv[0] is the program's name. Errors:
 /// kUsage if an argument is wrong. If an option is unknown, the message suggests the known option
-/// with the most similar name. Throws a CLI::Success after --help, --help-all or --version.
+/// with the most similar name, if any name is similar. Throws a CLI::Success after --help,
+/// --help-all or --version.
 Result<void> parse_words(CLI::App& app, int argc, const char* const* argv);
 
 /// Parses the arguments of main() into the options declared in `app`. Precondition: the name of

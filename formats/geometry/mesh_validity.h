@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Proofs that a mesh or an outline on the lattice is valid, all in exact integers. Each check_...()
-// returns success, or an Error (kRefused) that says which property fails first, and where.
+// returns success, or an Error (kRefused) that names a property that fails and, for most
+// properties, the position.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +14,7 @@
 namespace trocar {
 
 /// Proves that a mesh is valid:
-///  - every index is in range and every vertex is used;
+///  - every index is in range, and every vertex is on the lattice and used;
 ///  - every triangle is strictly counter-clockwise;
 ///  - every directed edge occurs once, so at most two triangles share an edge, in opposite
 ///    directions;

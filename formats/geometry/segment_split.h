@@ -82,9 +82,9 @@ class SplitCell {
   std::array<double, 4> distances2_;
 };
 
-/// Returns the lattice point at which the edge ab of the triangle abc is split near `fraction` of
-/// the way from a to b. This is the nearest of the four lattice points around that position that
-/// may_split() allows. Returns std::nullopt if may_split() allows none of the four.
+/// Returns a lattice point near `fraction` of the way from a to b, at which the edge ab of the
+/// triangle abc may be split. This is the nearest of the four lattice points around that position
+/// that may_split() allows. Returns std::nullopt if may_split() allows none of the four.
 inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, LatticePoint c,
                                               double fraction) noexcept {
   SplitCell cell(a, b, fraction);
@@ -109,7 +109,7 @@ struct SplitAim {
 std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
 
 /// Returns a lattice point near the aim, less than a step from the edge ab of the triangle abc, at
-/// which may_split() allows to split this edge. If there are several such points, the result is the
+/// which this edge may be split (may_split()). If there are several such points, the result is the
 /// point nearest to the shell if the aim has a shell, otherwise the point nearest to the edge. (If
 /// the aim is the midpoint, the point nearest to the edge is at most half a step from the edge.)
 /// Returns std::nullopt if there is no such point.

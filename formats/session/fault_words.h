@@ -38,7 +38,7 @@ enum class FaultQuantity : std::uint8_t {
   kMotorHeat,            ///< i2t state as a fraction of its limit; index: motor
   kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
   kMotor,                ///< no value; index: motor
-  kReleasedEnergy,       ///< energy that the hand received within 0.1 s beyond the stored one, J
+  kReleasedEnergy,       ///< energy released to the hand within 0.1 s beyond the stored energy, J
   kMeasuredPosition,     ///< position that a pose device measured, m; index: axis
   kMeasuredRotation,     ///< length of the quaternion that a pose device measured
   kPositionStep,         ///< change of the measured position since the last data, m

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Procedures. A procedure describes an intervention that trainers know: the tool, the soft layers
-// and the resistance of the bone. Each value has a range, and a source or the word "assumed".
+// and the resistance of the bone. Most values have a range, and a source or the word "assumed".
 // Tests: tests/formats/session/procedures_test.cpp, tests/runtime/bone_cutting/material/procedure_forces_test.cpp
 #pragma once
 

@@ -86,9 +86,9 @@ struct RecordingRow {
   double t_s = 0;                       ///< number of the tick, divided by the loop rate
   std::array<double, 3> p_m{};          ///< position of the plate's origin
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
-  /// Tip of the tool. With the force law `cutting`, a spring (the coupling) connects the tool to
-  /// the plate, and this is the tip of the tool in the tissue. This tip differs from the tip of a
-  /// tool that is fixed to the plate.
+  /// Tip of the tool. With the force law `cutting`, this is the tip of the tool in the tissue. If
+  /// springs (the coupling) connect tool and plate, this tip differs from the tip of a tool that is
+  /// fixed to the plate.
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
@@ -131,7 +131,7 @@ struct RecordingRow {
   struct Cutting {
     std::array<double, 6> wrench_tissue{};  ///< wrench on the plate, N, N*m
     /// Height of the cutting front: down to this height bone has been cut. If the tip is above the
-    /// bone, the height of the next bone below the tip.
+    /// bone, the height of the next bone below the tip; 0 if there is no bone below.
     double front_z_m = 0;
     /// Mean HU of the uncut bone under the tool, in the slice of the cutting front. -1000 if there
     /// is nothing under the tool, 0 if the asset has no HU.
@@ -223,9 +223,9 @@ class RecordingWriter {
 /// is not null, sets `*origin` to the recording's origin, or to an origin without entries if the
 /// recording has none. Errors: kRefused for an unknown header, a missing or surplus field, text
 /// that is not a number, t_s that does not ascend, an unknown name, or no rows. Also kRefused for a
-/// number that is not finite. (Encoder angles, measured poses and prefetched stiffness may be not
-/// finite: this is a fault of the session, which the recording must show.) Messages have the line
-/// and, if there is one, the column.
+/// number that is not finite. (Encoder angles, measured poses and prefetched stiffness may be
+/// infinite or nan: this is a fault of the session, which the recording must show.) Messages have
+/// the line and, if there is one, the column.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,

@@ -50,7 +50,7 @@ std::string to_text(const RecordingOrigin& origin);
 Result<RecordingOrigin> parse_origin(std::string_view text);
 
 /// Describes the differences between the origin of a recording and that of a run, such as "the
-/// scene (12345678..., here 9abcdef0...), passivity (on, here off)". Empty if there are no
+/// scene (0123456789ab..., here cdef01234567...), passivity (on, here off)". Empty if there are no
 /// differences. The program's version is not compared. Keys that the recording does not have are
 /// ignored, because an older version may have written the recording.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);

@@ -206,8 +206,8 @@ struct SceneTool {
   /// If not empty, a simple polygon, counter-clockwise seen from +z, that replaces `sides` and
   /// `radius_m`.
   std::vector<std::array<double, 2>> outline_m;
-  /// Rotation of the cross-section about the axis. It also turns a bevel, whose face looks along the
-  /// cross-section's x axis.
+  /// Rotation of the cross-section about the axis. The rotation also turns a bevel, whose face
+  /// looks along the cross-section's x axis.
   double rotation_deg = 0;
   std::array<double, 3> tip_in_plate_m{0, 0, 0};  ///< lower end of the axis in the plate's frame
   /// The tool's axis is the plate's z axis, tilted by tilt_deg. The direction of the tilt has the

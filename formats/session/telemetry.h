@@ -91,8 +91,9 @@ struct TelemetryEvent {
   std::int32_t sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   std::int32_t slice = -1;  ///< AssetSlice::index
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
-  /// kPuncture. force_N is the force at the tip in the tick before, trial_force_N the force that
-  /// exceeded the threshold (glossary: trial force).
+  /// kPuncture. force_N is the force at the tip in the tick before. trial_force_N is the force that
+  /// exceeded the threshold (glossary: trial force). With the force law `cutting`, trial_force_N is
+  /// the largest strength of the slabs that were passed in this tick.
   double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
   double hand_N = 0;              ///< kPuncture: force on the hand in the tick before
   FaultDetail found;              ///< used by the kinds that name it above
