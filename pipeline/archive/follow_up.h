@@ -42,8 +42,8 @@ struct FollowUpSettings {
 };
 
 /// A queue of complete studies that are to be meshed. One batch runs at a time, in a process of its
-/// own. The marks keep the queue on the disk: studies that are not meshed when the program ends are
-/// queued again at its next start.
+/// own. The marks keep the queue on the disk: studies that still wait or are being meshed when the
+/// program ends are queued again at its next start. A study whose batch failed is not queued again.
 class FollowUp {
  public:
   explicit FollowUp(FollowUpSettings settings);

@@ -36,7 +36,7 @@ struct StoreOutcome {
   StoreStatus status = StoreStatus::kStored;
   std::string why = {};    ///< the reason for a refusal; contains no text of the dataset
   bool is_ours = false;    ///< true if the refusal is due to this computer's disk
-  std::string study = {};  ///< the study's UID; empty if the refusal came before it was read
+  std::string study = {};  ///< the study's UID; empty if the UIDs are not valid or not read
 };
 
 struct StudySize {
@@ -63,7 +63,7 @@ class InstanceStore {
   /// `instance_bytes` have arrived; the caller must then abort the association.
   bool write(std::span<const std::uint8_t> bytes);
   /// Closes the file and checks it. If the instance is accepted, gives the file its final name;
-  /// otherwise removes it.
+  /// otherwise removes it. A copy of a stored instance is accepted, and its file is removed.
   StoreOutcome finish();
 
   /// Syncs all files to the disk. Errors: kUnwritable; the message names the folder.

@@ -37,7 +37,7 @@ class AabbTree {
   Nearest nearest(Point p, std::size_t guess) const;
 
  private:
-  static constexpr std::size_t kFan = 8;  // a box holds this many edges or smaller boxes
+  static constexpr std::size_t kFan = 8;  // a box holds at most this many edges or smaller boxes
   struct Box {
     Point low, high;
   };

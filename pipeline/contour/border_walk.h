@@ -98,7 +98,7 @@ class BorderWalk {
   }
 
   const LabelBorders& borders_;
-  std::vector<Head> heads_;  // for each directed chain: the node at which it arrives, and its end
+  std::vector<Head> heads_;  // by directed chain: node where it arrives, and index in `ends` there
 };
 
 }  // namespace trocar::pipeline

@@ -8,7 +8,7 @@
 namespace trocar::pipeline {
 
 enum class ContourKind {
-  kSubpixel,  ///< iso-contour by marching squares, between pixels (contour_crossing.h)
+  kSubpixel,  ///< marching squares; contour_crossing.h places the vertices between pixels
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 

@@ -8,7 +8,7 @@
 //  - A tight spot is an edge shorter than c, or two edges without a common end whose distance is
 //    less than c (tight_spots.h).
 //  - The scan forces a tight spot if every change that clear_outline() tries there would leave the
-//    tolerance, change the topology or leave as many tight spots as before.
+//    tolerance, change the topology or leave at least as many tight spots as before.
 //  - A small input angle is an angle below 60 degrees of the outline itself. A free angle is an
 //    angle of a triangle that does not lie at a small input angle (see MeshQuality in
 //    triangulation/mesh_quality.h).
@@ -61,13 +61,13 @@ double clearance_steps(double tolerance);
 ///    replace is at most `tolerance` (lattice steps).
 ///  - Fewer tight spots remain.
 /// Rings, their nesting and shared ends are therefore preserved. Finally vertices move by up to two
-/// lattice steps in x and y to restore the area of each ring. This is also done if the outline has
-/// no tight spot but its area is wrong by more than 0.02 %. If is_open[i] is true, contour i is a
-/// line, and its ends stay. The result does not depend on the order of rings. If the outline is
-/// moved or rotated by right angles, the result moves and rotates with it. If `tolerance` is less
-/// than two lattice steps, nothing changes. `positions` and `area_errors` of `simplified` are not
-/// updated. O(n log n) typically; without tight spots the function takes a fraction of the time of
-/// simplification.
+/// lattice steps in x and y at a time to restore the area of each ring. This is also done if the
+/// outline has no tight spot but its area is wrong by more than 0.02 %. If is_open[i] is true,
+/// contour i is a line, and its ends stay. If there are no lines, `is_open` may be empty. The
+/// result does not depend on the order of rings. If the outline is moved or rotated by right
+/// angles, the result moves and rotates with it. If `tolerance` is less than two lattice steps,
+/// nothing changes. `positions` and `area_errors` of `simplified` are not updated. O(n log n)
+/// typically; without tight spots the function takes a fraction of the time of simplification.
 void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,
                    SimplifiedOutline& simplified);
 

@@ -31,11 +31,12 @@ struct SimplificationOptions {
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options);
 
 /// Like simplify(), but also for open lines, which may share ends. If is_open[i] is true, ring i is
-/// a line: its first and last vertex stay and are not joined. When no lines cross any more,
-/// Douglas-Peucker calls `mark_misplaced`. The callback must mark, by index, the simplified lines
-/// whose topology still differs from that of the original lines; Douglas-Peucker gives these lines
-/// more vertices and calls it again. Segment collapse never changes the topology, so it does not
-/// call `mark_misplaced`.
+/// a line: its first and last vertex stay and are not joined. If there are no lines, `is_open` and
+/// `mark_misplaced` may be empty. When no lines cross any more, Douglas-Peucker calls
+/// `mark_misplaced`. The callback must mark, by index, the simplified lines whose topology still
+/// differs from that of the original lines; Douglas-Peucker gives these lines more vertices and
+/// calls the callback again. Segment collapse never changes the topology, so it does not call
+/// `mark_misplaced` at all.
 using MarkMisplaced =
     std::function<void(const std::vector<Ring>& simplified, std::vector<char>& marks)>;
 Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,

@@ -41,7 +41,8 @@ inline bool is_tight(const LatticeSegment& s, const LatticeSegment& t, double cl
 }
 
 /// The edges of an outline, ring by ring: one for each vertex, to the next vertex. If is_open[r] is
-/// true, ring r is a line, and the edge of its last vertex has length 0.
+/// true, ring r is a line, and the edge of its last vertex has length 0. If there are no lines,
+/// `is_open` may be empty.
 std::vector<LatticeSegment> edges_of(const Pslg& outline, const std::vector<bool>& is_open);
 
 /// Calls visit(i, j) for each tight spot, where i and j are indices of edges. For a short edge

@@ -23,7 +23,8 @@ struct Command {
 /// set. Errors: kUsage, kRefused or kUnwritable if the command ended with exit code 2, 3 or 4; kBug
 /// if it ended in another way or cannot be started. kUnwritable and kBug are temporary
 /// (Error::is_temporary). The message is the last line of the command's standard error, without the
-/// program's name in front.
+/// program's name in front. If a signal ended the command, or this line is empty, the message says
+/// how the command ended.
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop);
 
 }  // namespace trocar::farm

@@ -65,7 +65,8 @@ class ScanProgram {
                            const Parameters& parameters) const = 0;
   /// Opens a scan. `given` are parameters as in parameters(). `inputs` are files, or one folder; in
   /// messages they have the names given here. `series` selects a series in the folder. Meshing uses
-  /// `threads` threads. Errors: those of the reader.
+  /// `threads` threads. Errors: those of parameters() and of the reader; kUsage if the scan needs
+  /// other parameters.
   virtual Result<std::unique_ptr<OpenedScan>> open(const nlohmann::json& given,
                                                    const std::vector<std::filesystem::path>& inputs,
                                                    const std::string& series,

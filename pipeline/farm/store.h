@@ -129,7 +129,7 @@ class Store {
   /// be written there.
   Result<std::chrono::nanoseconds> now() const;
   /// Removes temporary files and leases of dead processes, and those that count as abandoned
-  /// (kStrayAge). Returns the number of removed files.
+  /// (kStrayAge, kLeaseDuration). Returns the number of removed files.
   std::size_t remove_strays() const;
 
  private:

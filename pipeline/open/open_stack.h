@@ -18,8 +18,9 @@ namespace trocar::pipeline {
 /// Errors: kRefused if an input does not exist, a file is broken, nothing is usable, slices differ
 /// in size, or an axis is given for DICOM slices that do not form a regular volume. kUsage if the
 /// inputs and the options do not fit together, for example:
-///  - The input states no spacing, and none is given.
-///  - An axis is given for images, or a volume's index for input that is not NIfTI.
+///  - No spacing is given for images, or for a NIfTI file that states none.
+///  - Images are given with an axis other than axial.
+///  - A volume's index is given for input that is not NIfTI.
 ///  - A series is given for input that is not DICOM, or the input does not have the series.
 ///  - The folder contains several NIfTI files, or several folders of images.
 ///  - A folder or a NIfTI file is given together with other inputs.

@@ -43,9 +43,10 @@ struct ScanFolder {
   bool has_own_images() const;
 
   /// The kind of files that form the scan: kDicom if there are DICOM slices, otherwise kVolume if
-  /// there are volumes, otherwise kImages. The reason for this order is that volumes and images
-  /// which lie beside DICOM slices were usually made from the slices. Localisers and screen
-  /// captures do not count as slices, unless the folder has neither volumes nor images.
+  /// there are volumes, otherwise kImages if there are images, otherwise kNothing. The reason for
+  /// this order is that volumes and images which lie beside DICOM slices were usually made from the
+  /// slices. Localisers and screen captures do not count as slices, unless the folder has neither
+  /// volumes nor images.
   Kind kind() const;
   /// A text that names the files left out because of kind(), such as "2 images (a.png, b.png)";
   /// empty if no file is left out.

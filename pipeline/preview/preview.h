@@ -28,7 +28,7 @@ struct PreviewSlice {
   Image image;    ///< pixels within the crop
   Pslg contours;  ///< the contours that a run would simplify and mesh
   double area_mm2 = 0;
-  EdgeLetters letters;  ///< empty for images, which have no orientation
+  EdgeLetters letters;  ///< empty if the stack's pixel_unit() is kGrey, as it is for images
 };
 
 /// The material that all slices shown would have together, if the threshold (or, with equalisation,
@@ -73,8 +73,9 @@ struct Preview {
 
 /// Previews `count` slices, evenly spread from the first to the last slice with material. If the
 /// scan has more than 64 slices, these two are found by bisection, so that not all slices need to
-/// be read. All slices are read if solid bone is made or a scanner's table is found. The number of
-/// threads does not change the result. Errors: those of mesh_stack() up to the contours.
+/// be read. All slices are read if solid bone is made, if samples of the scan show a scanner's
+/// table, or if none of the first 64 slices inspected has material. The number of threads does not
+/// change the result. Errors: those of mesh_stack() up to the contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.

@@ -16,7 +16,7 @@ namespace trocar::pipeline {
 inline constexpr double kSameVoxel = 1e-3;
 
 /// Describes how `plane` differs from `other`, for example "spacing is 1 x 1 mm, not 1 x 1.5".
-/// Returns std::nullopt if there is no difference above kSameVoxel. Either plane has width x height
+/// Returns std::nullopt if there is no difference above kSameVoxel. Both planes have width x height
 /// pixels. `step_mm` is the distance between slices.
 std::optional<std::string> plane_difference(const SlicePlane& plane, const SlicePlane& other,
                                             int width, int height, double step_mm);

@@ -48,12 +48,14 @@ struct ChosenSeries {
   std::string why;  ///< reason, such as "the only CT series"; empty if there was nothing to choose
 };
 
-/// Chooses the series with the UID `uid`. If `uid` is empty, chooses by these rules in turn:
+/// Chooses the series with the UID `uid`. If `uid` is empty, chooses among the series whose
+/// DicomSeries::images() is not 0, by these rules in turn:
 ///  1. A CT series is preferred to a series without a modality, and that to any other series.
 ///  2. A series with a larger DicomSeries::images() is preferred.
 ///  3. A series that comes earlier in `series` is preferred.
-/// `where` names the input in messages. Precondition: `series` is not empty. Errors: kRefused if
-/// the chosen series is a localiser, or if there are only localisers.
+/// If images() is 0 for all series, the first series that is not a localiser is chosen. `where`
+/// names the input in messages. Precondition: `series` is not empty. Errors: kRefused if the chosen
+/// series is a localiser, or if there are only localisers.
 Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
                                    const std::string& where);
 

@@ -18,9 +18,9 @@ enum class Levels {
 /// Reads a PNG, JPEG, BMP or TIFF; the first bytes tell the format. Images have up to 16 bits per
 /// channel. Colours are converted to grey levels. The size is checked before anything is decoded.
 ///
-/// Errors: kRefused if the file cannot be read or is damaged, if a TIFF has several pages, or if
-/// labels are wanted but the image is coloured or a JPEG. The message names the file and the
-/// reason.
+/// Errors: kRefused if the file cannot be read, is damaged or has an unsupported format, if a TIFF
+/// has several pages, or if labels are wanted but the image is coloured or a JPEG. The message
+/// names the file and the reason.
 ///
 /// OpenCV's imread() is not used, because it prints to stderr, accepts up to 2^30 pixels and tries
 /// further formats.
