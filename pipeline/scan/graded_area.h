@@ -13,9 +13,9 @@ namespace trocar::pipeline {
 /// HU change by at most `hu_per_edge`, according to the gradient of the image (Sobel's, which
 /// averages noise over nine pixels). Two rules modify the bound. First, the bound is at least
 /// kMinArea_px2 times the area of a pixel. Second, the edge length at a pixel exceeds the edge
-/// length at any other pixel by at most half of the distance between the two. Therefore a large
-/// triangle is also refined if HU change in only a part of it, and not at its centroid, where
-/// refinement evaluates the bound.
+/// length at any of the eight pixels around it by at most half of the distance between the two.
+/// Therefore a large triangle is also refined if HU change in only a part of it, and not at its
+/// centroid, where refinement evaluates the bound.
 class GradedArea {
  public:
   static constexpr double kMinArea_px2 = 1;

@@ -47,8 +47,9 @@ struct PixelRow {
 /// Lists the pixels whose centres, rounded to the lattice, lie in the mesh. Each pixel is listed
 /// once. The list is ordered by triangle and then by y. A centre on an edge belongs to the triangle
 /// on the side of larger x or, if the edge is horizontal, of larger y. If this side is outside the
-/// mesh, the pixel is not listed. All decisions are exact. Precondition: `mesh` is valid. O(pixels
-/// + r), where r is the number of rows that each triangle crosses, summed over all triangles.
+/// mesh, the pixel is not listed. All decisions are exact. Precondition: `mesh` is valid.
+/// O(pixels + t + r) for t triangles, where r is the number of rows that each triangle crosses,
+/// summed over all triangles.
 std::vector<PixelRow> pixel_rows(const SliceMesh& mesh, const PixelGrid& grid, int width,
                                  int height);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). Every pixel is
-// a sample if pixels are at least 0.57 mm wide. If they are narrower, every second, third, ...
+// a sample if pixels are wider than about 0.57 mm. If they are narrower, every second, third, ...
 // pixel is a sample, so that samples are about 1 mm apart.
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once

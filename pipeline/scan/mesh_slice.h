@@ -35,6 +35,7 @@ struct MeshOptions : MaterialOptions {
   /// Fits a field of HU to each mesh (hu_field.h). Needs the same input as hu_volume.
   bool hu_field = false;
   /// Makes triangles smaller where HU change: GradedArea's `hu_per_edge` (graded_area.h). 0: off.
+  /// Only for a scan in HU: check_ranges() of mesh_stack.h refuses it for other input.
   double grade_hu = 0;
 };
 
@@ -87,8 +88,8 @@ struct MeshedSlice {
 };
 
 /// Checks that a slice fits the lattice. Errors: kRefused if pixels are narrower than
-/// kMinStepsPerPixel lattice steps, or if the image is wider or higher than
-/// kMaxAssetSpan lattice steps.
+/// kMinStepsPerPixel lattice steps, or if the image with a margin of half a pixel is wider or
+/// higher than kMaxAssetSpan lattice steps.
 Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice);
 
 /// Meshes one slice. Every PSLG has passed check_pslg(), and every mesh check_delaunay_mesh()

@@ -50,8 +50,9 @@ struct StackResult {
 };
 
 /// Checks the options against the stack. Errors: kUsage if slices or crop are outside the stack, if
-/// the crop is less than two pixels wide or high, or if vertex colours, areas graded by HU
-/// (graded_area.h) or a context are wanted but there are no HU.
+/// the crop is less than two pixels wide or high, if vertex colours or a context are wanted but
+/// there are no HU, or if areas graded by HU (graded_area.h) are wanted but the scan is not in HU
+/// (the CT of a label map does not suffice).
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
 /// Meshes the stack. The same stack and options give the same glb, with any number of threads.

@@ -13,7 +13,8 @@
 
 namespace trocar::pipeline {
 
-/// Makes an entry of the report's `slices[]`, without its member `ms` (see stage_times()).
+/// Makes an entry of the report's `slices[]`, without its members `ms` (see stage_times()) and
+/// `material`, which mesh_stack() adds.
 nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& material,
                             double max_area_bound_mm2);
 nlohmann::json stage_times(const StageTimes& times);

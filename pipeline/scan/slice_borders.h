@@ -22,8 +22,8 @@ Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
 
 struct SliceBorders {
   std::vector<Pslg> outlines;  ///< outline of each material
-  /// The borders between the materials if there are several. `outlines` are then the result of
-  /// material_outlines() for them.
+  /// If there are several materials: all of their borders, also those with the background.
+  /// `outlines` are then the result of material_outlines() for these borders.
   std::optional<LabelBorders> shared;
 };
 

@@ -5,7 +5,8 @@
 // The search works in the planes across the axis, in five steps.
 //  1. Sections: a section is a connected set of pixels of one plane. Each of these pixels is
 //     enclosed by bone (plane_flood.h), and a disc of radius kCanalDisc_mm around it contains no
-//     bone. A section is soft if its mean is below kMaxCanal_HU and its area is 15 to 400 mm^2.
+//     bone. A section is soft if its mean is between -200 HU and kMaxCanal_HU and its area is 15
+//     to 400 mm^2.
 //  2. Tubes: two soft sections of neighbouring planes belong to one tube if they overlap by at
 //     least 35 % of the larger section.
 //  3. Following: the search follows each tube from plane to plane beyond both of its ends, for up
@@ -14,8 +15,9 @@
 //     if following it leads to the volume's border or to a plane that does not enclose the section.
 //  4. Choice: a tube is a canal if both ends are open. A tube of at least 60 mm, which is longer
 //     than a vertebra, needs only one open end.
-//  5. Growth: a canal takes the pixels without bone within 5.5 mm of its sections, except those
-//     that are nearer to another section. These distances are lengths of paths that avoid bone.
+//  5. Growth: in each plane a canal takes the pixels without bone within 5.5 mm of its section,
+//     except those that are nearer to a section that belongs to no canal. These distances are
+//     lengths of paths that avoid bone.
 #pragma once
 
 #include <array>

@@ -33,7 +33,7 @@ VoxelGrid grid_of(const SliceStack& stack);
 struct VoxelComponents {
   struct Run {
     std::size_t begin = 0, end = 0;  ///< voxels [begin, end)
-    std::uint32_t component = 0;     ///< components are numbered by their first voxels
+    std::uint32_t component = 0;     ///< components are numbered in order of their first voxels
   };
   std::vector<Run> runs;
   std::vector<double> volume_mm3;

@@ -15,8 +15,9 @@
 // cross-section borders on air; the surface of a bone borders on soft tissue. (Only surface that
 // borders on air or on soft tissue is counted.)
 //
-// No table is found in a scan without a large body, in slices that are smaller than 150 mm or not
-// axial, or if the material is not given by a threshold in HU. Then at most a few slices are read.
+// No table is found in a scan without a large body, in slices whose sides are both below 150 mm, in
+// slices that are not axial, or if the material is not given by a threshold in HU. Then at most a
+// few slices are read.
 #pragma once
 
 #include <cstddef>

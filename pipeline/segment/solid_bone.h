@@ -9,8 +9,8 @@
 //     specks would close gaps.
 //     With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
-//     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. In a
-//     scan in HU, voxels below kAir_HU are never filled.
+//     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. If
+//     the material is given by a threshold in HU, voxels below kAir_HU are never filled.
 //     With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
 //  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is removed.
 //  4. seeds: only material that is connected to the first seed and nearer to it than to any other

@@ -18,9 +18,9 @@ namespace trocar::pipeline {
 /// vertex, of area times squared distance from the triangle's plane (Garland and Heckbert 1997),
 /// plus a small multiple of the fourth power of the edge's length. A collapse removes two
 /// triangles, keeps the surface closed and manifold, turns no triangle by more than 60 degrees, and
-/// creates no triangle that intersects a triangle nearby. Distant parts of the surface may still
-/// intersect each other. The caller must find such triangles and call undo() and decimated() again.
-/// Deterministic. Memory: 250 bytes for each vertex.
+/// creates no triangle that intersects a triangle nearby. Triangles may still intersect, mostly
+/// those of distant parts of the surface. The caller must find such triangles and call undo() and
+/// decimated() again. Deterministic. Memory: 250 bytes for each vertex.
 class Decimation {
  public:
   /// The vertex `from` was merged into the vertex `to`.
@@ -32,9 +32,9 @@ class Decimation {
   /// `stop` is set, collapses end early.
   explicit Decimation(const TriangleSurface& fine, const std::atomic<bool>* stop = nullptr);
 
-  /// Returns the surface with at most this number of triangles or, if that is impossible, with as
-  /// few as possible. The function first repeats the collapses of the last call that were not
-  /// undone, as far as they are needed and still possible. Then it makes further collapses.
+  /// Returns the surface with at most this number of triangles, or with more if no further collapse
+  /// is allowed. The function first repeats the collapses of the last call that were not undone, as
+  /// far as they are needed and still possible. Then it makes further collapses.
   TriangleSurface decimated(std::size_t triangles);
 
   /// Undoes collapses near some triangles, with effect on the next call of decimated(). `triangles`

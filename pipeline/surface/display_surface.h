@@ -24,8 +24,8 @@ namespace trocar::pipeline {
 struct SurfaceOptions {
   int triangles = 50'000;  ///< wanted number of triangles; fewer if the isosurface has fewer
   /// False: the number of triangles is doubled until the distances are within
-  /// DisplaySurface::bound_mm. True: the number is not doubled. In both cases the surface gets more
-  /// triangles than that if it would otherwise intersect itself.
+  /// DisplaySurface::bound_mm. True: the number is not doubled. In both cases the surface has more
+  /// triangles than this number if it would otherwise intersect itself.
   bool at_most = false;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
 };

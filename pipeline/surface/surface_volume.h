@@ -2,7 +2,8 @@
 // A scan as a volume whose zero level is the surface of the material. The volume is the trilinear
 // interpolation of the fields from which the slices' contours are made, minus the iso-value. At a
 // slice's height it equals the slice's field minus the iso-value, so a plane there cuts the surface
-// along the slice's contour. (The mask of a label map is smoothed first.)
+// along the slice's contour. (For the mask of a label map this holds only approximately, because
+// the mask is smoothed first.)
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 

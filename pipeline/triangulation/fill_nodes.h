@@ -23,8 +23,9 @@ struct FillNode {
 ///
 /// `triangles` is the caller's estimate of how many equilateral triangles fill the mesh. It limits
 /// the work: the function visits at most 16 * (triangles + vertices of the mesh) rows of grid
-/// points, counted anew in each triangle of the mesh. For some outlines it therefore does not find
-/// all points. Precondition: the edges of the equilateral triangles have at least 2 steps.
+/// points. A row that crosses several triangles of the mesh counts once for each of them. For some
+/// outlines the function therefore does not find all points. Precondition: the edges of the
+/// equilateral triangles have at least 2 steps.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);
 

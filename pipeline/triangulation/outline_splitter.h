@@ -186,9 +186,9 @@ class OutlineSplitter {
 
   // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
   // way from a to b. Returns false if there is none. Four lattice points surround the exact
-  // position. The function chooses the nearest one on the material's side. With keep_area_ it
-  // chooses the nearest one on the void's side instead if this keeps the area of the loop better,
-  // or if no point on the material's side is usable.
+  // position. The function chooses the nearest one on the material's side. With keep_area_, and if
+  // the segment has clearance, it chooses the nearest one on the void's side instead if this keeps
+  // the area of the loop better, or if no point on the material's side is usable.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];

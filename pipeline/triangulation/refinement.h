@@ -3,8 +3,8 @@
 // three additions:
 //  - off-centres as positions of new points (Uengoer 2004);
 //  - concentric shells at small input angles (Ruppert; Shewchuk);
-//  - the rule that a short edge is not refined if it joins the two segments of a small input angle
-//    (Miller, Pav and Walkington 2003).
+//  - the rule that a triangle's angles are not improved if its shortest edge joins the two segments
+//    of a small input angle (Miller, Pav and Walkington 2003).
 // Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
 // of several allowed positions that leaves the fewest bad triangles (similar to Erten and Uengoer's
 // locally optimal Steiner points, 2009). If the bound on the area requires many triangles, a
@@ -45,9 +45,11 @@ struct RefinementOptions {
   /// from the size of the mesh refined to kSafeAngle_deg.
   std::uint32_t max_vertices = 0;
   /// Rounds each point on a boundary edge to the side that better keeps the area within the closed
-  /// boundary. If this is false, such points are always rounded to the material's side.
+  /// boundary. If this is false, such points are rounded to the material's side, except on edges
+  /// that regions share (regions.h).
   bool keep_area = false;
-  /// Splits two outline edges that coincide in opposite directions at the same points (regions.h).
+  /// If two outline edges coincide in opposite directions, splits both at the same points
+  /// (regions.h).
   bool shared_borders = false;
   /// A boundary edge is not split at a point whose distance from the input segment, in lattice
   /// steps, is this large or larger.
@@ -101,10 +103,9 @@ struct Refined {
 bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2);
 
 /// Refines a triangulation. The result is valid and constrained Delaunay, like that of
-/// triangulate(). Each boundary edge of the input becomes a chain of edges whose inner vertices lie
-/// on the edge. If no lattice point lies on the edge, these vertices lie on its material side, less
-/// than `max_distance_steps` away. (Each split rounds by less than 1.5 steps and inherits a part of
-/// the deviation of the edge that it splits.)
+/// triangulate(). Each boundary edge of the input becomes a chain of edges. The inner vertices of
+/// the chain lie on the edge or on its material side, less than `max_distance_steps` away. (A split
+/// rounds by less than 1.5 steps and inherits a part of the deviation of the edge that is split.)
 ///
 /// With keep_area, the inner vertices may also lie up to one step on the void's side if there is
 /// enough void next to the edge. In this way each loop of the boundary keeps its area except for

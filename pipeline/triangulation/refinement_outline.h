@@ -32,9 +32,9 @@ class RefinementOutline {
     return twins_.empty() ? kNoTwin : twins_[segment];
   }
 
-  /// Finds the loops that the segments form. If regions share borders, a loop is divided
-  /// where the region on its other side changes. Along each part, the other side then is
-  /// one region, or the void.
+  /// Finds the loops that the segments form. If regions share borders, a loop is divided where the
+  /// region on its other side changes. On the other side of each part then lies one region, or the
+  /// void alone.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
