@@ -8,9 +8,9 @@
 //   scale^2 (diag(1 / samples) + ratio^2 a_i a_j k(|z_i - z_j| / length)).
 // Here z_i is the depth of point i, and a_i is the fitted force at this point divided by the
 // largest fitted force, but at least 0.03. The fitted force is that of the tip alone or includes
-// friction. The correlation k is an exponential or a Matern-5/2 function. Residuals of different
-// branches are independent. Many combinations of ratio, length, a and k are tried. The weight of a
-// combination is the product of three factors:
+// friction, measured from the baseline in both cases. The correlation k is an exponential or a
+// Matern-5/2 function. Residuals of different branches are independent. Many combinations of ratio,
+// length, a and k are tried. The weight of a combination is the product of three factors:
 //  - its restricted likelihood (H. Patterson, R. Thompson, Biometrika 58, 1971), which accounts for
 //    the residuals that the fit has absorbed
 //  - a prior for the integral of the correlation: log-normal, median 0.6 mm, geometric standard

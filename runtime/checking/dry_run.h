@@ -40,10 +40,12 @@ inline constexpr std::uint64_t kMaxDryRunTicks = 60'000;
 
 /// Result of a dry run for one sheet.
 struct SheetDryRun {
-  bool touched = false;       ///< the sheet was loaded or punctured
-  double touched_t_s = 0;     ///< time at which the sheet was first loaded or punctured
-  double loaded_t_s = 0;      ///< last time at which the sheet was loaded
-  double force_max_N = 0;     ///< largest force along z while loaded or at a puncture
+  bool touched = false;    ///< the sheet was loaded or punctured
+  double touched_t_s = 0;  ///< time at which the sheet was first loaded or punctured
+  double loaded_t_s = 0;   ///< last time at which the sheet was loaded
+  /// Largest of these forces: the wanted force along z while the sheet was loaded, and
+  /// PunctureEvent::force_N at the sheet's punctures.
+  double force_max_N = 0;
   double punctured_t_s = -1;  ///< time of the first puncture; -1: none
   bool missed = false;        ///< the tool passed the sheet with too little material under the tool
 };

@@ -31,8 +31,8 @@ struct NewSceneChoices {
 };
 
 /// Proposes a scene. Precondition: `asset` was read from `asset_file`, and weld_materials() was
-/// applied to it. `scene_file`: the file to which the caller will write the scene. The scene names
-/// the asset relative to the folder of this file.
+/// applied to it. `scene_file`: the file to which the caller will write the scene. The folder of
+/// this file determines how the scene names the asset (SceneDraft::name_files()).
 ///  - Candidates: the first candidates are scenes with the force law `cutting`, through one bone
 ///    volume with a strength computed from HU. These scenes need HU in every slice with material,
 ///    and slices at most 3 mm apart. The next candidates are scenes with the law `hooke`, with

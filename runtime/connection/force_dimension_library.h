@@ -37,7 +37,7 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
-/// The entry of the array of get_status() that is not 0 if the device waits for its calibration.
+/// Index into the array of get_status(). This entry is not 0 if the device waits for calibration.
 inline constexpr int kStatusReset = 3;
 /// Length of the array for get_status(), which is more than any release of the SDK fills.
 inline constexpr int kStatusLength = 64;

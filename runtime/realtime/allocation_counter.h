@@ -29,13 +29,13 @@ class NoAllocationScope {
   NoAllocationScope& operator=(const NoAllocationScope&) = delete;
 };
 
-// Only the allocation hooks call the following functions.
+// Only the hooks in tests/reference/hooks call the following functions.
 
 /// Returns true if the calling thread is inside a scope.
 bool in_no_allocation_scope() noexcept;
 /// Counts one allocation by the calling thread if it is inside a scope.
 void note_allocation() noexcept;
-/// The hooks call this once. Afterwards allocations_are_counted() returns true.
+/// The allocation hooks call this once. Afterwards allocations_are_counted() returns true.
 void announce_allocation_hooks() noexcept;
 
 }  // namespace trocar::runtime

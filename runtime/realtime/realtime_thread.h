@@ -49,7 +49,7 @@ struct TickTiming {
   /// the previous call took between three and four periods, or if the thread woke up
   /// three periods late.
   int missed_in_row = 0;
-  std::uint64_t missed_deadlines = 0;  ///< number of deadlines missed since the first call
+  std::uint64_t missed_deadlines = 0;  ///< number of all deadlines missed so far
   std::int64_t late_ns = 0;            ///< time from the requested to the actual wake-up
 };
 

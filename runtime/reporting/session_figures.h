@@ -5,9 +5,9 @@
 //
 // Definitions (formats/session/session_report.schema.json repeats them for its fields):
 //  1. A row is counted if its safety state is `ready` or `running`. In other states the pose may be
-//     that of an earlier tick. The figures are computed from the counted rows only, with three
-//     exceptions: the largest force, the faults and the samples. A duration is a number of rows
-//     divided by the rate. The force is the magnitude of the delivered force.
+//     that of an earlier tick. The figures are computed from the counted rows only. Exceptions are
+//     the largest force, the faults, the samples, and the total and the stopped time. A duration is
+//     a number of rows divided by the rate. The force is the magnitude of the delivered force.
 //  2. The insertion begins with the first row in contact. It ends with the row with the lowest tip
 //     among the later rows. Straightness is the distance between the tip's positions in these two
 //     rows, divided by the length of the tip's path between these rows.

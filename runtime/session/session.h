@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A session runs the haptic loop with a scene and a device, in real or virtual time, until all its
-// ticks are done or it is stopped. Worker threads prepare meshes and stiffness for the loop;
-// observers record and show the ticks.
+// ticks are done, it is stopped, or a fault ends it. Worker threads prepare meshes and stiffness
+// for the loop; observers record and show the ticks.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 

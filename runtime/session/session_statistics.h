@@ -39,7 +39,7 @@ struct FaultEvent {
 
 /// The result of run_session(), for the program and for the summary (runtime/reporting/summary.h).
 /// The session report for the trainee (`--session-report`, runtime/reporting/session_report.h) is
-/// not made from this result but from SessionFigures.
+/// made from SessionFigures and takes only some facts from this result.
 struct SessionResult {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;

@@ -53,7 +53,8 @@ struct DriveStep {
   std::uint64_t session = 0;  ///< number of the session, counted from 1
   double t_s = 0;             ///< simulated time at the end of the step
   DriveMode mode = DriveMode::kReady;
-  std::uint8_t motor_faults = 0;      ///< bit i: motor i does not follow its command
+  /// Bit i: at some time in this session motor i did not follow its command.
+  std::uint8_t motor_faults = 0;
   bool fault = false;                 ///< an injected fault was active at the start of the step
   std::uint64_t command_taken = 0;    ///< sequence number of the newest accepted command
   double commanded_max_Nm = 0;        ///< largest commanded torque of a motor

@@ -65,8 +65,8 @@ struct HandTarget {
   Twist twist_device = Twist::Zero();  ///< twist [v; omega] of the target tip, in {B}
 };
 
-/// A hand whose targets become known only while the session runs. The haptic thread calls its
-/// functions.
+/// A hand whose targets become known only while the session runs. The thread that advances the
+/// simulated device calls begin_step() and target().
 class UnscriptedHand {
  public:
   virtual ~UnscriptedHand() = default;

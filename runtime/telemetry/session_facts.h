@@ -18,8 +18,9 @@
 namespace trocar::runtime {
 
 /// The facts about a live hand, which is a hand that a person moves. Its springs pull the tip to a
-/// target. The target starts at start_tip_m and start_rotation_rad. It stays in the box from min_m
-/// to max_m, and within turn_max_rad of the rotation at the start. Frame: {B}.
+/// target. The target starts at start_tip_m and start_rotation_rad. While a person holds the tool,
+/// the target moves to poses in the box from min_m to max_m, and within turn_max_rad of the start's
+/// rotation. Frame: {B}.
 struct PublishedHand {
   std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
   double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;

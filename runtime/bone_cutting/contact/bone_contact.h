@@ -76,7 +76,7 @@ struct BoneContactState {
   double retract_to_depth_m = 0;  ///< if must_retract: depth to which the tip must be raised
   bool must_retract = false;      ///< the tip was under load when reset_motion() was called
   int next_checked = 0;           ///< index of the sheet whose walls were checked last
-  int last_hole = -1;       ///< hole that the tool was in last; reset_motion() does not change it
+  int last_hole = -1;       ///< CuttingState::hole after the last tick; reset_motion() keeps it
   bool has_plate = false;   ///< the following poses and the wrench are valid
   Pose T_device_plate;      ///< last new pose of the plate
   Pose T_device_evaluated;  ///< pose at which the law was evaluated last

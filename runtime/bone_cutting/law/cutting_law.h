@@ -177,7 +177,9 @@ struct CuttingSlab {
 /// State of one hole in one slab.
 struct CuttingHoleSlab {
   double cut_m = -std::numeric_limits<double>::infinity();  ///< depth down to which the hole is cut
-  double embedded_m = 0;  ///< vertical length of the slab that the shaft fills
+  /// Vertical length of the slab that the shaft fills, or CuttingSlab::hole_m if the shaft passes a
+  /// slab of thickness 0.
+  double embedded_m = 0;
   /// Stiffness of the wall at one Gauss point, and force at which it yields there, in the last
   /// tick.
   double wall_N_per_m = 0, wall_most_N = 0;

@@ -4,9 +4,10 @@
 // which the shaft's axis does not press on the wall. While the shaft stays close to a reference
 // position, the nearest corner or edge of most slots stays the same. If, in addition, the wall does
 // not yield at such a point, the energy of the point is a quadratic function of the shaft's
-// displacement. The sum over all these points is quadratic as well, and its coefficients are kept.
-// Therefore usually only the first evaluation of a tick visits all points. Later evaluations visit
-// only the few points whose energy is not quadratic.
+// displacement. If the slot has a clearance, a point counts as quadratic only inside the clearance,
+// where its energy is 0. The sum over all quadratic points is quadratic as well, and its
+// coefficients are kept. Therefore usually only the first evaluation of a tick visits all points.
+// Later evaluations visit only the few points whose energy is not quadratic.
 //
 // Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all points. Apart
 // from rounding, the sum does not depend on earlier poses.

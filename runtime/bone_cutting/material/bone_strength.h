@@ -37,7 +37,7 @@ enum class DensityKind { kQct, kAsh, kApparent };
 std::string_view name_of(DensityKind kind) noexcept;
 
 /// density = at_0_HU + per_HU * HU. The default is typical of scanners at 120 kV (0.8 mg/cm^3 of
-/// K2HPO4 per HU). The default is not a measurement. `is_assumed` marks a calibration without one.
+/// K2HPO4 per HU). The default is not a measurement. `is_assumed`: no calibration was given.
 struct HuCalibration {
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
   DensityKind kind = DensityKind::kQct;

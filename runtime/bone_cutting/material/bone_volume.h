@@ -16,9 +16,10 @@
 //     threshold and stiffness are those of the tip, whatever the tip's shape. If such a tissue
 //     states no rim stiffness and its slab is not of thickness 0, threshold and stiffness divided
 //     by the tool's area are also the strength and the stiffness of the walls per area.
-//  3. The direction in which a bevelled tip is pushed is the same during a session. It follows from
-//     the lateral force and the strength in the uppermost tissue with CutTissue, at its mean HU.
-//     Without such a tissue, a bevelled tip is not pushed to one side.
+//  3. Relative to the tool, the direction in which a bevelled tip is pushed is the same during a
+//     session. It follows from the lateral force and the strength in the uppermost tissue with
+//     CutTissue and a strength above 0, at its mean HU. Without such a tissue, a bevelled tip is
+//     not pushed to one side.
 //  4. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
 //     divided into slabs at the depths at which a shell can end, so that the slabs stay the same

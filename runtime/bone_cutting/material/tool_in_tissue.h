@@ -84,7 +84,8 @@ double displaced_area_m2(const ToolShape& tool) noexcept;
 double torn_length_m(const ToolShape& tool) noexcept;
 
 /// Values for the fields of CuttingSlab and CuttingOptions that have the same names. `strength_N`
-/// is for strength_top_N and strength_bottom_N of a slab.
+/// is for strength_top_N and strength_bottom_N of a slab. bone_volume.h computes
+/// CuttingTool::bevel_plate from `lateral_N` and `strength_N`.
 struct ToolInTissue {
   double strength_N = 0;  ///< force on the tip at which the cutting front advances
   double torsion_Nm = 0;  ///< moment that turns the tool (contract 3)
