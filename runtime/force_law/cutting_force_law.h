@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). A coupling
-// connects the tool to the plate as stiffly as the device allows, by springs or rigidly. The law is
-// passive by itself (cutting_law.h, contract 1).
+// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). A spring
+// connects the tool in the bone to the plate, or the two are fixed to each other
+// (device_coupling.h). The law itself is passive (cutting_law.h, contract 1).
 // Tests: tests/runtime/session/cutting_session_test.cpp
 #pragma once
 
@@ -16,23 +16,24 @@
 
 namespace trocar::runtime {
 
-/// Results of a session. Forces and energies are those of the tissue, before they are multiplied by
-/// SceneForceLaw::force_scale.
+/// Figures of a session, for its summary. Forces and energies are those of the tissue, before they
+/// are multiplied by SceneForceLaw::force_scale.
 struct CuttingReport {
   DeviceCoupling coupling;
   double force_scale = 1;
+  /// Largest force on the tip along the shaft; largest force of the tissue on the plate.
   double tip_max_N = 0, force_max_N = 0;
-  BoneEnergyAccount energy;             ///< energy account after the last tick
+  BoneEnergyAccount energy;             ///< energies after the last tick
   std::uint64_t unconverged_ticks = 0;  ///< ticks in which Newton's method did not converge
   int steps_max = 0;                    ///< largest number of Newton steps in a tick
-  std::uint64_t side_cuts = 0;          ///< number of holes requested where walls yielded
+  std::uint64_t side_cuts = 0;          ///< number of holes requested because a wall yielded
 };
 
 class CuttingForceLaw final : public ForceLaw {
  public:
-  /// Creates the law. The coupling is chosen for one pose of the plate: level, with the tip on the
-  /// topmost sheet at the scene's anchor (over_anchor() in runtime/contact/sheet.h). Errors: those of
-  /// make_bone_volume(), with the asset's name before each message.
+  /// Creates the law. The coupling is chosen for one pose of the plate: the plate is level, and the
+  /// tip is on the topmost sheet at the scene's anchor (over_anchor() in runtime/contact/sheet.h).
+  /// Errors: those of make_bone_volume(), with the asset's path before each message.
   static Result<std::unique_ptr<CuttingForceLaw>> make(const ForceLawSetup& setup);
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The prefetch worker of the force law `network`. It computes the stiffness of a sheet's spring network
-// (runtime/deformation) under the tool, outside the haptic thread.
+// The prefetch worker of the force law `network`. Outside the haptic thread it computes how stiff a
+// sheet's spring network (runtime/deformation) is under the tool.
 //
-// The forces of the network are proportional to the depth of the tool. So a stiffness and the point
-// where the force acts fully describe the response to the tool, and the haptic thread need not
-// solve equations. If the scene names the solver `propagation` (runtime/deformation/propagation.h),
-// the stiffness is the force per depth to which this solver converges.
+// The forces of the network are proportional to the depth of the tool. So the haptic thread needs
+// only two results: the stiffness, which is the force per depth, and the point where the force
+// acts. If the scene names the solver `propagation` (runtime/deformation/propagation.h), the
+// stiffness is the force per depth to which this solver converges.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -28,23 +28,26 @@
 
 namespace trocar::runtime {
 
+/// Figures of a session, for its summary. An answer is a stiffness that was computed for a request.
+/// A failure is a request for which the solver failed.
 struct PrefetchReport {
   std::uint64_t answers = 0, failures = 0;
   std::uint32_t calibrations = 0;  ///< number of distinct stiffnesses among the sheets
   Histogram prepare;               ///< wall times that the answers took
+  /// Number of nodes that the solver could move: maximum of all answers, and last answer.
   std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
   /// Largest error bounds (RingBounds) of all answers.
   double force_bound_max = 0, displacement_bound_max = 0;
+  /// Number of negative springs (RegionResponse::negative_springs): maximum of all answers.
   std::uint32_t negative_springs_max = 0;
 };
 
 class NetworkPrefetch final : public PrefetchWorker {
  public:
   /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
-  /// place_slices(). `lattice`: the lattice of the asset. The call takes some milliseconds for each
-  /// distinct stiffness, or some hundred milliseconds if the tool has many corners. Errors:
-  /// kRefused if, for one of the tissues and this tool, no membrane tension and foundation
-  /// stiffness give the tissue's stiffness (runtime/deformation/calibration.h).
+  /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate() once for
+  /// each distinct stiffness. One call takes tens of milliseconds, or hundreds if the tool has many
+  /// corners. Errors: those of calibrate() (runtime/deformation/calibration.h).
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);
@@ -54,12 +57,12 @@ class NetworkPrefetch final : public PrefetchWorker {
     return answered_.read(stiffness);
   }
   void serve(const std::function<const Sheet&(std::size_t)>& sheet) override;
-  /// If the solver fails, also increases PrefetchReport::failures.
+  /// Counts a failure of the solver in PrefetchReport::failures.
   std::optional<PrefetchedStiffness> answer(const PrefetchRequest& request,
                                             const Sheet& sheet) override;
   std::shared_ptr<const SheetShape> shape() const override;
 
-  /// Call this on the thread that calls answer(), or after that thread has ended.
+  /// Call this on the thread that calls answer() or serve(), or after that thread has ended.
   const PrefetchReport& report() const noexcept { return report_; }
 
  private:

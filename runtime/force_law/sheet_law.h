@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force laws of separate sheets. With `hooke`, each sheet is a spring under the tool. With
-// `network`, the stiffness of a sheet is that of its spring network, which a prefetch worker
-// computes. In all other respects the two laws are the same: runtime/contact/puncture.h defines
-// contact and puncture, and a virtual coupling can connect the tool to the plate.
+// The two force laws that treat each slice as a separate elastic sheet. With `hooke`, the stiffness
+// of a sheet is the tissue's spring constant. With `network`, the stiffness is that of the sheet's
+// spring network under the tool, and a prefetch worker computes it. In all other respects the two
+// laws are the same: runtime/contact/puncture.h defines contact and puncture, and a virtual
+// coupling (runtime/contact/virtual_coupling.h) can connect the tool to the plate.
 // Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 
@@ -44,7 +45,7 @@ class SheetLaw : public ForceLaw {
   ContactState contact_;
   CouplingState coupling_;
   double last_force_N_ = 0;              ///< tip force in the previous tick
-  std::int32_t last_active_sheet_ = -1;  ///< sheet that exerted this force
+  std::int32_t last_active_sheet_ = -1;  ///< index of the sheet that exerted last_force_N_
 };
 
 /// The force law `network`.

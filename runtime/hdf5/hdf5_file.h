@@ -20,15 +20,16 @@ enum class Hdf5Type : std::uint8_t { kFloat64, kInt32, kInt64, kUint8, kUint32 }
 struct Hdf5Table {
   std::string name;
   Hdf5Type type = Hdf5Type::kFloat64;
-  std::size_t width = 1;  ///< numbers in a row; with 1 the dataset has one dimension, else two
-  /// Names of the values 0, 1, ... The dataset is then an enumeration of 8-bit numbers. Empty: the
-  /// dataset has plain numbers.
+  /// Number of values in a row. With 1 the dataset has one dimension (rows), otherwise two.
+  std::size_t width = 1;
+  /// Empty if the dataset has plain numbers. Otherwise the dataset is an enumeration, element i is
+  /// the name of value i, and `type` must be kUint8.
   std::vector<std::string> enumerators;
   std::vector<std::byte> data;  ///< row by row, in the machine's byte order
 };
 
-/// A file with datasets in its root group. Calls report no errors; if one has failed, bytes()
-/// returns an error.
+/// A file with datasets in its root group. Only bytes() reports errors: also those of earlier calls
+/// of the other functions.
 class Hdf5File {
  public:
   Hdf5File();
@@ -36,14 +37,14 @@ class Hdf5File {
   Hdf5File& operator=(const Hdf5File&) = delete;
   ~Hdf5File();
 
-  /// Adds a dataset in compressed chunks.
+  /// Adds a dataset, stored in compressed chunks. The table must have a row.
   void add(const Hdf5Table& table);
-  /// Adds an attribute, a text or a list of texts, to a dataset or the root group. `object`: the
-  /// name of the dataset, or "/".
+  /// Adds an attribute to a dataset or to the root group. Its value is a text or a list of texts.
+  /// `object`: the name of the dataset, or "/" for the root group.
   void set_attribute(const std::string& object, const std::string& name, const std::string& text);
   void set_attribute(const std::string& object, const std::string& name,
                      std::span<const std::string> texts);
-  /// Returns the file's bytes. Errors: kBug if libhdf5 refused a call, or had no memory.
+  /// Returns the file's bytes. Errors: kBug if a call of libhdf5 has failed.
   Result<std::vector<std::uint8_t>> bytes();
 
  private:
