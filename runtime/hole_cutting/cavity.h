@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // First stage of a cut (paper, II.C: "search all meshes that are across the hexagon by intersection
-// test and all vertices inside the hexagon"). It finds the cavity, which consists of the triangles
-// that the tool overlaps or touches, and the boundary of the cavity, which is called `rim` in the
-// code. Triangles outside the cavity are called kept triangles. All decisions are exact in 64-bit
-// and 128-bit integers.
+// test and all vertices inside the hexagon"). It finds the cavity: the triangles that the tool
+// overlaps or touches. It also finds the boundary of the cavity, which the code calls `rim`. The
+// triangles outside the cavity are the kept triangles. All decisions are exact, because they use
+// 64-bit and 128-bit integers.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -33,14 +33,14 @@ struct OutlineEdge {
 /// The result of a stage of a cut.
 enum class StageOutcome : std::uint8_t {
   kDone,
-  kAgain,     ///< rounding affects kept triangles: the cut starts again with them in the cavity
+  kAgain,     ///< rounding affects kept triangles: add them to the cavity and repeat the stages
   kCapacity,  ///< the scratch memory is too small
   kBug,       ///< an invariant does not hold
 };
 
 enum class ToolIntersection : std::uint8_t {
   kApart,     ///< the closed triangle and the closed tool have no point in common
-  kTouches,   ///< they have common points, and all of these lie on both boundaries
+  kTouches,   ///< they have common points, but no common area
   kOverlaps,  ///< they have a common area
 };
 
@@ -48,43 +48,44 @@ enum class ToolIntersection : std::uint8_t {
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
                                 std::span<const OutlineEdge> tool) noexcept;
 
-/// Like the function above, but computes the tool's edges in each call. Precondition: the tool has
-/// at most kMaxToolCorners corners.
+/// The same, for a tool given by its corners: each call computes the edges again. Precondition: the
+/// tool has at most kMaxToolCorners corners.
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
-/// Returns true if p is outside the polygon and not on its boundary. O(tool size).
+/// Returns true if p is outside the tool and not on the tool's boundary. O(tool size).
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 
 /// A directed edge of the cavity's boundary, with the cavity on its left.
 struct RimEdge {
   std::uint32_t from, to;   ///< indices into Cavity::rim_vertices
   std::uint32_t kept;       ///< the kept triangle beyond the edge; kNone on the sheet's boundary
-  std::uint32_t kept_edge;  ///< the number of the same edge in `kept`
+  std::uint32_t kept_edge;  ///< the number that this edge has in `kept`
 };
 
 struct Cavity {
-  std::vector<OutlineEdge> tool;  ///< the outline for which the cavity was found
+  std::vector<OutlineEdge> tool;  ///< the tool's outline, given to find_cavity()
   LatticeBox tool_box;
   std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes overlap the tool's box
   std::vector<std::uint32_t> triangles;     ///< the cavity's triangles, in ascending order
-  std::vector<RimEdge> rim;                 ///< boundary edges, in the order of `triangles`
+  std::vector<RimEdge> rim;                 ///< the edges of the cavity's boundary
   std::vector<std::uint32_t> rim_vertices;  ///< vertices on the cavity's boundary, each once
-  std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles are in the cavity
+  std::vector<std::uint32_t> inner;         ///< the other vertices of the cavity's triangles
   FlatTable members;                        ///< `triangles` as a set
-  FlatTable vertices;                       ///< index of each vertex in rim_vertices, or kInner
+  FlatTable vertices;                       ///< vertex to its index in rim_vertices, or to kInner
   static constexpr std::uint32_t kInner = kNone - 1;
 
   void allocate(std::size_t max_triangles);
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
 };
 
-/// Finds the triangles that the tool overlaps or touches. So no tool edge ends or lies on an edge
-/// of a kept triangle. If the tool overlaps no triangle, the cavity is empty. The time is
-/// proportional to the number of triangles near the tool.
+/// Finds the triangles that the tool overlaps or touches, so that the tool has no point in common
+/// with a kept triangle. If the tool touches triangles but overlaps none, the cavity is empty. The
+/// time is proportional to the number of triangles near the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;
 
-/// Adds triangles to the cavity. Triangles that it already contains are skipped.
+/// Adds triangles to the cavity. Triangles that are already in the cavity are skipped. Call
+/// trace_rim() afterwards.
 StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
 
 /// Determines the boundary of the cavity (`rim`, `rim_vertices`) and the vertices inside the cavity

@@ -24,7 +24,7 @@ enum class CutOutcome : std::uint8_t {
   /// different corners.
   kInvalidTool,
   kCapacity,  ///< the scratch memory or the sheet's free slots do not suffice
-  kBug,       ///< the result could not be proved valid
+  kBug,       ///< a stage failed, or the result could not be proved valid
 };
 std::string_view to_string(CutOutcome outcome) noexcept;
 
@@ -37,36 +37,35 @@ struct CutReport {
   std::uint32_t triangles_removed = 0;
   std::uint32_t triangles_created = 0;
   std::uint32_t flips = 0;  ///< number of edges flipped to make all edges Delaunay again
-  /// Number of boundary edges of the written triangles that are opposite an angle above 90 degrees.
-  /// Their stiffness in the spring network is negative.
+  /// Number of boundary edges that lie opposite an angle above 90 degrees, counted only in the
+  /// triangles that the cut has written. Such an edge is a negative spring of the spring network.
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
 /// Cuts the polygon `tool` out of `mesh`, in place. Preconditions: `mesh` is valid
 /// (check_sheet_mesh()), `grid` indexes its triangles, and `work` and `edit` were made for a sheet
 /// with at least as many slots for vertices and triangles (sheet_mesh.h). Contract:
-///  1. A triangle is replaced only if the tool overlaps or touches it, or if it is a neighbour of
-///     such triangles and rounding requires its replacement. Outside of these triangles, the cut
-///     only flips edges that are no longer Delaunay (item 2). All other slots stay as they are,
-///     with one exception. The triangles that the cut leaves around a vertex can form several fans,
-///     which are connected only in this vertex. Then each fan gets a vertex of its own.
+///  1. The cut replaces the triangles that the tool overlaps or touches, and triangles near them
+///     where rounding requires it. In the rest of the sheet the cut changes two things. It flips
+///     edges that are not locally Delaunay (item 2). And where the remaining triangles around a
+///     vertex form several fans that share only this vertex, each fan gets a vertex of its own.
 ///  2. If all inner edges are locally Delaunay before the cut, all are locally Delaunay after the
 ///     cut. Vertices under the tool are removed. Other vertices of the replaced triangles stay,
 ///     unless a bent edge runs through them (item 3).
 ///  3. Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point
-///     less than sqrt(2) steps away. The point lies on the material's side, so bends do not extend
-///     the material. Exception: if the remaining material is thinner than the lattice, a bend may
-///     go outwards by the same small distance, and the rings of the hole can cross themselves
-///     there. Areas are exact in any case.
+///     less than sqrt(2) steps from the crossing. The point lies on the material's side, so bends
+///     do not extend the material. Exception: if the remaining material is thinner than a lattice
+///     step, a bend may go outwards by the same small distance, and the rings of the hole can cross
+///     themselves there. doubled_area_removed is exact in any case.
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
 ///     proved valid (patch_proof.h) before the first slot was written.
 ///  6. The function does not allocate. The time depends on the mesh near the tool, not on the size
 ///     of the sheet.
-/// After the cut, `edit` lists the slots written, work.stitch.created lists the new triangles in
-/// the cavity, and work.hole contains the rings around the removed material. If the tool lies
-/// completely over material, the only ring is the tool's outline. The caller must then update the
-/// grid (TriangleGrid::update()).
+/// After the cut, `edit` lists the slots written, work.stitch.created lists the slots of the new
+/// triangles, and work.hole contains the rings around the removed material. If the tool lies
+/// completely over material, the only ring is the tool's outline. After kCut the caller must update
+/// the grid (TriangleGrid::update()).
 CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
                        std::span<const LatticePoint> tool, CutWorkspace& work,
                        SheetEdit& edit) noexcept;
@@ -76,19 +75,20 @@ std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit
 
 struct CutResult : CutReport {
   SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
-  /// Rings with the removed material on their left. A ring around a void, or around remaining
-  /// material that is enclosed by removed material, is therefore clockwise. Each ring starts at
-  /// its smallest vertex, and the rings are in ascending order. The sum of their doubled areas
-  /// is exactly doubled_area_removed.
+  /// Rings with the removed material on their left. If removed material encloses a void or
+  /// remaining material, the ring around the enclosed region is therefore clockwise. Each ring
+  /// starts at its smallest vertex (by x, then y), and the rings are in ascending order. The sum of
+  /// their doubled areas is exactly doubled_area_removed.
   std::vector<Ring> hole;
 };
 
-/// Copies the rings of `hole`.
+/// Returns a copy of the rings of `hole`.
 std::vector<Ring> to_rings(const HoleOutline& hole);
 
 /// Cuts a copy of the sheet, for use where neither time nor memory matters. Precondition: `sheet`
-/// is valid (check_mesh()). Errors: kRefused if `tool` is not as CutOutcome::kInvalidTool says, or
-/// if make_sheet_mesh() refuses `sheet`; kBug if the result cannot be proved valid.
+/// is valid (check_mesh()). Errors: kRefused if the tool is invalid (CutOutcome::kInvalidTool) or
+/// if make_sheet_mesh() refuses `sheet`; kBug if cut_in_place() returns kBug, or returns kCapacity
+/// even with a million spare slots.
 Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

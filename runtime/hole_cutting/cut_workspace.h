@@ -15,14 +15,15 @@
 
 namespace trocar::runtime {
 
+/// The largest numbers that a cut may need.
 struct CutCapacity {
-  std::size_t triangles = 0;  ///< number of triangles in a cavity, or changed by flips
-  std::size_t points = 0;     ///< number of points of the overlay: vertices, tool corners, bends
-  std::size_t edges = 0;      ///< number of edges of the overlay, including divided edges
+  std::size_t triangles = 0;  ///< triangles in a cavity, and triangles changed by flips
+  std::size_t points = 0;     ///< points of the overlay: vertices, tool corners, bends
+  std::size_t edges = 0;      ///< edges of the overlay, including edges that were split
 };
 
-/// Returns a capacity that suffices for a tool of any size over the sheet. It allows for thousands
-/// of bends, which are points where crossing edges are bent (overlay.h).
+/// Returns a capacity for a tool of any size over a sheet with these slots (sheet_mesh.h). It
+/// suffices for about 2000 bends, which are the points where crossing edges are bent (overlay.h).
 inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
   return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
 }
@@ -30,8 +31,8 @@ inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
   return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
-/// The scratch memory of one thread, for sheets of any size within its capacities. The headers of
-/// the stages describe its content after a cut.
+/// The scratch memory of one thread. One workspace can serve many sheets. The headers of the stages
+/// describe what its members contain after a cut.
 struct CutWorkspace {
   Cavity cavity;
   Overlay overlay;

@@ -13,8 +13,9 @@
 namespace trocar::runtime {
 
 /// Rings with exactly the removed material (the cavity minus the patch) on their left. The rings
-/// are simple and may touch at vertices. Each ring starts at its smallest vertex, and the rings are
-/// in ascending order.
+/// may touch at vertices. Each ring is simple, except where cut.h, contract 3, lets rings cross
+/// themselves. Each ring starts at its smallest vertex (by x, then y), and the rings are in
+/// ascending order.
 struct HoleOutline {
   std::vector<LatticePoint> points;     ///< the points of all rings, ring by ring
   std::vector<std::uint32_t> ring_end;  ///< index after the last point of each ring
@@ -38,18 +39,20 @@ struct HoleOutline {
   std::vector<CountedEdge> edges;
   FlatTable edge_at;  ///< key: a and b of a CountedEdge; value: index into `edges`
   std::vector<Out> out;
-  /// Index of each point's first list element in `out`, and index of each point in `path`.
+  /// One entry per point of the overlay. `first_out`: index in `out` of the first element of the
+  /// point's list. `path_index`: index of the point in `path`. kNone: there is none.
   std::vector<std::uint32_t> first_out, path_index;
-  /// `starts`: points at which edges start. `path`: points of the present walk along the edges.
-  /// `stops`: points that divide one edge. `unsorted`: points of the rings found so far.
+  /// Points, as indices into Overlay::points. `starts`: points at which edges start. `path`: points
+  /// of the present walk along the edges. `stops`: ends and inner points of one edge that was bent.
+  /// `unsorted`: points of the rings found so far.
   std::vector<std::uint32_t> starts, path, stops, unsorted;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> unsorted_rings;  ///< ranges of `unsorted`
 
   void allocate(std::size_t max_points, std::size_t max_edges);
 };
 
-/// Determines the rings of `hole`. Returns kBug if the edges that bound the removed material do not
-/// form closed rings.
+/// Finds the rings and writes them to `hole`. Returns kBug if the edges around the removed material
+/// do not form closed rings.
 StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
                           HoleOutline& hole) noexcept;
 

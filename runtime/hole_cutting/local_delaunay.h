@@ -24,7 +24,8 @@ struct Cell {
   std::array<std::uint32_t, 3> constraint;  ///< name that constrain() gave edge i; kNone: no name
 };
 
-/// A triangulation of a box around all points. The box's four corners are the last four points.
+/// A triangulation of a box around the given points. Call triangulate(), then constrain() for each
+/// edge that must exist, then restore_delaunay(). The box's corners are the last four of points().
 class LocalTriangulation {
  public:
   enum class Status : std::uint8_t { kDone, kCapacity, kNotPlanar };
@@ -32,21 +33,21 @@ class LocalTriangulation {
   /// Allocates memory for this number of points. No other function allocates.
   void allocate(std::size_t max_points);
 
-  /// Makes the Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate.
+  /// Makes the Delaunay triangulation of the points. Precondition: |coordinate| <= kMaxCoordinate.
   /// Returns kNotPlanar if two points are equal. The time is typically O(n^1.5), and less if
-  /// consecutive points are near each other. `first_corner` is the corner of the box that is listed
-  /// first: 0 is the lower left corner, and 1 to 3 follow counter-clockwise. If points and first
-  /// corner are rotated together by right angles, the cells are the same.
+  /// consecutive points are near each other. `first_corner`: the corner of the box that comes first
+  /// in points(). 0 is the lower left corner, and 1 to 3 follow counter-clockwise. If the caller
+  /// rotates points and first corner together by right angles, the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
-  /// Makes the segment between two different points an edge, and gives it a name. Afterwards some
-  /// cells may not be Delaunay; see restore_delaunay(). If another constraint or a point blocks the
-  /// segment, returns kNotPlanar, and the triangulation must not be used any more.
+  /// Makes the segment between the points with the indices a and b (a != b) an edge with this name.
+  /// Afterwards some cells may not be Delaunay; see restore_delaunay(). If another constraint or a
+  /// point blocks the segment, returns kNotPlanar, and the triangulation must not be used any more.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
   /// `region` has one entry per cell. The function flips edges until every edge between two cells
-  /// of the same region is locally Delaunay, except in region 0. Constraints within a region may be
-  /// flipped, too, because only the boundaries between regions are preserved.
+  /// of the same region is locally Delaunay, except in region 0. Only the boundaries between
+  /// regions are preserved: a constraint between two cells of one region may be flipped, too.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }

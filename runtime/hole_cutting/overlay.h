@@ -1,29 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
-// Second stage of a cut: the overlay, which is the PSLG (planar straight-line graph) of the
-// boundary of the cavity and the tool's outline, on the lattice and without crossings. In the code,
-// `rim` means the boundary of the cavity.
+// Second stage of a cut: the overlay. It is one PSLG (planar straight-line graph) of the boundary
+// of the cavity and the tool's outline, on the lattice and without crossings. The code calls the
+// boundary of the cavity `rim`.
 //
 // Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point next
 // to the crossing (iterated snap rounding after Hobby 1999 and Halperin and Packer 2002, but only
 // edges that cross are bent). Contract:
-//  1. A bend goes to the nearest corner of the crossing's lattice cell that lies on the material's
-//     side of the sheet's boundary, so that the boundary only recedes. If two bent boundary edges
-//     cross each other, there may be no such corner, because the material is thinner than the
-//     lattice there. Then the nearest corner is used.
+//  1. The four lattice points around a crossing are candidates for the bend. The bend is the
+//     nearest candidate on the material's side of the sheet's boundary, so that the boundary only
+//     recedes. If two bent boundary edges cross each other, there may be no such candidate, because
+//     the material is thinner than a lattice step there. Then the bend is the nearest candidate.
 //  2. The algorithm terminates. A bend replaces an edge by two edges in the edge's bounding box.
-//     The Manhattan lengths of the two edges are positive and add up to that of the replaced edge,
-//     so the sum of the squared lengths, an integer, decreases with every bend.
+//     The Manhattan lengths of the two edges are positive and add up to that of the replaced edge.
+//     So the sum of the squares of all Manhattan lengths, an integer, decreases with every bend.
 //  3. Edges shared with kept triangles (triangles outside the cavity) are never bent. If a bend
 //     would affect a kept triangle, `absorb` lists the triangle, and the caller adds it to the
 //     cavity and starts again.
-//  4. If nothing crosses, no point moves.
+//  4. If no edges cross, nothing is bent.
 //  5. If sheet and tool are moved by lattice steps or rotated by right angles, the overlay moves
 //     and rotates with them and is otherwise the same. The overlay is also the same if the
-//     triangles of the sheet or the corners of the tool are listed in another order. The reason is
-//     that the order in which edges are treated, and the choice between equally near corners (item
-//     1), are decided in the canonical rotation of cavity and tool (rotation_by_moments()). This
-//     does not hold if that rotation is ambiguous, for example because a rotation maps cavity and
-//     tool onto themselves.
+//     triangles of the sheet or the corners of the tool are listed in another order. The reason:
+//     the order in which edges are treated, and the choice between equally near candidates (item
+//     1), are decided in the canonical rotation of cavity and tool (rotation_by_moments()). Item 5
+//     does not hold if the canonical rotation is ambiguous, for example because cavity and tool are
+//     symmetric under a rotation.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
@@ -36,9 +36,9 @@
 namespace trocar::runtime {
 
 /// A straight edge of the overlay from point `a` to point `b`. It stands for all edges of the
-/// cavity's boundary and of the tool's outline that run along it.
+/// cavity's boundary and of the tool's outline between these two points.
 struct Strand {
-  LatticePoint first, second;  ///< points[a] and points[b]; `first` is the smaller one
+  LatticePoint first, second;  ///< points[a] and points[b]; `first` is smaller (by x, then y)
   std::uint32_t a, b;          ///< indices into Overlay::points
   /// Number of boundary edges of the cavity from a to b, minus the number of those from b to a.
   std::int32_t rim = 0;
@@ -46,23 +46,23 @@ struct Strand {
   std::int32_t tool = 0;
   std::uint32_t kept = kNone;  ///< kept triangle that has this edge; kNone: there is none
   bool kept_right = false;     ///< the kept triangle is on the right of a -> b
-  bool gone = false;           ///< the strand has been split; its parts are other strands
+  bool gone = false;           ///< the strand has been split and replaced by two others
 };
 
 struct Overlay {
-  /// Vertices on the cavity's boundary, corners of the tool, bends, and vertices in the cavity that
-  /// stay.
+  /// Vertices on the cavity's boundary, corners of the tool, bends, and those vertices inside the
+  /// cavity that the cut keeps.
   std::vector<LatticePoint> points;
   /// Strands that are not `gone` do not cross, and no point lies inside one of them.
   std::vector<Strand> strands;
   CanonicalRotation rotation;          ///< canonical rotation (contract 5)
   std::vector<std::uint32_t> absorb;   ///< after kAgain: triangles to add to the cavity
   FlatTable point_at;                  ///< key: coordinates; value: index into `points`
-  FlatTable strand_at;                 ///< key: a and b of a strand; value: the latest such strand
+  FlatTable strand_at;                 ///< key: a and b; value: the latest strand between them
   std::vector<std::uint32_t> pending;  ///< scratch: strands to be tested for crossings
 
   std::vector<std::uint32_t> rim_point;   ///< point of each vertex of Cavity::rim_vertices
-  std::vector<std::uint32_t> rim_strand;  ///< original strand of each edge of Cavity::rim
+  std::vector<std::uint32_t> rim_strand;  ///< strand of each edge of Cavity::rim, before any split
 
   void allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands);
   static std::uint64_t key(LatticePoint p) noexcept {
@@ -71,7 +71,7 @@ struct Overlay {
 };
 
 /// Builds the overlay. After kAgain only `absorb` is valid. O(c^2), where c is the number of edges
-/// of the cavity's boundary and of the tool; a puncture has a few dozen such edges.
+/// of the cavity's boundary and of the tool together; for a puncture c is a few dozen.
 StageOutcome build_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
                            Overlay& out) noexcept;
 

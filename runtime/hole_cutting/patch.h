@@ -19,18 +19,18 @@ struct Patch {
   std::vector<std::array<std::uint32_t, 3>> across;
   /// Kept triangle of the sheet beyond each edge; kNone: there is none.
   std::vector<std::array<std::uint32_t, 3>> kept;
-  /// Kept triangles to add to the cavity, if the cut must start again.
+  /// After kAgain: kept triangles to add to the cavity.
   std::vector<std::uint32_t> absorb;
 
   struct Winding {
     std::int32_t rim, tool;
   };
-  /// Scratch. Its triangles, called cells, also cover places outside the patch.
+  /// Scratch: triangulates a box around all points of the overlay. Its triangles are called cells.
   LocalTriangulation triangulation;
   // The next three members have one entry per cell.
   std::vector<Winding> windings;       ///< winding numbers of the cavity's boundary and of the tool
-  std::vector<std::uint8_t> region;    ///< 1: material; 0: void; 2: not known yet
-  std::vector<std::uint32_t> number;   ///< index of the cell's triangle in the patch
+  std::vector<std::uint8_t> region;    ///< 1: in the patch; 0: not in the patch; 2: undecided yet
+  std::vector<std::uint32_t> number;   ///< index in `triangles`; kNone: not in the patch
   std::vector<std::uint32_t> pending;  ///< cells whose neighbours have not been visited
 
   void allocate(std::size_t max_points);

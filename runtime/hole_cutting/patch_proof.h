@@ -7,14 +7,14 @@
 // valid (formats/geometry/mesh_validity.h):
 //  1. Every new triangle is strictly counter-clockwise.
 //  2. An edge of a new triangle either becomes a boundary edge of the sheet, or exactly one other
-//     triangle has the same edge. That triangle is a new one, or it is a kept one on the other side
-//     of the cavity's boundary. Each edge of the cavity's boundary belongs to at most one new
+//     triangle has the same edge. The other triangle is new, or it is a kept triangle on the other
+//     side of the cavity's boundary. Each edge of a kept triangle is used by at most one new
 //     triangle. So no directed edge occurs twice. (That the triangles of each vertex are connected
-//     across edges follows from the way in which stitch() numbers the vertices.)
+//     across edges is not proved here. It follows from the way in which stitch() numbers vertices.)
 //  3. Edges between two new triangles are locally Delaunay.
-//  4. Boundary edges that the cut creates cross neither each other nor any other boundary edge near
-//     them. (The other boundary edges were edges of the valid sheet before the cut, so they do not
-//     cross each other.)
+//  4. Boundary edges that the cut creates cross neither each other nor any old boundary edge near
+//     them. (Old boundary edges were edges of the valid sheet before the cut, so they do not cross
+//     each other.)
 //  5. The cavity's area minus the patch's area equals the area of the hole's rings.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
@@ -30,14 +30,14 @@ struct ProofSpace {
   struct Segment {
     LatticePoint a, b;
   };
-  /// Boundary edges of the sheet after the cut: `fresh` are created by the cut, `old` existed
-  /// before.
+  /// Boundary edges of the sheet after the cut. The cut creates the `fresh` ones. The `old` ones
+  /// were edges of the sheet before the cut.
   std::vector<Segment> fresh, old;
   /// Edges that cavity and kept triangles have in common. Key: kept triangle and number of its
   /// edge; value: 1 if a new triangle has the same edge, else 0.
   FlatTable rim_at;
-  /// Edges of the cavity that are boundary edges of the sheet. Key: the edge's ends in
-  /// Overlay::points.
+  /// Edges of the cavity that are boundary edges of the sheet. Key: the edge's two ends, as indices
+  /// into Overlay::points.
   FlatTable boundary_at;
 
   void allocate(std::size_t max_edges);
@@ -48,7 +48,8 @@ struct Proof {
   bool capacity_exceeded = false;         ///< the scratch memory is too small for the proof
   std::int64_t doubled_area_removed = 0;  ///< twice the area of (cavity minus patch), if proved
 };
-/// Proves the statements 1 to 5.
+/// Checks the statements 1 to 5. If the result has neither `bug` nor `capacity_exceeded`, all five
+/// are proved.
 Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
             const Overlay& overlay, const Patch& patch, const HoleOutline& hole,
             ProofSpace& space) noexcept;

@@ -16,7 +16,8 @@ struct StitchSpace {
   struct Corner {
     std::uint32_t triangle, corner;
   };
-  /// Kept triangles that follow one after the other around a vertex on the cavity's boundary.
+  /// A longest sequence of kept triangles around a vertex on the cavity's boundary, in which each
+  /// triangle shares an edge with the next.
   struct Run {
     std::uint32_t vertex;
     /// The triangles' corners at the vertex are the elements first to end - 1 of `corners`.
@@ -31,10 +32,10 @@ struct StitchSpace {
   std::vector<Run> runs;
   /// Key: first or last triangle of a run, and the run's vertex; value: index into `runs`.
   FlatTable run_at;
-  /// Union-find structure that groups what becomes one vertex. Its elements are the runs, followed
-  /// by the corners of the patch's triangles.
+  /// Union-find structure. Its elements are the runs, followed by the corners of the patch's
+  /// triangles. All elements of a group become one vertex.
   std::vector<std::uint32_t> parent;
-  std::vector<std::uint32_t> vertex;  ///< vertex slot of each group
+  std::vector<std::uint32_t> vertex;  ///< vertex slot of each group, indexed by the group's root
   FlatTable taken;                    ///< vertices on the cavity's boundary that keep their slots
   std::vector<NewVertex> fresh;
   std::vector<std::uint32_t> created;   ///< result: slots of the patch's triangles in the sheet
@@ -43,11 +44,11 @@ struct StitchSpace {
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };
 
-/// Replaces the cavity's triangles by the patch (the new triangles). The vertices of kept triangles
-/// keep their slots, with one exception. The triangles around a vertex can form several fans after
-/// the cut, which are connected only in this vertex. Then each fan but the first gets a new vertex,
-/// so that the mesh stays manifold. Vertices without a triangle are released. If the scratch memory
-/// or the sheet's free slots do not suffice, returns kCapacity and changes nothing.
+/// Replaces the cavity's triangles by the patch (the new triangles). Kept triangles keep their
+/// vertices, with one exception: if the triangles around a vertex form several fans after the cut,
+/// and the fans share only this vertex, each fan but the first gets a new vertex, so that the mesh
+/// stays manifold. Vertices that no triangle uses any more are released. If the scratch memory or
+/// the sheet's free slots do not suffice, the function returns kCapacity and changes nothing.
 StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                     const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;
 
