@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the host observes while it tries to reach a drive, and the message that says
-// why the attempt failed.
+// Records what a host observes while it tries to reach a drive. If the attempt fails, the record
+// gives the message that says why.
 // Tests: tests/runtime/link/udp_device_test.cpp, tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
 
@@ -14,16 +14,18 @@ namespace trocar::runtime {
 
 struct LinkAttempt {
   LinkNonce nonce{};  ///< nonce of the host's hello, the first packet of the handshake
+  // A flag is true if such an answer has arrived. welcomed: the drive accepted the hello. wrong_key,
+  // busy, other_kind: the drive denied the hello for this reason.
   bool welcomed = false, wrong_key = false, busy = false, other_kind = false;
   bool other_program = false, other_version = false;
-  /// Reason for refusing the last packet after the welcome; kNone: it was accepted, or none came.
+  /// Why the last packet after the welcome was refused. kNone: no packet came, or it was accepted.
   LinkRefusal state_refusal = LinkRefusal::kNone;
 
-  /// Evaluates a datagram other than a welcome. (A welcome is the drive's positive answer
-  /// to a hello.)
+  /// Sets the flags for a datagram other than a welcome. (The caller itself evaluates a welcome and
+  /// sets `welcomed`.)
   void note(std::span<const std::uint8_t> datagram) noexcept;
-  /// Returns the reason why the attempt failed. `socket_error`: UdpSocket::error(). `wanted`: the
-  /// contents of states that the hello requested.
+  /// Returns the reason why the attempt failed. `socket_error`: UdpSocket::error(). `wanted`: what
+  /// the hello requested, angles or poses.
   std::string why(int socket_error, LinkContents wanted) const;
 };
 

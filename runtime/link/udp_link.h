@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The host's end of the device link, the UDP protocol between the haptic loop and a drive
-// (formats/session/device_link.md). There is one derived class for each of the two kinds of drives:
-// UdpDevice (udp_device.h) and UdpPoseDevice (udp_pose_device.h). read() and write() only make
-// non-blocking receive and send calls: no allocation, lock or exception. Packets that are old or
-// not authentic are counted and otherwise ignored.
+// The host's end of the device link, the UDP protocol between the haptic loop and a drive (the
+// electronics with the motors; formats/session/device_link.md). There are two kinds of drives, and
+// one derived class for each: UdpDevice (udp_device.h) and UdpPoseDevice (udp_pose_device.h).
+// read() and write() do not block, allocate, lock or throw. Packets that are old or not authentic
+// are counted and otherwise ignored.
 //
-// A session in this header is a link session. It begins with the handshake (hello, welcome, first
-// state), and ends when it is closed or lost. After a loss, restore() requests a new session. With
-// the real clock a separate thread establishes the new session, and until then only this thread
-// uses the socket. In lock-step, where the drive's time advances only by the loop's commands,
+// In this header, "session" means a session of the link. It begins with the handshake (hello,
+// welcome, first state), and ends when it is closed or lost. After a loss, restore() requests a new
+// session. With the real clock, a separate thread establishes the new session, and only this thread
+// uses the socket meanwhile. In lock-step (the drive's time advances only by the loop's commands)
 // advance() establishes the new session.
 // Tests: tests/runtime/link/udp_device_test.cpp, tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
@@ -37,8 +37,8 @@ struct UdpLinkOptions {
   bool resets_world = true;            ///< start() asks a simulated drive to reset its world
   double connect_timeout_s = 5;
   double no_state_s = 0.01;  ///< real clock: without a state for this time, the link is lost
-  /// Lock-step: longest wait for the drive's answer to a command. After a missed answer, the
-  /// longest wait is no_state_s, until an answer arrives again.
+  /// Lock-step: longest wait for the drive's answer to a command. After a missed answer the longest
+  /// wait is no_state_s, until an answer arrives in time.
   double answer_s = 2;
 };
 
@@ -82,27 +82,28 @@ class UdpLink : public Kind::Interface {
   UdpLink& operator=(const UdpLink&) = delete;
 
   /// Establishes a session: hello, welcome and a first state. Blocks for at most connect_timeout_s.
-  /// Errors: kDeviceFault if the drive does not answer, has another key, is in a session with
-  /// another host or is of the other kind, or if another program answers; kUsage if the drive uses
-  /// another clock; kBug if start() was called before (real clock).
+  /// Errors: kDeviceFault if the drive does not answer, has another key or protocol version, is in
+  /// a session with another host, is of the other kind or sends no valid state, or if another
+  /// program answers; kUsage if the drive uses another clock; kBug if start() was called before
+  /// (detected only with the real clock).
   Result<void> start() override;
-  /// Ends the session, also at the drive, and stops a restore() in progress. The counts can
+  /// Ends the session on both sides, and stops a restore() in progress. The counts of packets can
   /// still be read afterwards.
   void close() override;
 
   /// Reads the newest state that has arrived since the last call.
   ///  - kNoData: no state has arrived since the last call, but one has arrived within no_state_s.
-  ///    It is also returned if, after a slow start of the loop, so many states are queued that the
-  ///    socket may have dropped the newest.
+  ///    Or at least kLongQueue states were queued, for example after a slow start of the loop, so
+  ///    that the socket may have dropped the newest.
   ///  - kLinkLost: no state has arrived for no_state_s (in lock-step: since the last call); the
-  ///    other end is closed; the drive has received none of the torques of the last no_state_s
-  ///    (or of the last 2.5 periods if that is longer); the drive's watchdog tripped; or a
+  ///    other end is closed; the drive has received none of the torques of the last no_state_s (or
+  ///    of the last 2.5 periods, whichever is longer); the drive's watchdog has tripped; or a
   ///    restore() is in progress.
   ///  - kEmergencyStop, kMotorFault: the drive reports this condition.
   DeviceStatus read(Reading& reading) noexcept override;
   /// Sends torques. Returns kLinkLost if the other end is closed or a restore() is in progress.
-  /// Returns kNoData if the torques were not sent, because one of them is not finite or too large,
-  /// or because the socket's buffer is full.
+  /// Returns kNoData, and sends nothing, if a torque is not finite or is too large, or if the
+  /// socket's buffer is full.
   DeviceStatus write(const Output& torques) noexcept override;
   /// In lock-step, calls wait_for_answer().
   void advance(double /*dt_s*/) noexcept override {
@@ -110,22 +111,22 @@ class UdpLink : public Kind::Interface {
   }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
-  /// Lock-step: blocks for at most answer_s until the answer to the last write() arrives. Returns
-  /// false if no answer arrives. The next read() returns the answer, or kLinkLost if there is
-  /// none. If restore() has requested a new session, this function establishes it instead, and
-  /// blocks for at most connect_timeout_s.
+  /// Lock-step: waits until the answer to the last write() arrives, for at most answer_s. Returns
+  /// false if no answer arrives. The next read() returns the answer, or kLinkLost if there is none.
+  /// If restore() has requested a new session, the function instead establishes the session, which
+  /// takes at most connect_timeout_s, and returns false if that fails.
   bool wait_for_answer() noexcept;
 
-  /// Requests a new session with the same drive, or with a drive that was started in its place. A
-  /// simulated world continues in its present state. With the real clock, attempts are repeated
-  /// until one succeeds, with a pause after each. In lock-step there is one attempt of at most
-  /// connect_timeout_s; after its failure, further requests have no effect. Until the new session
-  /// begins, torques are zero, and read() and write() return kLinkLost. The request has an effect
-  /// only if the last read() returned kLinkLost or kMotorFault. (A drive reports a motor fault
-  /// until its session ends.)
+  /// Requests a new session with the drive at the same address. A simulated world continues in its
+  /// present state. With the real clock, attempts are repeated until one succeeds, with a pause
+  /// after each failure. In lock-step there is one attempt of at most connect_timeout_s. If this
+  /// attempt fails, further requests have no effect. Until the new session begins, torques are
+  /// zero, and read() and write() return kLinkLost. The request has an effect only if the last
+  /// read() returned kLinkLost or kMotorFault. (The drive reports a motor fault until the session
+  /// has ended.)
   void restore() noexcept override;
 
-  // The following functions may be called only while no restore() is in progress, or after close().
+  // Call the following functions only while no restore() is in progress, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
   std::uint64_t states_missed() const noexcept { return states_missed_; }
@@ -141,19 +142,19 @@ class UdpLink : public Kind::Interface {
 
  private:
   Result<void> shake_hands(bool resets_world);
-  /// Calls shake_hands() as a part of restore(). Returns true on success, and otherwise stores
-  /// the error in restore_error_.
+  /// Calls shake_hands() as a part of restore(). Returns true on success. After a failure that
+  /// close() did not cause, restore_error_ has the error.
   bool shake_hands_again();
   void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;
-  /// Receives the waiting datagrams, at most kMaxDatagrams. Returns false if the
+  /// Receives the datagrams that wait in the socket, at most kMaxDatagrams. Returns false if the
   /// other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const Output& torques) noexcept;
   void note_round_trip() noexcept;
 
-  /// Largest number of datagrams received in one tick, so that a flood of datagrams
-  /// cannot delay the tick.
+  /// Largest number of datagrams that one drain() receives, so that a flood of datagrams cannot
+  /// delay the tick.
   static constexpr int kMaxDatagrams = 512;
   /// If at least this many states were queued, the socket may have dropped the newest. A socket's
   /// buffer holds about 270 states.
@@ -176,13 +177,13 @@ class UdpLink : public Kind::Interface {
   Histogram round_trip_;                             ///< LinkReport::round_trip
   std::array<std::int64_t, kRoundTrips> sent_ns_{};  ///< sending times of the latest commands
   std::uint64_t last_acknowledged_ = 0;              ///< number of the latest acknowledged command
-  bool counts_missed_ = false;                       ///< states missed from now on are counted
+  bool counts_missed_ = false;                       ///< true: missed states are counted
   bool answers_come_ = true;                         ///< lock-step: the last answer arrived in time
   bool is_lost_ = false;   ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;  ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
-  /// While this is set, the restoring thread owns all other members; otherwise the
-  /// haptic thread does.
+  /// While this is true, only the thread that establishes the new session uses the other members.
+  /// While this is false, only the haptic thread does.
   std::atomic<bool> restoring_{false};
   std::atomic<bool> closing_{false};
   static_assert(std::atomic<bool>::is_always_lock_free);

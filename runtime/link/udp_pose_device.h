@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A PoseDevice that exchanges data with a drive over the device link (udp_link.h). The
-// drive reports the pose of a handle, and takes a wrench. If a state reports a fault of the
-// drive, read() returns kMotorFault. A call of restore() then requests a new link session,
-// as it does after kLinkLost.
+// A PoseDevice that exchanges data with a drive over the device link (udp_link.h). The drive
+// reports the pose of a handle, and takes a wrench. If the drive reports a fault of its own, read()
+// returns kMotorFault. restore() then requests a new link session, as after kLinkLost.
 #pragma once
 
 #include <memory>

@@ -43,14 +43,15 @@ class UdpSocket {
     kNothing,  ///< no datagram is waiting, or the send buffer is full
     kGone,     ///< the other end is closed, or the socket failed
   };
-  /// Receives one datagram into `buffer`. Sets `bytes` to the datagram's full length, even if the
-  /// buffer is shorter, and `from` to the datagram's sender.
+  /// Receives one datagram into `buffer`. On kDone, `bytes` is the datagram's full length, even if
+  /// the buffer is shorter, and `from` is the sender.
   Outcome receive(std::span<std::uint8_t> buffer, std::size_t& bytes, Endpoint& from) noexcept;
   /// Sends a datagram to the peer of connect().
   Outcome send(std::span<const std::uint8_t> datagram) noexcept;
   Outcome send_to(std::span<const std::uint8_t> datagram, const Endpoint& to) noexcept;
   /// Waits at most `seconds` for a datagram. Returns false if none has arrived.
   bool wait(double seconds) noexcept;
+  /// Returns the address and port to which the socket is bound.
   Endpoint local() const noexcept;
   /// errno of the last Outcome::kGone; 0 if there was none.
   int error() const noexcept { return error_; }
