@@ -14,8 +14,8 @@ namespace trocar::runtime {
 
 struct LinkAttempt {
   LinkNonce nonce{};  ///< nonce of the host's hello, the first packet of the handshake
-  // A flag is true if such an answer has arrived. welcomed: the drive accepted the hello. wrong_key,
-  // busy, other_kind: the drive denied the hello for this reason.
+  // A flag is true if such an answer has arrived. welcomed: the drive accepted the hello.
+  // wrong_key, busy, other_kind: the drive denied the hello for this reason.
   bool welcomed = false, wrong_key = false, busy = false, other_kind = false;
   bool other_program = false, other_version = false;
   /// Why the last packet after the welcome was refused. kNone: no packet came, or it was accepted.

@@ -3,25 +3,25 @@
 // a minimum angle, where the outline permits it. On request it also limits the size of the
 // triangles, and this limit may grow with the distance from a point. The method is Ruppert's
 // (1995), with Uengoer's off-centres (2004) as positions of new vertices. As in Chew's second
-// algorithm (1993), inner vertices that are too near to the boundary are removed. If a triangle is
-// too large, the new vertex has the wanted distance from the ends of the triangle's shortest edge
+// algorithm (1993), inner vertices can be removed (contract 3). If a triangle is too large, the new
+// vertex gets, where possible, the wanted distance from the ends of the triangle's shortest edge
 // (Rebay, 1993).
 //
 // Contract (tests/runtime/local_refinement/local_refinement_test.cpp), for a valid SheetMesh:
 //  1. The mesh stays valid. If every inner edge was locally Delaunay, every inner edge still is.
-//  2. The doubled area falls by exactly `doubled_area_lost`, which is 0 without `split_outline`. No
-//     point outside the material becomes material.
-//  3. Vertices on the boundary stay. Inner vertices may be removed if they make a triangle sharp
-//     (with an angle below min_angle_deg) or a boundary edge obtuse. An edge is obtuse if the angle
-//     opposite to it is above 90 degrees, so that its spring's stiffness is negative. The SheetEdit
-//     lists all slots written.
-//  4. Only seeds and new triangles are inspected, so the time does not depend on the size
-//     of the sheet.
+//  2. Twice the mesh's area falls by exactly `doubled_area_lost`, which is 0 without
+//     `split_outline`. No point outside the material becomes material.
+//  3. Vertices on the boundary stay. Inner vertices that are not new may be removed if they make a
+//     triangle sharp or a boundary edge obtuse. A triangle is sharp if it has an angle below
+//     min_angle_deg. A boundary edge is obtuse if the angle opposite the edge is above 90 degrees,
+//     so that the edge's spring has a negative stiffness. The SheetEdit lists all slots written.
+//  4. Only the seeds (the triangles at which the caller starts the refinement) and new triangles
+//     are inspected, so the time does not depend on the size of the sheet.
 //  5. The function terminates, at the latest after max_new_vertices new vertices, and never
 //     allocates. The same mesh, seeds and options give the same result. If the mesh is moved by
 //     lattice steps or rotated by right angles, the result moves and rotates with it, bit by bit,
 //     provided that neither `size` nor `split_outline` is used.
-//  6. Without `split_outline` each boundary edge is an edge of the old boundary or a part of one,
+//  6. Without `split_outline` each boundary edge is an old boundary edge or a part of an old one,
 //     and is obtuse only if the old edge was obtuse. With `split_outline` and the outcome kDone, no
 //     boundary edge of an inspected triangle is obtuse, except edges for which `keep_edge` is true.
 #pragma once
@@ -46,27 +46,29 @@ struct GradedSize {
   LatticePoint centre;                                         ///< centre of the disc
   double radius = 0;                                           ///< radius of the disc, steps
   double at_radius = std::numeric_limits<double>::infinity();  ///< wanted length in the disc
-  double growth = 0;  ///< growth of the length per distance from the disc
+  double growth = 0;  ///< increase of the wanted length per step of distance from the disc
   double largest = std::numeric_limits<double>::infinity();  ///< largest wanted length
   double operator()(double x, double y) const noexcept;
 };
 
 struct LocalRefinementOptions {
   /// Smallest angle of a triangle, where the outline permits it; 0 allows any angle. A value above
-  /// 30 is treated as 30, because with larger angles the method might not terminate.
+  /// 30 is treated as 30, because with larger angles the method might end only at
+  /// max_new_vertices new vertices.
   double min_angle_deg = 20;
   /// Wanted length of edges at the point (x, y), for example a GradedSize. Length and coordinates
-  /// are in steps. If empty, any length is allowed. The circumradius of a triangle is at most
-  /// kMaxRadius times the wanted length. At the outline it may be slightly larger.
+  /// are in steps. If empty, any length is allowed. A triangle is too large if its circumradius is
+  /// above kMaxRadius times the wanted length at its centroid. At the outline, too large triangles
+  /// may remain.
   FunctionRef<double(double x, double y)> size;
   std::uint32_t max_new_vertices = 256;
-  /// True: a boundary edge may be split at a lattice point next to it, less than a step away on the
-  /// material's side. This is meant for temporary meshes. False: an edge is split only at a lattice
-  /// point on it, so that the outline does not change.
+  /// True: a boundary edge may be split at a lattice point beside the edge, less than a step from
+  /// the edge on the material's side. Meant for temporary meshes. False: a boundary edge is split
+  /// only at a lattice point on the edge, so that the outline does not change.
   bool split_outline = false;
-  /// A boundary edge is not changed if this function returns true for its ends. The ends are given
-  /// in the direction in which the edge runs in its triangle. An example is the border between a
-  /// region and the rest of the sheet. If empty, any boundary edge may be split.
+  /// Returns true for a boundary edge that must not be split, for example on the border between a
+  /// region and the rest of the sheet. `from` and `to` are the edge's ends, in the direction in
+  /// which the edge runs in its triangle. If empty, any boundary edge may be split.
   FunctionRef<bool(std::uint32_t from, std::uint32_t to)> keep_edge;
 };
 /// Largest circumradius as a fraction of the wanted length. (In an equilateral triangle the
@@ -74,8 +76,8 @@ struct LocalRefinementOptions {
 inline constexpr double kMaxRadius = 0.8;
 
 enum class LocalRefinementOutcome {
-  kDone,              ///< inspected triangles are not sharp, and their boundary edges not obtuse
-  kLimitedByOutline,  ///< like kDone, except for what `sharp` and `obtuse_edges` count
+  kDone,              ///< finished: `sharp` and `obtuse_edges` are 0
+  kLimitedByOutline,  ///< finished, but `sharp` or `obtuse_edges` is above 0
   kBudget,            ///< stopped after max_new_vertices new vertices
   kCapacity,          ///< stopped: no slot of the mesh is free, or the scratch memory is too small
 };
@@ -88,16 +90,16 @@ struct LocalRefinementResult {
   std::int64_t doubled_area_lost = 0;  ///< twice the area that the mesh lost, steps^2, >= 0
   std::uint32_t inspected = 0;         ///< number of inspected triangles that exist at the end
   std::uint32_t sharp = 0;             ///< inspected triangles with an angle below min_angle_deg
-  std::uint32_t sharp_at_outline = 0;  ///< sharp triangles whose improvement the outline blocks
-  std::uint32_t sharp_at_lattice = 0;  ///< sharp triangles that no lattice point improves
+  std::uint32_t sharp_at_outline = 0;  ///< sharp triangles that remain because of the outline
+  std::uint32_t sharp_at_lattice = 0;  ///< sharp triangles that remain because of rounding
   std::uint32_t too_large = 0;         ///< inspected triangles larger than `size` allows
-  /// Number of boundary edges of inspected triangles that are opposite an angle above 90 degrees,
-  /// not counting those for which keep_edge is true.
+  /// Number of obtuse boundary edges (contract 3) of inspected triangles, not counting edges for
+  /// which keep_edge is true.
   std::uint32_t obtuse_edges = 0;
 };
 
 /// Scratch memory that is reused from one refinement to the next, for meshes with at most the given
-/// numbers of slots. O(slots).
+/// numbers of slots. Construction takes O(slots).
 class LocalRefinementWorkspace {
  public:
   LocalRefinementWorkspace(std::size_t vertex_slots, std::size_t triangle_slots);

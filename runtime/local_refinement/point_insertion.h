@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inserts a point into a SheetMesh that is constrained Delaunay, and keeps the mesh constrained
-// Delaunay. The triangles whose circumcircles contain the point form the cavity. They are replaced
-// by the star of the point, which consists of the triangles that join the point to the boundary of
-// the cavity (Bowyer; Watson, 1981). In the code this boundary is called `rim`. All decisions are
-// exact.
+// Delaunay. The triangles whose circumcircles contain the point form the cavity. The star of the
+// point replaces the cavity: triangles that join the point to the edges of the cavity's boundary
+// (Bowyer; Watson, 1981). The code calls the boundary of the cavity `rim`. All decisions are exact.
 #pragma once
 
 #include <cstddef>

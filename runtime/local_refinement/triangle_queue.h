@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A priority queue of triangle slots: a heap that stores the
-// position of each slot, so that a slot can be removed and its key changed. Each slot occurs at
-// most once, so the capacity always suffices.
+// A priority queue of triangle slots. The queue stores the position of each slot in its heap, so
+// that a slot can be removed and its key can be changed. Each slot occurs at most once, so the
+// capacity always suffices.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -38,6 +38,7 @@ class TriangleQueue {
     sift(position_[slot]);
   }
 
+  /// Removes the slot. If the slot is not in the queue, nothing happens.
   void remove(std::uint32_t slot) noexcept {
     const std::uint32_t at = position_[slot];
     if (at == kNone) return;

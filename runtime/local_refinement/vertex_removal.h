@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Removes an inner vertex from a SheetMesh that is constrained Delaunay, and keeps the mesh
-// constrained Delaunay. The polygon around the vertex is filled by ears (triangles of three
-// successive corners) whose circumcircles are empty (the simple form of Devillers, 1999). All
-// decisions are exact.
+// constrained Delaunay. The polygon around the vertex is filled by ears, which are triangles of
+// three successive corners of the polygon. An ear is used only if its circumcircle contains no
+// other corner (the simple form of Devillers, 1999). All decisions are exact.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -20,12 +20,12 @@ namespace trocar::runtime {
 /// O(k^3) for k triangles around the vertex.
 class VertexRemoval {
  public:
-  /// Vertices with more triangles around them are not removed.
+  /// Largest number of triangles around a vertex that can be removed.
   static constexpr std::size_t kMaxDegree = 24;
 
   /// Plans the removal of the vertex at corner `corner` of triangle t. Returns false if the vertex
-  /// lies on the sheet's boundary, if it has too many triangles, or if there are no ears with empty
-  /// circumcircles (boundary edges can prevent them).
+  /// lies on the sheet's boundary, has more than kMaxDegree triangles, or if ears with empty
+  /// circumcircles do not fill the polygon.
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
   /// After plan(): star() lists the triangles around the vertex, and ear() gives the triangles that
   /// would replace them, from number 0 to ears() - 1.
@@ -41,8 +41,8 @@ class VertexRemoval {
   std::span<const std::uint32_t> freed() const noexcept { return {&star_[degree_ - 2], 2}; }
 
  private:
-  // The neighbour beyond an edge. If is_ear, it is the ear `number`, which has the same edge as its
-  // edge 2. Otherwise it is the triangle `number` of the mesh; kNone: there is none.
+  // The neighbour beyond an edge. If is_ear, the neighbour is the ear `number`, and the common edge
+  // is edge 2 of that ear. Otherwise it is the triangle `number` of the mesh; kNone: there is none.
   struct Beyond {
     bool is_ear;
     std::uint32_t number;
