@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The four-legged device as a HandDevice: the pose is computed from sixteen encoders, and eight motor torques
-// render a wrench. The encoders and motors may be simulated, behind a link, or read from a recording (Device).
+// The four-legged device as a HandDevice: the pose is computed from sixteen encoders, and eight
+// motor torques render a wrench. A Device (device.h) gives access to encoders and motors. They can
+// be simulated, behind a link, or replayed from a recording.
 //
 // Contract, in addition to those of hand_device.h and mechanism_limits.h:
 //  1. Every torque written is finite and within what its motor's thermal state allows.
-//  2. The pose is fitted to the upper chain of each leg (theta1, theta2, theta3). The angles of the
-//     lower chains, which include theta4, follow from the pose. A further check compares theta4 of
-//     the fitted pose with the measured theta4.
+//  2. The pose is fitted to theta1, theta2 and theta3 of each leg (README.md). Theta4 follows from
+//     the pose, and a further check compares this theta4 with the measured one.
 //  3. Compensation torques cancel the device's own friction and weight. They rise from zero after
 //     stop(). The motors' limits apply to the sum of compensation and rendered torques, but
 //     delivered() contains only the wrench of the rendered torques.
@@ -33,12 +33,13 @@ class FourLegs final : public HandDevice {
 
   DeviceStatus read(double& t_s) noexcept override;
   void use_last_reading() noexcept override;
-  /// Checks the encoders' values, steps and limits, the pose's residuals and its distance from singularities.
+  /// Checks the encoders (values, steps and limits) and the pose (residuals and distance from
+  /// singularities).
   FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept override;
   const Measurement& measured() const noexcept override { return reading_; }
   bool keep_reading() noexcept override;
   FaultDetail account_held_time(double held_s) noexcept override;
-  /// After kMotorOverload, recovery waits until every motor has used at most half of its i2t capacity.
+  /// Returns kMotorOverload while a motor has used more than half of its i2t capacity.
   FaultDetail check_rested() const noexcept override;
   FaultDetail render(const RenderInput& input, double& scale) noexcept override;
   void stop() noexcept override;
@@ -56,13 +57,13 @@ class FourLegs final : public HandDevice {
 
   // Tests call these functions between two ticks.
 
-  /// Continues with other parameters.
+  /// Replaces description and limits. The state of the device, such as the motors' heat, is kept.
   void change(const DeviceDescription& description, const MechanismLimits& limits) {
     specification_ = FourLegsSpecification(description, limits);
     limits_ = limits;
     motor_ = make_motor_model(description);
   }
-  /// Jacobian at the pose of the last find_pose() without a fault.
+  /// Jacobian at the last pose for which find_pose() raised no fault.
   const Jacobian& motor_jacobian() const noexcept { return G_; }
   const MotorVector& torques_Nm() const noexcept { return written_Nm_; }
   const MotorVector& torques_at_stop_Nm() const noexcept { return at_stop_Nm_; }
@@ -82,7 +83,7 @@ class FourLegs final : public HandDevice {
   MotorState motors_;
   Measurement reading_{0, kEncoders, {}}, last_{0, kEncoders, {}};
   Jacobian G_ = Jacobian::Zero();
-  MotorVector next_Nm_ = MotorVector::Zero();          ///< prepared by render() or fade()
+  MotorVector next_Nm_ = MotorVector::Zero();          ///< torques that write() will send
   MotorVector written_Nm_ = MotorVector::Zero();       ///< torques last written
   MotorVector at_stop_Nm_ = MotorVector::Zero();       ///< torques when stop() was called
   MotorVector compensation_Nm_ = MotorVector::Zero();  ///< compensation contained in next_Nm_

@@ -12,7 +12,7 @@ namespace trocar::runtime {
 
 class FourLegsSpecification final : public DeviceSpecification {
  public:
-  /// `limits`: the limits that the device's own checks use. Every program uses the defaults.
+  /// `limits`: the limits that the device's own checks use. The programs use the defaults.
   explicit FourLegsSpecification(const DeviceDescription& description,
                                  const MechanismLimits& limits = {})
       : description_(description), limits_(limits) {}
@@ -39,8 +39,8 @@ class FourLegsSpecification final : public DeviceSpecification {
                               const Wrench& wrench_device) const override;
   DeviceMargins margins(const Pose& T_device_plate) const noexcept override;
   std::string describe_margins(const DeviceMargins& smallest) const override;
-  /// `fault` is kJointLimit, kSingularity or kPoseResidual. The last one means that the pose is
-  /// out of reach.
+  /// `fault` is kJointLimit, kSingularity or kPoseResidual. Here kPoseResidual means that the
+  /// device cannot be at this pose.
   std::string describe_fault(Fault fault, const Pose& T_device_plate) const override;
   std::optional<Pose> pose_of(const RecordingRow& row) const override;
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // First-order kinematics (paper, section III.C). With the Jacobian G, motor rates = G twist, and by
-// duality wrench = G^T motor torques (Eq. 17). The twist [v; omega] and the wrench [f; n] are those
-// of the plate's origin, in {B}. The haptic thread calls these functions: no allocation, no
-// exception. tests/runtime/mechanism/jacobian_test.cpp compares the Jacobian
-// with central differences and with the paper's influence coefficients
+// duality wrench = G^T motor torques (Eq. 17). The twist [v; omega] is the motion of the plate, and
+// the wrench [f; n] acts on the plate, both about the plate's origin and in {B}. The haptic thread
+// calls these functions: no allocation, no exception. tests/runtime/mechanism/jacobian_test.cpp
+// compares the Jacobian with central differences and with the paper's influence coefficients
 // (tests/reference/mechanism/influence_jacobian.h).
 #pragma once
 
@@ -14,8 +14,8 @@
 
 namespace trocar::runtime {
 
-/// Each row belongs to a motor, in the order of MotorVector. The columns belong to v in m/s and
-/// omega in rad/s.
+/// One row per motor, in the order of MotorVector. The first three columns belong to v in m/s, the
+/// last three to omega in rad/s.
 using Jacobian = Eigen::Matrix<double, kMotors, 6>;
 
 struct JacobianResult {
@@ -23,14 +23,13 @@ struct JacobianResult {
   Jacobian G = Jacobian::Zero();  ///< valid only if status is kOk
 };
 
-/// Computes the Jacobian by differentiating |C - E| = l2 and |D - F| = l4 (README.md).
-/// Precondition: `joints` are the joint angles of the pose (inverse_kinematics()).
+/// Computes the Jacobian by differentiating the constraints |C - E| = l2 and |D - F| = l4
+/// (README.md). Precondition: `joints` are the joint angles of the pose (inverse_kinematics()).
 /// About 200 multiplications.
 JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                         const JointAngles& joints) noexcept;
 
-/// Length that makes a rotation in rad comparable with a translation. It is about
-/// the plate's radius.
+/// Length that makes a rotation in rad comparable with a translation: about the plate's radius.
 inline constexpr double kCharacteristicLength_m = 0.05;
 
 /// Smallest and largest singular value of G, after the columns of G that belong to omega are

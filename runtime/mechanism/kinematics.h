@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Position kinematics of the four-legged device (paper, section III.B; README.md defines the
-// points and lengths). The haptic thread may call all functions: no allocation, no
-// exception, bounded loops.
+// Position kinematics of the four-legged device (paper, section III.B): joint angles from a pose
+// (inverse), and a pose from joint angles (forward). README.md defines the points, lengths and
+// angles. The haptic thread may call all functions: no allocation, no exception, bounded loops.
 #pragma once
 
 #include <Eigen/Core>
@@ -30,10 +30,10 @@ enum class KinematicsFailure : std::uint8_t {
   kOk,
   kBadInput,      ///< not finite, or a quaternion that is not of unit length
   kOutOfReach,    ///< the pose is outside the workspace: the joint's links cannot span the distance
-  kSingular,      ///< the joint's direction or rate is not determined
+  kSingular,      ///< an angle, a rate or the pose is not determined
   kBeyondLimit,   ///< outside the description's joint limits
   kNotConverged,  ///< the iteration did not converge in the allowed number of steps
-  kOtherBranch,   ///< the pose is on another assembly branch, or this cannot be excluded
+  kOtherBranch,   ///< a leg is on another branch (LegBranch), or this cannot be excluded
 };
 /// Name for logs and messages, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
@@ -41,7 +41,7 @@ const char* to_string(KinematicsFailure failure) noexcept;
 struct KinematicsStatus {
   KinematicsFailure failure = KinematicsFailure::kOk;
   std::int8_t leg = 0;    ///< 1..4; 0 if the failure concerns no single leg
-  std::int8_t joint = 0;  ///< theta's index 1..6; 0 if the failure concerns no single joint
+  std::int8_t joint = 0;  ///< index of theta, 1..6; 0 if the failure concerns no single joint
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
@@ -68,49 +68,51 @@ struct InverseResult {
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
-/// The assembly branch of a leg, one of several shapes of the leg with the same plate pose. It is
-/// given by the signs of acos in th1 and in th4 (DeviceGeometry).
+/// The assembly branch of a leg. A leg has up to four shapes with the same pose of the plate,
+/// because the formulas for th1 and for th4 contain +acos or -acos. A branch is these two signs, +1
+/// or -1 (DeviceGeometry).
 struct LegBranch {
   int theta1 = 1, theta4 = 1;
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
 };
 
-/// Finds the first of the angles th1..th4 that is outside its limits or not finite. Returns
-/// kBeyondLimit with the leg and joint of this angle, or kOk if there is none.
+/// Finds the first encoder angle that is outside its limits or not finite. Returns kBeyondLimit
+/// with the leg and joint of this angle. If there is no such angle, returns kOk.
 KinematicsStatus check_joint_limits(const DeviceDescription& device,
                                     const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct ForwardResult {
   KinematicsStatus status;
   Pose T_device_plate;    ///< valid only if status is kOk
-  double residual_m = 0;  ///< disagreement of the encoders; see the functions
+  double residual_m = 0;  ///< disagreement of the encoders, as the called function defines it
   int iterations = 0;
 };
 
 /// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). These angles determine
 /// the positions of the ball joints C_m. The pose is the least-squares rigid fit to these points
 /// (Kabsch), which has a closed form because the C_m form a square on the plate. residual_m is the
-/// root mean square distance between measured and fitted C_m. It is zero if the encoders agree.
+/// root mean square distance between measured and fitted C_m. If the encoders agree, it is zero.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct GaussNewtonOptions {
   int max_iterations = 20;
-  double step_m = 1e-12;  ///< the iteration has converged if no component moves farther than this
+  double step_m = 1e-12;  ///< converged if no component of a step is larger; 1 rad counts 0.05 m
   /// If the plate moved more than travel_max_m, or if the residual exceeds residual_max_m, the
-  /// result is kOtherBranch. With the defaults every wrong solution is detected if the iteration
-  /// starts up to 100 mm and 60 deg from the pose (tests/runtime/mechanism/kinematics_test.cpp). To
+  /// result is kOtherBranch. In tests with the defaults, every pose with status kOk was right, even
+  /// from starts up to 100 mm and 60 deg away (tests/runtime/mechanism/kinematics_test.cpp). To
   /// allow larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< plate motion since the last pose; a radian counts as 0.05 m
   double residual_max_m = 3e-4;
 };
-/// Computes the pose from the eight motor angles alone, for a device without passive encoders, by
-/// Gauss-Newton on the eight constraints |C - E| = l2 and |D - F| = l4. The iteration starts at the
-/// last pose, which selects one of the several solutions. The system is overdetermined (eight
-/// equations, six unknowns): it has few exact solutions but many near-solutions, and an iteration
-/// from a distant start may converge to one of them. kOtherBranch means that this happened or
-/// cannot be excluded. The pose is then still the result of the iteration:
-///  - If status.leg and status.joint are not 0, that chain is not on the branch that
+/// Computes the pose from the eight motor angles alone, for a device without encoders at its
+/// passive joints, by Gauss-Newton on the constraints |C - E| = l2 and |D - F| = l4 of the four
+/// legs. The iteration starts at the last pose, which selects one of the solutions. The system is
+/// overdetermined (eight equations, six unknowns): it has few exact solutions but many
+/// near-solutions, and an iteration from a distant start may converge to a near-solution.
+/// kOtherBranch means that the iteration has converged to a wrong solution, or that this cannot be
+/// excluded. The pose is then still the result of the iteration, and `status` gives the reason:
+///  - If status.leg and status.joint are not 0, the chain of this joint is not on the branch that
 ///    the description specifies.
 ///  - If status.leg is 0, the plate has moved too far since the last pose, or the angles fit the
 ///    pose too badly (an encoder may be wrong).

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// One leg of the mechanism in its own frame: x points radially outward, y is tangential, z points
-// up, and the origin is that of {B}. README.md defines the points A, B, C, D, E and F. Only
-// kinematics and simulation use this header. The haptic thread calls its functions: no allocation,
-// no exception. The device's legs are at kAzimuth. The functions take any azimuth, so that tests
-// can also compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
+// One leg of the mechanism in the leg's own frame: x points radially outward, y is tangential, z
+// points up, and the origin is that of {B}. README.md defines the points A, B, C, D, E and F.
+// Outside of this folder, only runtime/simulation and tests use this header. The haptic thread
+// calls its functions: no allocation, no exception. The azimuth of a leg is its direction about the
+// z axis. The device's legs are at kAzimuth. Some functions also take any other azimuth, so that
+// tests can compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
 // Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
@@ -17,8 +18,8 @@
 
 namespace trocar::runtime::leg {
 
-/// If the distance between the ends of a chain is less than this, the chain's direction
-/// is undefined (kSingular).
+/// If the distance between the ends of a chain is less than kMinSpan_m, the direction from one end
+/// to the other is undefined (kSingular).
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {
@@ -28,6 +29,7 @@ struct Azimuth {
 inline constexpr std::array<Azimuth, kLegs> kAzimuth = {Azimuth{1, 0}, Azimuth{0, 1},
                                                         Azimuth{-1, 0}, Azimuth{0, -1}};
 
+/// Rotates a vector from {B} into the leg's frame; from_leg() rotates back.
 inline Eigen::Vector3d to_leg(const Azimuth& a, const Eigen::Vector3d& v) noexcept {
   return {a.cosine * v.x() + a.sine * v.y(), a.cosine * v.y() - a.sine * v.x(), v.z()};
 }
@@ -103,24 +105,24 @@ struct LegStatus {
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// Finds the branch on which each of the two chains is assembled, so that inverse() with the result
-/// returns these th1 and th4. The branch of a chain is 0 if the chain is stretched or folded,
-/// because its two branches then coincide.
+/// Finds the branch on which each of the two chains is assembled: the branch for which inverse()
+/// returns these th1 and th4. If a chain is stretched or folded, its branch is 0, because its two
+/// branches coincide.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 
-/// Computes w1 and w4, with which the motor rates of one leg are th1' = w1 . C' and th4' = w4 . C'.
-/// The prime is the time derivative; all vectors are in the leg's frame. Fails with kSingular if
-/// the chain is stretched or folded.
+/// Computes the vectors w1 and w4 that give the motor rates of one leg: th1' = w1 . C' and
+/// th4' = w4 . C'. The prime is the time derivative; all vectors are in the leg's frame. Fails with
+/// kSingular if a chain is stretched or folded.
 LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
                       Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
-/// Returns the distance in m of a chain's end point to the nearest point at which its two branches
-/// coincide (where the argument of acos is 1 or -1). The end point is given relative to the motor's
-/// axis: (px, py) in the first link's plane, pn along its normal. a and b are the lengths of the
-/// links. The end of the second link moves on a sphere about the end of the first link. In the half
-/// plane with coordinates (radius, pn), the end point can therefore lie inside the circle of radius
-/// b about (a, 0) and outside the circle of radius b about (-a, 0). The branches coincide on these
+/// Returns the distance in m of a chain's end point to the nearest point at which the chain's two
+/// branches coincide. The end point is given relative to the motor's end of the chain: (px, py) in
+/// the plane in which the first link (length a) turns, pn along the plane's normal. The second link
+/// (length b) ends on a sphere about the end of the first link. Let r = |(px, py)|. In the half
+/// plane with coordinates (r, pn), the end point can therefore lie inside the circle of radius b
+/// about (a, 0) and outside the circle of radius b about (-a, 0). The branches coincide on these
 /// two circles. The distance is negative outside the workspace.
 inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
   const double span = std::hypot(px, py);

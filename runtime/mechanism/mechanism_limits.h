@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Safety limits of the four-legged device's encoders, pose and motors. A check that finds a limit
-// exceeded returns a named fault, after which the loop renders no torques. The limits of items 2 to 4
-// are kept by reducing torques; a fault follows only if this lasts too long, or if a limit is
-// exceeded all the same. The haptic thread calls these functions. They have no state of their own.
+// exceeded returns a named fault, after which the loop renders no torques. To keep the limits of
+// items 2 to 4, torques are reduced first. A fault follows only if this lasts too long, or if a
+// limit is exceeded all the same. The haptic thread calls these functions. They have no state of
+// their own.
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):
@@ -22,8 +23,8 @@
 //  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step
 //     from the last torques is shortened by one factor, so that the change of the wrench keeps its
 //     direction. The rise of a torque is the growth of its magnitude or, if the torque changes its
-//     sign, its new magnitude. A fall towards zero, as at a puncture, is not limited. But in
-//     a tick in which the largest of the eight magnitudes grows, a fall counts as a rise, too.
+//     sign, its new magnitude. A fall towards zero, as at a puncture, is not limited. Exception: in
+//     a tick in which the largest of the eight magnitudes grows, every change counts as a rise.
 //  4. The torques that limit_torques() returns are within every motor's limit. If a torque still
 //     exceeds its motor's limit after item 3, all torques are scaled down by one factor.
 #pragma once
@@ -36,7 +37,7 @@
 namespace trocar::runtime {
 
 struct MechanismLimits {
-  double encoder_rate_max_rad_per_s = 60;  ///< rate of any encoder between two ticks
+  double encoder_rate_max_rad_per_s = 60;  ///< largest rate of an encoder between two ticks
   double pose_residual_max_m =
       0.5e-3;  ///< residual of fitting the pose to the upper links of the legs
   double theta4_residual_max_rad =
@@ -44,18 +45,18 @@ struct MechanismLimits {
   double inverse_condition_min =
       0.02;  ///< inverse condition of the Jacobian, with lengths divided by 0.05 m
   /// Smallest allowed Singularity::nearest_branch_m, the distance to a pose in which a leg can
-  /// change to its other solution of the inverse kinematics (its other branch). It must not be
-  /// smaller than the error that a pose may have (pose_residual_max_m), because then a leg could
-  /// change its branch undetected. The smallest value among 100,000 poses of the stated workspace
-  /// is 0.749 mm (tests/runtime/mechanism/mechanism_limits_test.cpp).
+  /// change its branch (LegBranch). If this limit were smaller than the error that a pose may have
+  /// (pose_residual_max_m), a leg could change its branch undetected. Among 100,000 poses of the
+  /// stated workspace the smallest distance is 0.749 mm
+  /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
-  double torque_max_Nm = 0;  ///< torque of each motor; 0: the torque that its thermal state allows
+  double torque_max_Nm = 0;  ///< largest torque of a motor; 0: what its thermal state allows
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
-  /// Longest time for which item 3 may shorten steps. The time is counted in MotorState::rise_s. A
-  /// tick in which no torque changes by more than half of what the rate limit allows resets it.
+  /// Longest time for which item 3 may shorten steps. MotorState::rise_s counts the time. It is
+  /// reset in a tick in which no torque changes by more than half of what the rate limit allows.
   double torque_rise_time_max_s = 0.02;
-  double overload_scale_min = 0.5;  ///< factor of item 2
-  double overload_time_max_s = 1;   ///< time of item 2
+  double overload_scale_min = 0.5;  ///< item 2: smallest rendered fraction that is no overload
+  double overload_time_max_s = 1;   ///< item 2: longest overload without a fault
 };
 
 /// State of the motors that is kept between ticks.
@@ -69,8 +70,8 @@ struct MotorState {
 FaultDetail check_singularity(const MechanismLimits& limits,
                               const Singularity& singularity) noexcept;
 
-/// Updates the thermal state for torques that were held for dt_s. Returns kMotorOverload if a thermal limit is
-/// exceeded (item 2), or none.
+/// Updates the thermal state for torques that were held for dt_s. Returns kMotorOverload if a
+/// thermal limit is exceeded (item 2), or none.
 FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
                        MotorState& state) noexcept;
 
@@ -78,21 +79,21 @@ FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm,
 FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
                              double share_max) noexcept;
 
-/// Call this in a tick of dt_s that renders `scale` times the wanted wrench. Returns kMotorOverload if too little
-/// has been rendered for too long (item 2), or none.
+/// Call this once in a tick of length dt_s that renders `scale` times the wanted wrench. Returns
+/// kMotorOverload if too little has been rendered for too long (item 2), or none.
 FaultDetail check_overload(const MechanismLimits& limits, const MotorModel& motor, double scale,
                            double dt_s, MotorState& state) noexcept;
 
-/// Applies item 3. Returns the torques. Sets `shortened` to true if they differ from `wanted`, and
-/// otherwise to false.
+/// Applies item 3 and returns the torques. `rise_max_Nm`: largest rise in this tick. Sets
+/// `shortened` to true if the step was shortened, and otherwise to false.
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
                        bool& shortened) noexcept;
 
 /// Applies items 3 and 4: changes `wanted_Nm` to the torques that may be written. Returns
 /// kTorqueLimit if a wanted torque exceeds its limit (the caller should have scaled the wrench),
 /// kTorqueRate if item 3 has shortened steps for too long, kTorqueNotFinite if a wanted torque is
-/// not finite, or none. Precondition: all values of `limit_Nm` are positive, for
-/// example those of available_torque().
+/// not finite, or none. `limit_Nm`: the motors' limits, for example available_torque(); each must
+/// be positive.
 FaultDetail limit_torques(const MechanismLimits& limits, const MotorVector& limit_Nm,
                           const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
                           MotorState& state) noexcept;

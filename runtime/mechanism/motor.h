@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motors: torque constant, gear and bevel ratio between current and joint torque; peak and
-// continuous current with an i2t thermal limit; torques that compensate friction and weight. The
-// haptic thread calls these functions: no allocation, no exception.
+// The motors. The functions convert joint torques to motor currents (by torque constant, gear and
+// bevel ratio), limit the currents by an i2t thermal model, and compute the torques that compensate
+// friction and weight. The haptic thread calls them: no allocation, no exception.
 //
 // The following laws hold if a current never exceeds available_current()
 // (tests/runtime/mechanism/motor_test.cpp):
 //  1. Over any interval of length T the integral of I^2 is at most continuous^2 T + capacity, where
-//     the i2t capacity is (peak^2 - continuous^2) peak_time. A motor that starts cold can draw the
-//     peak current for three quarters of peak_time.
+//     the i2t capacity is (peak^2 - continuous^2) peak_time. A cold motor can draw the peak current
+//     for three quarters of peak_time.
 //  2. The available current lies between continuous and peak, changes without jumps, and is the
 //     peak again once the motor has cooled.
 #pragma once
@@ -51,16 +51,17 @@ MotorVector motor_currents(const MotorModel& model, const MotorVector& tau_motor
 MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVector& current_A,
                   double dt_s) noexcept;
 
-/// Returns the largest fraction of its i2t capacity that any motor has used. It is at most 1 while
-/// no current exceeds available_current(). A motor without capacity (peak equals continuous) counts
-/// as 0. `hottest` receives the number of the motor with the largest fraction,
-/// unless all fractions are 0.
+/// Returns the largest fraction of its i2t capacity that a motor has used. The fraction is at most
+/// 1 while no current exceeds available_current(). A motor without capacity (peak equals
+/// continuous) counts as 0. `hottest` receives the index of the motor with the largest fraction. If
+/// all fractions are 0, `hottest` does not change.
 double i2t_fraction_used(const MotorModel& model, const MotorLoad& load,
                          int* hottest = nullptr) noexcept;
 
+/// Returns the largest current that each motor may draw in this thermal state.
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept;
-/// Returns the available current as joint torque, which is the limit for allocate_torques(). For a
-/// cold motor it is exactly peak_Nm.
+/// Returns the joint torque of the available current: the limit for allocate_torques(). For a cold
+/// motor this is exactly peak_Nm.
 MotorVector available_torque(const MotorModel& model, const MotorLoad& load) noexcept;
 
 /// Returns the torques that compensate friction and weight. The caller adds them to the rendered
@@ -70,11 +71,11 @@ MotorVector compensation_torques(const DeviceDescription& device, const MotorMod
                                  const Jacobian& G, const MotorVector& motor_rad_per_s,
                                  const CompensationOptions& options) noexcept;
 
-/// Like allocate_torques(), with bias torques that the motors always apply, such as compensation
-/// torques. The rendered torques are allocated within limit - |bias|. tau_motor_Nm of the result is
-/// the sum of bias and rendered torques; wrench_device and scale of the result describe the
-/// rendered torques only. So the rendered wrench keeps its direction, and the sum is within the
-/// limits. The result is kRefused if |bias| reaches a motor's limit.
+/// Like allocate_torques(), but the motors also apply bias torques, such as compensation torques.
+/// The rendered torques are allocated within limit - |bias|, so the rendered wrench keeps its
+/// direction, and the sum of bias and rendered torques is within the limits. In the result,
+/// tau_motor_Nm is this sum, but wrench_device and scale describe the rendered torques only. The
+/// result is kRefused if |bias| reaches a motor's limit.
 AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wrench_device,
                                             const MotorVector& limit_Nm,
                                             const MotorVector& bias_Nm) noexcept;

@@ -3,8 +3,9 @@
 // Angeles). The haptic thread calls these functions: no allocation, no exception, bounded time.
 //  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
 //    value of the Jacobian goes to 0.
-//  - Limit of a leg's workspace: the motor's row of the Jacobian grows without bound, and the two
-//    assembly branches of the chain coincide. The distance from this limit is measured in metres.
+//  - Limit of a leg's workspace: a motor's row of the Jacobian grows without bound, and the two
+//    assembly branches (kinematics.h) of the motor's chain coincide. The distance from this limit
+//    is measured in metres.
 #pragma once
 
 #include <array>
@@ -15,9 +16,9 @@ namespace trocar::runtime {
 
 struct BranchDistance {
   /// theta1_m is the distance of the ball joint C to the nearest point at which th1's branches
-  /// coincide, and theta4_m the distance of D to the nearest point at which th4's branches
-  /// coincide. While C or D moves by less than its distance, in any direction, its branch cannot
-  /// change. A negative distance means that the point is outside the workspace.
+  /// coincide. theta4_m is the distance of D to the nearest point at which th4's branches coincide.
+  /// While C moves by less than theta1_m, in any direction, th1's branch cannot change; the same
+  /// holds for D and th4. A negative distance means that the point is outside the workspace.
   double theta1_m = 0, theta4_m = 0;
 };
 

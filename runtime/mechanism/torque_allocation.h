@@ -2,10 +2,10 @@
 // Computes eight motor torques from a wanted wrench (paper, Eq. 17-18), within the motors' limits.
 // The haptic thread calls these functions: no allocation, no exception, bounded time.
 //
-// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). Let tau be the torques. The working
-// limits are (1 - kTorqueReserve) limit. c = (G^T)^+ wanted are the minimum-norm torques. P
-// projects torques onto the null space of G^T. |limit| and limit_min are the norm and the smallest
-// of the limits.
+// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). Let tau be the computed torques,
+// `wanted` the wanted wrench, and c = (G^T)^+ wanted the minimum-norm torques that produce it. The
+// working limits are (1 - kTorqueReserve) limit. P projects torques onto the null space of G^T.
+// |limit| is the norm of the vector of limits, and limit_min is the smallest limit.
 //  1. |tau_i| <= limit_i, always.
 //  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench keeps its direction.
 //  3. If c is within the working limits, tau = c and scale = 1.
@@ -18,7 +18,7 @@
 //  6. Along any path of wrench and pose, tau changes no faster than K (|dc| + |limit| |dP|), at any
 //     pose, with K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
 //     pose is constant, tau changes no faster than sqrt(1 + max stiffness / 4) |dc|; for eight
-//     equal motors this factor is 142.
+//     equal motors this factor is below 142.
 //
 // The reserve is needed because, at the boundary of the feasible wrenches, only a single torque
 // vector produces the wrench. If several rows of the null space are nearly parallel (such as those
@@ -54,7 +54,7 @@ struct AllocationResult {
   AllocationKind kind = AllocationKind::kRefused;
   MotorVector tau_motor_Nm = MotorVector::Zero();
   Wrench wrench_device = Wrench::Zero();  ///< the delivered wrench G^T tau
-  double scale = 0;                       ///< delivered wrench / wanted wrench
+  double scale = 0;                       ///< the delivered wrench is scale times the wanted one
   bool limited() const noexcept { return kind >= AllocationKind::kScaled; }
 };
 

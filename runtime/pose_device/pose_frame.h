@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Converts between the frame of a pose device and {B}, the frame of the scene (metres, z up). The
-// middle of the device's workspace is placed at the middle of the path of the scene's hand. If the
-// handle is upright (its measured orientation is the identity), the tool has the orientation with
-// which the scene's hand begins.
+// Converts between the frame of a pose device (runtime/device/pose_device.h) and {B}, the frame of
+// the scene (metres, z up). A session places the middle of the device's workspace at the middle of
+// the path of the scene's hand. If the handle is upright (its measured orientation is the
+// identity), the tool has the orientation with which the scene's hand begins.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -14,16 +14,16 @@ namespace trocar::runtime {
 
 class PoseFrame {
  public:
-  /// `T_device_plate_middle`: the plate's pose in {B} if the handle is upright in the middle of
+  /// `T_device_plate_middle`: the plate's pose in {B} while the handle is upright in the middle of
   /// the device's workspace.
   PoseFrame(const PoseDeviceDescription& description, const Pose& T_device_plate_middle);
 
   /// Returns the plate's pose for a reading. Precondition: the reading's quaternion is not zero.
   Pose plate(const PoseReading& reading) const noexcept;
-  /// Returns the position and orientation of the handle at a pose of the plate. This is the inverse of plate().
+  /// The inverse of plate(): returns the handle's position and orientation for a pose of the plate.
   PoseReading reading(const Pose& T_device_plate) const noexcept;
-  /// These two functions convert a wrench on the plate, about the plate's origin, from {B} to the
-  /// device's frame and back.
+  /// to_device() converts a wrench on the plate, about the plate's origin, from {B} to the device's
+  /// frame. from_device() converts it back.
   HandleWrench to_device(const Wrench& wrench) const noexcept;
   Wrench from_device(const HandleWrench& wrench) const noexcept;
   /// The smallest box in {B} that contains the device's workspace.

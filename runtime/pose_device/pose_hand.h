@@ -5,11 +5,11 @@
 // Contract, in addition to that of hand_device.h:
 //  1. A reading raises a fault if it contains a number that is not finite or a quaternion whose
 //     length is not 1, or if it differs from the last reading by more than a hand can move. The
-//     pose of such a reading is not used.
+//     pose of such a reading is not used. If the device does not sense rotation, its quaternions
+//     are ignored.
 //  2. Every command is finite. The force and the moment of a command are at most the largest ones
-//     of the description. If necessary, the whole wanted wrench is scaled down, so that it keeps
-//     its direction. A device that renders no moment is never commanded a moment, and delivered()
-//     then contains no moment.
+//     of the description. If necessary, force and moment of the wanted wrench are scaled down by
+//     the same factor. If the device renders no moment, commands and delivered() contain no moment.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -20,8 +20,8 @@
 
 namespace trocar::runtime {
 
-/// Largest speed and rotation rate of a hand. If two readings show a faster motion, the
-/// device is faulty.
+/// Largest speed and rotation rate of a hand. If two successive readings show a faster motion,
+/// find_pose() returns kEncoderJump.
 inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
 
 class PoseHand final : public HandDevice {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts about a pose device that force laws and checks use, taken from its description.
+// The facts about a pose device (runtime/device/pose_device.h) that force laws and checks use. They
+// are taken from the device's description.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -11,8 +12,8 @@
 
 namespace trocar::runtime {
 
-/// Returns the largest factor, at most 1, such that a device of this description can render the
-/// factor times the wrench. A moment is taken into account only if the device renders moments.
+/// Returns the largest factor, at most 1, by which a device of this description can render the
+/// wrench. The moment is ignored if the device renders no moments.
 double renderable_fraction(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
 class PoseSpecification final : public DeviceSpecification {
@@ -33,8 +34,8 @@ class PoseSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.stiffness_max_N_per_m;
   }
-  /// Returns 1, because PoseHand gives measured values in multiples of the device's resolution.
-  /// Returns 0 if the readings are exact.
+  /// Returns 1, because PoseHand::measured() is in multiples of the device's resolution. Returns 0
+  /// if the description says that the readings are exact.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_fraction(const Pose& T_device_plate,
