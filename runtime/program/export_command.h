@@ -16,11 +16,12 @@ struct ExportArguments {
   bool quiet = false;
 };
 
-/// Adds the subcommand `export`.
+/// Adds the subcommand `export`. Parsing the command line then fills `arguments`.
 CLI::App& declare_export(CLI::App& app, ExportArguments& arguments);
 
 /// Replaces this process by the program trocar-export, which is in the same folder as this program.
-/// Returns only if trocar-export cannot be started: prints the reason, and returns an exit code.
+/// If trocar-export cannot be started, prints the reason and returns an exit code. Otherwise the
+/// function does not return.
 int run_export(const ExportArguments& arguments);
 
 }  // namespace trocar::runtime

@@ -23,10 +23,11 @@ struct FitArguments {
   bool quiet = false;
 };
 
-/// Adds the subcommand `fit`.
+/// Adds the subcommand `fit`. Parsing the command line then fills `arguments`.
 CLI::App& declare_fit(CLI::App& app, FitArguments& arguments);
 
-/// Fits the curve, prints the parameters and writes the files. Prints errors, and returns the exit code.
+/// Fits the curve, prints the parameters and writes the files. Prints errors, and returns the exit
+/// code of the program.
 int run_fit(const FitArguments& arguments);
 
 }  // namespace trocar::runtime

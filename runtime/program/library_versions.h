@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A text for --version: the versions of the libraries that all programs of this folder use.
+// The versions of Eigen, nlohmann-json and CLI11, as a part of the text of --version.
 // Tests: tests/install/install_test.py
 #pragma once
 

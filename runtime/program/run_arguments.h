@@ -20,10 +20,12 @@ namespace trocar::runtime {
 
 inline constexpr const char* kProgram = "trocar-run";
 inline constexpr double kDefaultRate_Hz = 1000;
-/// If the device has motors, this number of missed deadlines in a row is a fault.
+/// Without --late-ticks-in-row, this number of missed deadlines in a row is a fault if the device
+/// has motors.
 inline constexpr int kDefaultLateTicks = 3;
 
-/// The options of the command line. An empty string means that the option was not given.
+/// The values of the options. declare_run_options() has the help text of each option. An empty
+/// string means that the option was not given.
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
   std::string entry, target;
@@ -45,23 +47,24 @@ struct RunArguments {
   /// None: kDefaultLateTicks for a device with motors, 0 for a simulated device.
   std::optional<int> late_ticks_in_row;
   int cpu = -1;
-  std::string energy_budget;  ///< the option's old name, which is refused with a hint
+  std::string energy_budget;  ///< former name of --energy-limit, refused with a hint
 };
 
+/// Adds the options. Parsing the command line then fills `arguments`.
 void declare_run_options(CLI::App& app, RunArguments& arguments);
 
-/// Checks the options. Errors: kUsage if a value is out of range, or if options exclude each other.
+/// Checks the options. Errors: kUsage if a value is out of range, or if two options exclude each
+/// other or one lacks another that it needs.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
-/// Returns the points of --entry and --target; none: --entry was not given. Errors: kUsage if one
-/// of the points is not three numbers in mm.
+/// Returns the points of --entry and --target. If --entry was not given, returns none. Errors:
+/// kUsage if a point is not three numbers in mm.
 Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& arguments);
 
-/// Returns the SafetyLimits::no_data_max_s of a session with these arguments.
+/// Returns the limit SafetyLimits::no_data_max_s for a session with these arguments.
 double no_data_max_s(const RunArguments& arguments);
 
-/// Sets those members of `options` that concern the haptic loop, its safety layer and
-/// the black boxes.
+/// Sets the members of `options` that concern the haptic loop, its safety layer and black boxes.
 void set_loop_options(const RunArguments& arguments, SessionOptions& options);
 
 }  // namespace trocar::runtime

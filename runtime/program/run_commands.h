@@ -16,18 +16,19 @@ namespace trocar::runtime {
 /// requests a recovery (SessionOptions::recover).
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
-/// Prints the values of one procedure, or of all procedures, with the ranges and sources of
-/// the values (--explain).
+/// Prints the values of one procedure, or of all procedures, with the ranges and sources of the
+/// values (--explain).
 int explain_procedures(const RunArguments& arguments);
 
-/// Writes the history of a folder's sessions as a page and a table (--history).
+/// Reads the session reports in a folder, and writes the history of the sessions as a page and a
+/// table (--history).
 int write_history(const RunArguments& arguments);
 
-/// Tries the device without force (--test), and says whether a session would run undisturbed. The
-/// exit code is 5 if a session would not.
+/// Tries the device without force (--test), and prints whether a session would run undisturbed. If
+/// a session would not, the exit code is 5 (kDeviceFault).
 int test_device(const RunArguments& arguments);
 
-/// Proposes a scene (--new-scene).
+/// Proposes a scene for an asset and writes it to a file (--new-scene).
 int make_new_scene(const RunArguments& arguments);
 
 }  // namespace trocar::runtime

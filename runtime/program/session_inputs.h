@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loads the inputs of a session: scene, device description, sheets of the asset, and a
-// recording to replay.
+// Loads the inputs of a session: scene, device description, sheets of the asset, and the recording
+// that a replay needs.
 // Tests: tests/e2e/told_e2e_test.py
 #pragma once
 
@@ -21,11 +21,11 @@
 namespace trocar::runtime {
 
 struct SessionInputs {
-  Scene scene;                    ///< the scene with the changes made by the command line
+  Scene scene;                    ///< the scene, with the changes that the command line makes
   DeviceDescription description;  ///< description of the four-legged device
-  /// Description of the session's device, if this device measures its own pose.
+  /// Description of the session's device if this device measures its own pose, else none.
   std::optional<PoseDeviceDescription> pose_device;
-  std::string pose_device_origin;  ///< digest of the file of this description, or "built-in/NAME"
+  std::string pose_device_origin;  ///< digest of the file of pose_device, or "built-in/NAME"
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<SliceTissue> tissues;  ///< tissue of each sheet
   std::vector<RecordingRow> replay;  ///< rows of the recording to replay; empty: no replay
@@ -38,11 +38,12 @@ struct SessionInputs {
 };
 
 /// Reads the description of the device from `file`. If `file` is empty, returns the built-in
-/// description for the device `uri`; if there is none for it, that of the four-legged device.
+/// description for `uri`, the value of --device. If there is no built-in description for `uri`,
+/// returns the description of the four-legged device.
 Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
                                               std::string_view uri);
 
-/// Loads everything that the arguments name. Errors: kRefused if an input is not acceptable; kUsage
+/// Loads the inputs that the arguments name. Errors: kRefused if an input is not acceptable; kUsage
 /// if an option does not fit the device.
 Result<SessionInputs> load_inputs(const RunArguments& arguments);
 

@@ -18,7 +18,7 @@ namespace trocar::runtime {
 /// Prints the error and returns its exit code.
 int fail(const Error& error);
 
-/// Prints a warning about the scene.
+/// Prints a warning that begins with the name of the scene's file.
 void warn(const RunArguments& arguments, const std::string& what);
 
 /// Shows a progress line on the terminal while a session runs in real time.
@@ -41,12 +41,14 @@ class Progress final : public TickObserver {
 /// Prints the message immediately. On a terminal the message replaces the progress line.
 void print_message(const RunArguments& arguments, const OperatorMessage& message);
 
+/// Prints what happened in the session: ticks, missed deadlines, largest values, and punctures.
 void print_outcome(const SessionResult& report, const SessionOptions& options);
 
-/// Prints one line for each problem, and returns the exit code. If a fault ended the session, its
-/// exit code (kDeviceFault) takes precedence over other problems, because the operator of the
-/// device must learn of the fault. In a replay, which has no device, torques that differ from the
-/// recording's take precedence even over a fault.
+/// Prints one line for each problem and each black box, and returns the exit code. `errors`: the
+/// errors of writing the outputs. If a fault ended the session, the exit code is kDeviceFault
+/// whatever else failed, because the operator of the device must learn of the fault. Exception: if
+/// the torques of a replay differ from the recording's, the exit code is kRefused even after a
+/// fault, because a replay has no device.
 int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher);
 
 }  // namespace trocar::runtime

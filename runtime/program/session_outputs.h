@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files that trocar-run writes in addition to the recording: summary, meshes, frames, path of a
-// live hand, session report.
+// The files that trocar-run writes in addition to the recording: summary, meshes, frames (the mesh
+// around the tool, 30 times a second), path of a live hand, session report.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -29,10 +29,12 @@ class SessionOutputs {
   /// The references must outlive this object.
   SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs, double rate_Hz);
 
-  /// Sets the functions that collect frames and figures during the session.
+  /// Sets SessionOptions::on_frame and on_tick, so that this object collects frames and figures
+  /// during the session.
   void collect(SessionOptions& options);
-  /// Writes every output, even if another one could not be written. Returns the errors. `hand`: the
-  /// hand that a person moved; null: the scene has no live hand.
+  /// Writes every output, even if another output could not be written. Returns the errors,
+  /// including an error of the recording. `hand`: the hand that a person moved; null: the scene has
+  /// no live hand. `link`: the counts of the device link; none: the device has no link.
   std::vector<Error> write(const SessionOptions& options, const SessionResult& report,
                            const Remesher& remesher, const LiveHand* hand,
                            const std::optional<LinkReport>& link);

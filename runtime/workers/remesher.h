@@ -22,7 +22,8 @@
 
 namespace trocar::runtime {
 
-/// Outcome of one request for a hole.
+/// Outcome of one request for a hole. After the cut a quality pass improves the new triangles
+/// (RemesherOptions).
 struct CutRecord {
   CutRequest request;
   /// If set, the cut failed: the sheet keeps its mesh, but the force law still treats the hole as
@@ -34,7 +35,7 @@ struct CutRecord {
   std::uint32_t quality_vertices = 0;       ///< vertices that the quality pass added
   std::uint32_t hole_vertices = 0;          ///< number of vertices of the hole's rings
   std::uint32_t first_ring = 0, rings = 0;  ///< the hole's rings, for Remesher::hole()
-  double remesh_us = 0;  ///< wall time from the start of the cut until the sheet can be used
+  double remesh_us = 0;  ///< wall time of the request, until the new version can be published
 };
 
 struct RemesherOptions {
@@ -43,9 +44,10 @@ struct RemesherOptions {
   double min_angle_deg = 20;
 };
 
-/// Cuts holes into sheets. There are two replicas of each sheet: the haptic thread reads one, the
-/// cut is made in the other, and one atomic store swaps them. Once the haptic thread no longer uses
-/// the older replica, the same change is applied to the older replica, too. No mesh is copied as a
+/// Cuts holes into sheets. A cut makes a new version of the sheet. There are two replicas of each
+/// sheet: the haptic thread reads one, and the cut is made in the other. One atomic store then
+/// publishes the new version: it swaps the replicas. Once the haptic thread no longer uses the
+/// older replica, the same change is applied to the older replica, too. No mesh is copied as a
 /// whole, nothing is allocated after the constructor (except for error messages), and the time
 /// depends on the hole alone. Exception: if free slots for vertices or triangles run short, after
 /// some hundred holes or at a large hole, slots are added to each replica while the haptic thread
@@ -69,14 +71,14 @@ class Remesher {
 
   // The haptic thread calls these functions.
 
-  /// Requests a hole. Returns false if the queue is full.
+  /// Requests a hole. If the queue is full, returns false and drops the request.
   bool request(const CutRequest& request) noexcept { return requests_.push(request); }
   /// Returns the published version of a sheet. The pointer is valid until the next call for
   /// the same sheet.
   const Sheet* current(std::size_t sheet) noexcept;
 
-  // One other thread calls these functions: the thread that start() creates, or a thread
-  // of the caller.
+  // One other thread calls serve() and publish_next(): the thread that start() creates, or, without
+  // start(), a thread of the caller.
 
   /// Starts a thread that repeats the following until stop(): it serves the waiting requests,
   /// publishes the new versions immediately, and calls `between`.
@@ -89,7 +91,7 @@ class Remesher {
   /// Publishes the oldest unpublished version. Returns false if there is none. A failed cut
   /// makes no version.
   bool publish_next();
-  /// Returns the version that current() returns next.
+  /// Returns the version that was published last.
   const Sheet& published_version(std::size_t sheet) const noexcept {
     return *pairs_[sheet]->published.load(std::memory_order_relaxed);
   }
@@ -97,7 +99,7 @@ class Remesher {
   // These functions may be called after stop(), or on the thread that calls serve().
 
   const std::vector<CutRecord>& records() const noexcept { return records_; }
-  /// Returns the rings of a record's hole, as in CutResult::hole; empty if
+  /// Returns the rings of a record's hole, as in CutResult::hole. The result is empty if
   /// kMaxHolePoints was reached.
   std::vector<Ring> hole(const CutRecord& record) const;
   /// Returns the sheet as it was before any cut, without free slots and without a grid.
@@ -112,7 +114,7 @@ class Remesher {
     Sheet first;
     std::array<Sheet, 2> replica;
     std::uint32_t newer = 0;       ///< index of the newer replica
-    bool older_is_behind = false;  ///< `edit` has not yet been applied to the older replica
+    bool older_is_behind = false;  ///< `edit` is still to be applied to the older replica
     bool unpublished = false;      ///< the newer replica is not yet published
     SheetEdit edit;
     std::int64_t doubled_area;
