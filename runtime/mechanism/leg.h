@@ -121,9 +121,9 @@ LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double 
 /// branches coincide. The end point is given relative to the motor's end of the chain: (px, py) in
 /// the plane in which the first link (length a) turns, pn along the plane's normal. The second link
 /// (length b) ends on a sphere about the end of the first link. Let r = |(px, py)|. In the half
-/// plane with coordinates (r, pn), the end point can therefore lie inside the circle of radius b
+/// plane with coordinates (r, pn), the reachable points therefore lie inside the circle of radius b
 /// about (a, 0) and outside the circle of radius b about (-a, 0). The branches coincide on these
-/// two circles. The distance is negative outside the workspace.
+/// two circles. For a point that cannot be reached, the distance is negative.
 inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
   const double span = std::hypot(px, py);
   return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);

@@ -15,18 +15,21 @@
 //  5. Among the torques that produce scale * wanted, tau minimises |tau|^2 + sum_i stiffness_i
 //     max(0, |tau_i| - working_i)^2, where working_i is the working limit of motor i and
 //     stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. Along any path of wrench and pose, tau changes no faster than K (|dc| + |limit| |dP|), at any
-//     pose, with K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
-//     pose is constant, tau changes no faster than sqrt(1 + max stiffness / 4) |dc|; for eight
-//     equal motors this factor is below 142.
+//  6. Let dc and dP be small changes of c and P along any path of wrench and pose. Then tau changes
+//     by at most K (|dc| + |limit| |dP|), with
+//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
+//     pose is constant, tau changes by at most sqrt(1 + max stiffness / 4) |dc|. For eight equal
+//     motors the factor of |dc| is then below 142.
 //
 // The reserve is needed because, at the boundary of the feasible wrenches, only a single torque
 // vector produces the wrench. If several rows of the null space are nearly parallel (such as those
 // of the four upper motors at any upright, centred pose), this vector changes arbitrarily fast with
-// the pose. So a bound on the rate needs a reserve, and is inversely proportional to it. Law 1
-// follows from law 5: some torques y0 with |y0| < |limit| are within the working limits, without
-// penalty. So at the optimum stiffness_i excess_i^2 <= |y0|^2, where excess_i = |tau_i| -
-// working_i, and therefore excess_i < kTorqueReserve limit_i.
+// the pose. With a reserve the rate has a bound, which is inversely proportional to the reserve.
+//
+// Law 1 follows from law 5. Some torques y0 with |y0| < |limit| produce scale * wanted within the
+// working limits, so their penalty is 0. Therefore the optimum satisfies stiffness_i excess_i^2 <=
+// |y0|^2, where excess_i = |tau_i| - working_i, and it follows that
+// excess_i < kTorqueReserve limit_i.
 #pragma once
 
 #include <cstdint>
