@@ -19,6 +19,8 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
   std::vector<std::filesystem::path> out = scan.labels->files;
   if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
   if (!a.names.empty()) out.emplace_back(a.names);
+  if (!a.input_key.empty()) out.push_back(a.input_key);
+  if (!a.mask.empty()) out.emplace_back(a.mask.substr(0, a.mask.rfind(':')));
   return out;
 }
 

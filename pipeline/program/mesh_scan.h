@@ -17,8 +17,8 @@ namespace trocar::pipeline {
 /// two must have the same voxel grid. Errors: those of open_stack() and open_labels_with_ct().
 Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
 
-/// The files of the scan, of the CT of --hu and of --names. The caller must not write an output
-/// over one of them.
+/// The files of the scan, of the CT of --hu, of --names, of --input-key and of --mask. The caller must
+/// not write an output over one of them.
 std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan);
 
 /// Checks whether the threshold suits a scan whose values are not HU. The default threshold and the

@@ -444,6 +444,15 @@ def test_files_and_parameters(programs, scan, work):
                   (*slices, "-o", good, "--dump-stages", work / "stages.json", "--dump-slice", "3")):
         said = run(mesh, *words, *grey, expect=2).stderr
         assert len(said.splitlines()) == 1 and ("-o " in said or "--" in said), f"{words}: {said}"
+    key = work / "site.key"
+    key.write_text("a key that must not be lost")
+    mask = label_map(scan, work / "mask.nii", ((1, 2), (1,)))
+    os.link(mask, work / "mask.json")  # a name that does not say it is a scan
+    for option, value, file, report in (("--input-key", key, key, key), ("--mask", f"{mask}:1", mask, work / "mask.json")):
+        kept = file.read_bytes()
+        said = run(mesh, scan / "sample.nii.gz", "-o", good, option, value, "--report", report, expect=2).stderr
+        assert f"would write over the input {file}" in said, said
+        assert file.read_bytes() == kept, f"the file of {option} was overwritten"
     assert [f.read_bytes() for f in slices] == before, "a slice was overwritten"
     assert good.read_bytes() == asset, "the asset was overwritten"
 
