@@ -31,7 +31,8 @@ class Tokens {
   /// Returns the role of a token, or kNone for a wrong token. The duration of the call does not
   /// reveal how many characters of a wrong token are right.
   Role role_of(std::string_view token) const noexcept;
-  /// Returns the role for the value of an Authorization header, which must be "Bearer TOKEN".
+  /// Returns the role for the value of an Authorization header: that of TOKEN if the value is
+  /// "Bearer TOKEN", otherwise kNone.
   Role role_of_header(std::string_view authorization) const noexcept;
 
  private:

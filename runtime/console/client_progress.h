@@ -55,7 +55,7 @@ class ClientProgress {
 
   bool said_hello_ = false, has_history_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
-  /// Holder of the live hand that the client was told last; nullopt: the client was told none.
+  /// Holder of the live hand that the client was told last; nullopt: not told yet.
   std::optional<HandShare> hand_;
   std::vector<std::uint64_t> sheet_versions_;
   std::uint64_t shape_version_ = 0;

@@ -33,8 +33,9 @@ class Files {
                             const std::filesystem::path& against,
                             const std::filesystem::path& scene);
 
-  /// Returns the path of the regular file that has this name in list(). Errors: kRefused if the
-  /// name leads out of the folder, if a link is on the way, or if there is no such file.
+  /// Returns the path of the regular file with this name. The name has the form of the names in
+  /// list(), but list() need not contain this name. Errors: kRefused if the name leads out of the
+  /// folder, if a link is on the way, or if there is no such file.
   Result<std::filesystem::path> find(std::string_view name) const;
   /// The folder of of_folder(); empty for playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }

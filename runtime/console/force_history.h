@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force on the hand and the height of the tip since a session began, for pages that connect
-// while the session runs. If there are more than kMaxPoints points, one point of each pair of
-// successive points is removed: the point with the smaller force, so that peaks stay.
+// later. If there are more than kMaxPoints points, one point of each pair of successive points is
+// removed: the point with the smaller force, so that peaks stay.
 // Tests: tests/runtime/console/force_history_test.cpp
 #pragma once
 

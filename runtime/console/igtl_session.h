@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Passes poses, forces and state of the console's session to OpenIGTLink clients, such as 3D Slicer
-// (docs/openigtlink.md).
+// Passes poses, forces, state and surface of the console's session to OpenIGTLink clients, such as
+// 3D Slicer (docs/openigtlink.md).
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 

@@ -85,8 +85,8 @@ class Supervisor {
   Result<void> xray(XrayRequest request);
   /// Passes a command on to the session. The command `stop` also ends the test of a device and the
   /// making of a scene. If the device process of the session has ended, the command `recover` first
-  /// starts this process again. Errors: kRefused if no session runs and `stop` has ended nothing;
-  /// for `recover`, those of starting the device process.
+  /// starts this process again. Errors: kRefused if no session runs and `stop` has ended nothing,
+  /// or if the device process cannot be started; kUnwritable if its note cannot be written.
   Result<void> command(TelemetryCommand command);
   /// True if the session runs and has a live hand, so that move_hand() may be called.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
@@ -100,9 +100,10 @@ class Supervisor {
   /// immediately. The test of a device is stopped. Errors: kRefused if no session and no test runs.
   Result<void> emergency_stop();
   /// Ends the session, the device process, a test and the making of a scene. A session that this
-  /// console only watches (Settings::attach) goes on. The first call asks the programs to end.
-  /// Calls later than `patience` after the first call kill what is left of session and device
-  /// process. Call this repeatedly until it returns true: all have then ended.
+  /// console only watches (Settings::attach) goes on. The first call asks the programs to end,
+  /// except for the device process, which is asked when the session has ended. Calls later than
+  /// `patience` after the first call kill what is left of session and device process. Call this
+  /// repeatedly until it returns true: all have then ended.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.

@@ -11,14 +11,15 @@
 //     written, the ramp starts in the next tick, from the command that could not be written. The
 //     force is zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. Four times are measured on the device's clock, as differences of its time stamps rounded to
-//     nanoseconds: the interval between two poses, the interval of a velocity, the interval that
-//     bounds the step from one reading to the next, and the time for which a late tick heated the
-//     motors. In `running`, a device state is new if its time stamp is finite and later than the
-//     previous time stamp. After no_data_max_s without a new device state, the fault kNoData is
-//     raised. If a time stamp lies more than gap_max_s after the previous one, kNoData is raised
-//     immediately. In all other states of the safety state machine, the device's clock may restart,
-//     for example after the link was restored. The velocity estimation then restarts too.
+//  4. Four times are measured on the device's clock, as differences of its time stamps: the
+//     interval between two poses, the interval of a velocity, the interval that bounds the step
+//     from one reading to the next, and the time for which a late tick heated the motors. The
+//     differences are rounded to nanoseconds, except in velocity_window.h. In `running`, a device
+//     state is new if its time stamp is finite and later than the previous time stamp. After
+//     no_data_max_s without a new device state, the fault kNoData is raised. If a time stamp lies
+//     more than gap_max_s after the previous one, kNoData is raised immediately. In all other
+//     states of the safety state machine, the device's clock may restart, for example after the
+//     link was restored. The velocity estimation then restarts too.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of authority and compensation after a recovery, and the
 //     change from one prefetched stiffness to the next.

@@ -82,8 +82,8 @@ double damping_max(const PassivityOptions& options, double plate_mass_kg, double
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 
-/// Stores the wrench that the motors hold until the next tick. The next keep_passive() adds its
-/// work to the balance.
+/// Stores the wrench that the motors hold until the next tick. The next keep_passive() accounts
+/// for the wrench's work in the balance.
 inline void note_delivered(const Wrench& wrench_device, PassivityState& state) noexcept {
   state.delivered = wrench_device;
 }

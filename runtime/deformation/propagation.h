@@ -35,8 +35,9 @@
 
 namespace trocar::runtime {
 
-/// Smallest damping allowed. If the damping is 0.5 or less, the mode whose sign alternates from
-/// node to node is unstable (von Neumann's stability analysis).
+/// Smallest damping: plan_propagation() raises a smaller one to this value. If the damping were 0.5
+/// or less, the mode whose sign alternates from node to node would be unstable (von Neumann's
+/// stability analysis).
 inline constexpr double kMinDamping = 0.55;
 
 struct PropagationOptions {

@@ -21,7 +21,7 @@
 //  4. The time is proportional to the size of the region, not to the size of the sheet.
 //  5. If sheet and tool are moved by lattice steps or rotated by right angles, the region is moved
 //     and rotated with them, and is otherwise the same to the bit. This does not hold if the
-//     moments of region and tool do not determine a unique canonical rotation
+//     moments of the tool and the sheet around it do not determine a unique canonical rotation
 //     (formats/geometry/canonical_rotation.h).
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once

@@ -23,7 +23,7 @@ struct ResponseOptions {
   RegionOptions region;
 };
 
-/// The figures of a response.
+/// The numbers of a response.
 struct RegionResponse {
   double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: the tool misses the sheet
   /// Point in the slice plane where the total force on the tool acts, in lattice

@@ -39,7 +39,7 @@ class SparseFactor {
   /// Number of entries of L below the diagonal.
   std::size_t entries() const noexcept { return row_.size(); }
 
-  /// The index in the network of the node of each unknown.
+  /// The node of each unknown, as an index in the network.
   std::span<const std::uint32_t> nodes() const noexcept { return node_; }
 
   /// Solves the equations. `x` has one element for each unknown: the force on its node in N when

@@ -21,7 +21,7 @@ inline constexpr int kMotors = 2 * kLegs;    ///< joints 1 and 4 of leg 1, then 
 inline constexpr int kEncoders = 4 * kLegs;  ///< joints 1 to 4 of leg 1, then of leg 2 and so on
 
 struct DeviceState {
-  double t_s = 0;  ///< time at which the encoders were read, on the device's clock
+  double t_s = 0;  ///< time of reading the encoders, on the device's clock; ascends
   std::array<double, kEncoders> encoder_rad{};
 };
 

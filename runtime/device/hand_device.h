@@ -183,7 +183,7 @@ class HandDevice {
   // The haptic thread calls these functions.
 
   /// Reads the device's newest state. If the result is kOk, sets `t_s` to the state's time on the
-  /// device's clock; otherwise `t_s` is unchanged.
+  /// device's clock; otherwise `t_s` is unchanged. Times ascend within a connection.
   virtual DeviceStatus read(double& t_s) noexcept = 0;
   /// Takes the last kept reading as the reading of this tick. Called if read() gave no new reading.
   virtual void use_last_reading() noexcept = 0;
@@ -199,8 +199,8 @@ class HandDevice {
   /// for example, how hot its motors are. Returns kMotorOverload if the motors
   /// are too hot.
   virtual FaultDetail account_held_time(double /*held_s*/) noexcept { return {}; }
-  /// Called in each tick of a recovery from kMotorOverload. Returns kMotorOverload until the motors
-  /// have cooled enough to continue.
+  /// Called during a recovery from kMotorOverload. Returns kMotorOverload until the motors have
+  /// cooled enough to continue.
   virtual FaultDetail check_rested() const noexcept { return {}; }
   /// Prepares the command that renders the wanted wrench. Sets `scale` to the fraction of the
   /// wrench that the device can render. If a fault is returned, no command is prepared, and the

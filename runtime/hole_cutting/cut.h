@@ -47,8 +47,8 @@ struct CutReport {
 /// with at least as many slots for vertices and triangles (sheet_mesh.h). Contract:
 ///  1. The cut replaces the triangles that the tool overlaps or touches, and triangles near them
 ///     where rounding requires it. In the rest of the sheet the cut changes two things. It flips
-///     edges that are not locally Delaunay (item 2). And where the remaining triangles around a
-///     vertex form several fans that share only this vertex, each fan gets a vertex of its own.
+///     edges that are no longer locally Delaunay (item 2). And where the remaining triangles around
+///     a vertex form several fans that share only this vertex, each fan gets a vertex of its own.
 ///  2. If all inner edges are locally Delaunay before the cut, all are locally Delaunay after the
 ///     cut. Vertices under the tool are removed. Other vertices of the replaced triangles stay,
 ///     unless a bent edge runs through them (item 3).

@@ -36,7 +36,7 @@
 namespace trocar::runtime {
 
 /// A straight edge of the overlay from point `a` to point `b`. It stands for all edges of the
-/// cavity's boundary and of the tool's outline between these two points.
+/// cavity's boundary and of the tool's outline, or parts of them, between these two points.
 struct Strand {
   LatticePoint first, second;  ///< points[a] and points[b]; `first` is smaller (by x, then y)
   std::uint32_t a, b;          ///< indices into Overlay::points

@@ -12,8 +12,8 @@
 
 namespace trocar::runtime {
 
-/// Returns the largest factor, at most 1, by which a device of this description can render the
-/// wrench. The moment is ignored if the device renders no moments.
+/// Returns the fraction of the wrench that a device of this description can render, at most 1. The
+/// moment is ignored if the device renders no moments.
 double renderable_fraction(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
 class PoseSpecification final : public DeviceSpecification {

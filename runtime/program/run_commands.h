@@ -20,8 +20,8 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 /// values (--explain).
 int explain_procedures(const RunArguments& arguments);
 
-/// Reads the session reports in a folder, and writes the history of the sessions as a page and a
-/// table (--history).
+/// Reads the reports and summaries of the sessions in a folder, and writes their history as a page
+/// and a table (--history).
 int write_history(const RunArguments& arguments);
 
 /// Tries the device without force (--test), and prints whether a session would run undisturbed. If

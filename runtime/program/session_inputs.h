@@ -44,7 +44,7 @@ Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
                                               std::string_view uri);
 
 /// Loads the inputs that the arguments name. Errors: kRefused if an input is not acceptable; kUsage
-/// if an option does not fit the device.
+/// if an option does not fit the device; those of find_built_in_description() (open_device.h).
 Result<SessionInputs> load_inputs(const RunArguments& arguments);
 
 }  // namespace trocar::runtime

@@ -18,7 +18,7 @@ namespace trocar::runtime {
 /// Prints the error and returns its exit code.
 int fail(const Error& error);
 
-/// Prints a warning that begins with the name of the scene's file.
+/// Prints a warning with the name of the scene's file.
 void warn(const RunArguments& arguments, const std::string& what);
 
 /// Shows a progress line on the terminal while a session runs in real time.

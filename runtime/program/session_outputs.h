@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files that trocar-run writes in addition to the recording: summary, meshes, frames (the mesh
-// around the tool, 30 times a second), path of a live hand, session report.
+// The files that trocar-run writes in addition to the recording: summary, meshes, frames (the row
+// and the deformed sheet around the tool, 30 times a second), path of a live hand, session report.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -29,8 +29,8 @@ class SessionOutputs {
   /// The references must outlive this object.
   SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs, double rate_Hz);
 
-  /// Sets SessionOptions::on_frame and on_tick, so that this object collects frames and figures
-  /// during the session.
+  /// Sets SessionOptions::on_frame and on_tick as far as the arguments ask for frames and for a
+  /// report, so that this object collects frames and figures during the session.
   void collect(SessionOptions& options);
   /// Writes every output, even if another output could not be written. Returns the errors,
   /// including an error of the recording. `hand`: the hand that a person moved; null: the scene has

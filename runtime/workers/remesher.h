@@ -35,7 +35,7 @@ struct CutRecord {
   std::uint32_t quality_vertices = 0;       ///< vertices that the quality pass added
   std::uint32_t hole_vertices = 0;          ///< number of vertices of the hole's rings
   std::uint32_t first_ring = 0, rings = 0;  ///< the hole's rings, for Remesher::hole()
-  double remesh_us = 0;  ///< wall time of the request, until the new version can be published
+  double remesh_us = 0;  ///< wall time from the start of the cut until its version is ready
 };
 
 struct RemesherOptions {

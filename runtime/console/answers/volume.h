@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encodes the HU of a scene's scan in {B}. Pages draw X-ray pictures and planes
-// of the CT from them.
+// Encodes the HU of a scene's scan in {B}. Pages make X-ray pictures and planes of the CT from
+// these HU values.
 // Tests: tests/e2e/console_volume_test.py
 #pragma once
 

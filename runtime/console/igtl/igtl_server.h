@@ -52,8 +52,8 @@ class IgtlServer {
   virtual std::string endpoint() const = 0;
   virtual bool has_clients() const = 0;
   /// Sends the changed parts of the state to each client whose previous messages have been sent. A
-  /// client gets at most 60 ticks in a second. Disconnects clients that have read nothing for 6 s.
-  /// Call this every few milliseconds.
+  /// client gets at most 60 ticks in a second. Disconnects clients that have stalled, which means
+  /// that for 6 s they have not read what was sent. Call this every few milliseconds.
   virtual void pump(const IgtlState& state, Clock::time_point now) = 0;
 
  protected:

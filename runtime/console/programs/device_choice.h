@@ -40,7 +40,7 @@ class HiddenTexts {
  public:
   /// Makes hide() replace `text` by `shown`.
   void add(const std::string& text, const std::string& shown);
-  /// Makes hide() replace the files in the device's options, if they are given with a folder.
+  /// Makes hide() replace the names of the files in the device's options that include a folder.
   void add(const DeviceChoice& device);
   std::string hide(std::string text) const;
 

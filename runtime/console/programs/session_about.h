@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads two descriptions of a session: the description in the session's shared memory, and the note
-// about the session's device process. Both may be damaged. If a value is missing or has the wrong
-// type, the value counts as empty.
+// Reads the description in a session's shared memory. Reads and writes the note about the session's
+// device. Description and note may be damaged. If a value is missing or has the wrong type, the
+// value counts as empty.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 

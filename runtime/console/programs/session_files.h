@@ -23,7 +23,7 @@ Result<std::filesystem::path> create_session_folder(const std::filesystem::path&
                                                     const std::filesystem::path& scene);
 
 /// Searches the log of a device process, from byte `from` on, for the endpoint (HOST:PORT) at which
-/// the process reports to be ready. Returns an empty text if the process is not ready yet.
+/// the process says that it is ready. Returns an empty text if the process is not ready yet.
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from);
 
 /// Returns the last line with text in the last 64 KiB of a log, shortened to 400 bytes.
