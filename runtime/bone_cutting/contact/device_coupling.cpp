@@ -19,6 +19,11 @@ struct Stiffness {
   double translation_N_per_m = 0, rotation_Nm_per_rad = 0;
 };
 
+bool is_softer(const Stiffness& tissue, const CuttingCoupling& coupling) {
+  return tissue.translation_N_per_m <= coupling.translation_N_per_m &&
+         tissue.rotation_Nm_per_rad <= coupling.rotation_Nm_per_rad;
+}
+
 double damping_share(const Eigen::Matrix<double, 6, 6>& B, const Stiffness& K, double T_s) {
   Eigen::Matrix<double, 6, 1> per;
   per << Eigen::Vector3d::Constant(1 / std::sqrt(K.translation_N_per_m * T_s / 2)),
@@ -35,12 +40,14 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
                                const DeviceSpecification& device, const Pose& T_device_plate,
                                double rate_Hz, const StiffnessLimits& limits) {
   DeviceCoupling out;
+  out.rate_Hz = rate_Hz;
   CuttingCoupling& coupling = out.coupling;
   coupling = bone.options.coupling;
   const double T_s = 1 / rate_Hz, scale = law.force_scale;
   const double tissue_N_per_m =
       std::max({bone.along_N_per_m, bone.across_N_per_m, bone.viscous_N_s_per_m / T_s});
   const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
+  const Stiffness tissue{tissue_N_per_m, bone.across_N_per_m * lever_m * lever_m};
   const double per_inertia = kMaxInertiaShare / (T_s * T_s * scale * limits.margin);
   const std::array<double, 3> inertia_kg_m2 = device.inertia_kg_m2();
   const Stiffness most{per_inertia * device.mass_kg(),
@@ -60,9 +67,8 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   }
   const bool may_be_rigid = tissue_N_per_m <= out.ceiling_N_per_m;
   coupling.is_rigid =
-      may_be_rigid &&
-      (law.axis == ToolAxis::kRigid ||
-       (law.axis == ToolAxis::kAuto && tissue_N_per_m <= coupling.translation_N_per_m));
+      may_be_rigid && (law.axis == ToolAxis::kRigid ||
+                       (law.axis == ToolAxis::kAuto && is_softer(tissue, coupling)));
   const Stiffness K =
       coupling.is_rigid
           ? Stiffness{scale * tissue_N_per_m, scale * tissue_N_per_m * lever_m * lever_m}
@@ -90,11 +96,10 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
     coupling.translation_N_per_m = std::min(coupling.translation_N_per_m, most.translation_N_per_m);
     coupling.rotation_Nm_per_rad = std::min(coupling.rotation_Nm_per_rad, most.rotation_Nm_per_rad);
     // The tissue must be softer than the coupling after this limit, too.
-    if (law.axis != ToolAxis::kRigid && tissue_N_per_m > coupling.translation_N_per_m)
-      coupling.is_rigid = false;
+    if (law.axis != ToolAxis::kRigid && !is_softer(tissue, coupling)) coupling.is_rigid = false;
   }
   const Stiffness rendered =
-      coupling.is_rigid ? Stiffness{tissue_N_per_m, bone.across_N_per_m * lever_m * lever_m}
+      coupling.is_rigid ? tissue
                         : Stiffness{coupling.translation_N_per_m, coupling.rotation_Nm_per_rad};
   out.inertia_limit = kMaxInertiaShare / limits.margin;
   out.inertia_share =
@@ -133,7 +138,15 @@ std::string stability_warning(const DeviceCoupling& chosen) {
         chosen.damping_share);
     return text.data();
   }
-  if (chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding)) return {};
+  if (chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding)) {
+    if (chosen.rate_Hz >= kMinPredictedRate_Hz) return {};
+    std::snprintf(
+        text.data(), text.size(),
+        "at this rate the predicted pose gives energy to motions faster than %.3g Hz, and "
+        "a hand moves at up to %.0f Hz: raise --rate to at least %.0f",
+        chosen.rate_Hz / 6, kHandMotion_Hz, kMinPredictedRate_Hz);
+    return text.data();
+  }
   std::snprintf(
       text.data(), text.size(),
       "the stiffness K that is rendered is too large for the plate's inertia M and the tick T: "

@@ -14,8 +14,8 @@
 //
 // Contract (tests/runtime/bone_cutting/contact/device_coupling_test.cpp):
 //  1. If the scene says so, the tool is rigidly fixed to the plate, without a coupling spring. If
-//     the scene leaves the choice open, the tool is rigid if the largest stiffness that it can meet
-//     in the bone is at most that of the coupling.
+//     the scene leaves the choice open, the tool is rigid if the largest stiffnesses that it can
+//     meet in the bone, in translation and in rotation, are at most those of the coupling.
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
 //  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2, divided by the
 //     force scale (SceneForceLaw::force_scale) and by StiffnessLimits::margin. The limit in
@@ -26,7 +26,12 @@
 //     exceed one of them, the tool gets a coupling even if the scene declares it rigid.
 //  4. The stiffness of a rigid tool is not limited by 0.5 M / T^2, but `inertia_share` takes
 //     it into account.
-//  5. The coupling's largest force is the one that the device can render along the tool at its peak
+//  5. With prediction, a motion of the frequency f gets energy from the loop if f is above a sixth of
+//     the rate. A pose that is predicted from the last two poses leads a sinusoidal motion by the
+//     angle atan(sin a / (2 - cos a)), where a = 2 pi f T. Holding the force for a tick makes it lag
+//     by a / 2. Both angles are equal at a = pi / 3. stability_warning() says so if motions of a
+//     hand, which have up to kHandMotion_Hz, are faster.
+//  6. The coupling's largest force is the one that the device can render along the tool at its peak
 //     torques, divided by the force scale.
 #pragma once
 
@@ -40,10 +45,15 @@ namespace trocar::runtime {
 
 /// The largest K T^2 / M for which the law was tested at a predicted pose.
 inline constexpr double kMaxInertiaShare = 0.5;
+/// Highest frequency of a hand's tremor, taps and shaking that a session must be passive for.
+inline constexpr double kHandMotion_Hz = 60;
+/// Lowest rate of the loop at which a law that predicts the pose is passive for kHandMotion_Hz.
+inline constexpr double kMinPredictedRate_Hz = 6 * kHandMotion_Hz;
 
 struct DeviceCoupling {
   CuttingCoupling coupling;
   bool predicts_pose = false;  ///< the law is evaluated at the pose predicted one tick ahead
+  double rate_Hz = 0;          ///< rate of the loop
   double damping_share = 0;    ///< contract 2; at least 1: the device's own damping suffices
   /// The rendered stiffness divided by M / T^2: the larger of the values for translation and for
   /// rotation. With prediction, tests show passivity only up to inertia_limit.

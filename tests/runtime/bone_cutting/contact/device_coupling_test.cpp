@@ -183,8 +183,8 @@ TEST(DeviceCoupling, ItPredictsWhereTheDampingIsTooSmall) {
 
 TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
   const DeviceDescription device = default_device_description();
-  for (const double rate_Hz : {100.0, 500.0, 1000.0, 4000.0}) {
-    for (const double scale : {0.1, 1.0, 4.0}) {
+  for (const double rate_Hz : {100.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0}) {
+    for (const double scale : {0.1, 0.5, 1.0, 4.0}) {
       for (const ToolAxis axis : {ToolAxis::kCoupled, ToolAxis::kAuto}) {
         for (const BoneVolume& body : {bone_volume(), one_sheet()}) {
           SceneForceLaw law = coupled(1e6, 1e4);
@@ -199,6 +199,8 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
                                : chosen.coupling.translation_N_per_m;
           EXPECT_LE(scale * K, max_N_per_m * (1 + 1e-12))
               << rate_Hz << " Hz, scale " << scale << (chosen.coupling.is_rigid ? ", rigid" : "");
+          EXPECT_EQ(stability_warning(chosen).empty(), rate_Hz >= 360)
+              << rate_Hz << " Hz, scale " << scale << ": " << stability_warning(chosen);
           if (chosen.coupling.is_rigid) continue;
           EXPECT_LE(scale * chosen.coupling.rotation_Nm_per_rad, most_Nm_per_rad * (1 + 1e-12));
           EXPECT_NEAR(scale * chosen.coupling.translation_N_per_m,
@@ -208,6 +210,36 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
       }
     }
   }
+}
+
+// A sinusoidal motion along a spring whose force is evaluated at the pose that the last two poses predict, and is
+// held for a tick: the work that the motion gets over many periods.
+TEST(DeviceCoupling, APredictedPoseGivesEnergyToMotionsAboveASixthOfTheRate) {
+  const auto work_J = [](double frequency_Hz, double rate_Hz) {
+    constexpr double kSpring_N_per_m = 1000, kAmplitude_m = 1e-3;
+    const auto at_m = [&](int tick) {
+      return kAmplitude_m * std::sin(2 * std::acos(-1.0) * frequency_Hz * tick / rate_Hz);
+    };
+    double work = 0;
+    for (int tick = 0; tick < 20'000; ++tick) {
+      const double predicted_m = 2 * at_m(tick) - at_m(tick - 1);
+      work -= kSpring_N_per_m * predicted_m * (at_m(tick + 1) - at_m(tick));
+    }
+    return work;
+  };
+  for (const double rate_Hz : {250.0, 1000.0, 8000.0}) {
+    EXPECT_LT(work_J(0.98 * rate_Hz / 6, rate_Hz), -1e-3);
+    EXPECT_GT(work_J(1.02 * rate_Hz / 6, rate_Hz), 1e-3);
+  }
+  EXPECT_LT(work_J(0.98 * kHandMotion_Hz, kMinPredictedRate_Hz), -1e-3);
+  SceneForceLaw law = coupled(0, 0);
+  const DeviceDescription device = default_device_description();
+  EXPECT_NE(stability_warning(choose(bone_volume(), law, device, upright(), 250)).find("41.7 Hz"),
+            std::string::npos);
+  EXPECT_EQ(stability_warning(choose(bone_volume(), law, device, upright(), 360)), "");
+  law = coupled(1, 1e-3);
+  EXPECT_EQ(stability_warning(choose(bone_volume(), law, device, upright(), 250)), "")
+      << "the device's damping suffices without a prediction";
 }
 
 // Real hardware: the mass that its description states is a measurement.
