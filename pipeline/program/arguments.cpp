@@ -46,23 +46,26 @@ void add_input_options(CLI::App& app, Arguments& a) {
   app.add_option("INPUT", a.inputs, "the scan");
   Group group(app, "Input");
   group.value("--spacing", a.spacing, "X,Y,Z",
-              "pixel size in x and y, and slice spacing, mm, if the input has none");
-  group.value("--slices", a.slices, "A:B", "first and last slice to mesh, counted from 0");
+              "pixel size in x and in y, and slice spacing, in mm; for input that states none");
+  group.value("--slices", a.slices, "A:B",
+              "mesh only the slices A to B, both included, counted from 0");
   group.value("--crop", a.crop, "X0:X1,Y0:Y1",
-              "first and last column, then first and last row, counted from 0");
-  group.value("--series", a.series, "UID", "UID, number or description of one of several series");
-  a.volume_given = group
-                       .value("--volume", a.volume, "N",
-                              "volume of a NIfTI with a fourth dimension, counted from 0")
-                       ->check(option_range(0, 1'000'000'000).description(""));
+              "mesh only the columns X0 to X1 and rows Y0 to Y1, all included, counted from 0");
+  group.value("--series", a.series, "UID",
+              "mesh this one of several series: its UID, number or description");
+  a.volume_given =
+      group
+          .value("--volume", a.volume, "N",
+                 "for a NIfTI file with several volumes (4D): the one to mesh, counted from 0")
+          ->check(option_range(0, 1'000'000'000).description(""));
   group.flag("--any-modality", a.any_modality,
-             "accept DICOM images other than CT; their values are not HU");
+             "accept DICOM images other than CT; their values are not HU (Hounsfield units)");
   a.axis_given =
       group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
-                   "slice direction of a volume (transverse is another word for axial); default:\n"
-                   "axial for a NIfTI file, as stored for all other volumes");
+                   "direction of the slices (transverse means axial). Default: axial for a NIfTI\n"
+                   "file, and the slices as stored for every other volume");
   group.value("--hu", a.hu, "CT",
-              "CT with the same voxels as the label map, for the labels' mean HU");
+              "with --labels: the CT with the same voxels as the label map; gives the labels' HU");
 }
 
 void add_material_options(CLI::App& app, Arguments& a) {
@@ -70,69 +73,77 @@ void add_material_options(CLI::App& app, Arguments& a) {
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
-  group.choice("--preset", a.preset, std::move(names), "a set of options; --explain prints them");
+  group.choice("--preset", a.preset, std::move(names),
+               "use this set of options; --explain prints what is in it");
   group.flag("--explain", a.explain, "print the options of --preset, or of all presets");
-  a.threshold_given = group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
-                                   "lowest HU of the material (226 dense bone, 180 bone of low\n"
-                                   "density, -300 skin); for images a grey level of 0..255");
-  a.equalize_given =
-      group.number("--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-                   "instead of --threshold: equalise the histogram, then apply a threshold of\n"
-                   "0..255; only if the option is given");
-  a.labels_given = group
-                       .value("--labels", a.labels, "L",
-                              "labels of a label map, one material each: L, A-B, several, or all;\n"
-                              "20+21 joins two labels to one material")
-                       ->allow_extra_args(false);
+  a.threshold_given =
+      group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
+                   "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
+                   "density, -300: skin). For images, it is a grey level from 0 to 255");
+  a.equalize_given = group.number(
+      "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
+      "instead of --threshold: equalise the histogram of grey levels, then apply this\n"
+      "threshold from 0 to 255. Without the option, no histogram is equalised");
+  a.labels_given =
+      group
+          .value("--labels", a.labels, "L",
+                 "mesh these labels of a label map, whose voxels hold the numbers of structures:\n"
+                 "L, A-B, several of these, or all. Each label becomes one material; 20+21 joins\n"
+                 "two labels to one material")
+          ->allow_extra_args(false);
   group.value("--names", a.names, "FILE",
               "names of the labels: a JSON file such as {\"20\": \"L1\"}, or a table that\n"
               "the program knows: 'verse' or 'totalsegmentator'");
   group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
-               "drop smaller islands and fill smaller holes, mm^2");
+               "in each slice, drop islands and fill holes with less than this area, mm^2");
   group.flag("--keep-table", a.keep_table,
-             "mesh the scanner's table, too; without this option it is left out if it\nis separate "
-             "from the patient's bone");
+             "mesh the scanner's table, too. Without this option, the table is left out if it\n"
+             "is separate from the patient's bone");
 }
 
 // Options of solid_bone.h.
 void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
   group.value("--fill", a.fill, "MM2",
-              "fill regions that bone encloses in at least two of the axial, coronal\n"
-              "and sagittal planes, so canals stay open. MM2 is the largest area of a\n"
-              "region in such a plane that is filled; the word all sets no limit");
+              "fill what bone encloses in at least two of the axial, coronal and sagittal\n"
+              "planes, such as marrow; canals stay open. MM2 is the largest area in such a\n"
+              "plane that is filled, in mm^2; the word all sets no limit");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
-               "with --fill: close gaps in bone whose width is at most twice this length, mm");
+               "with --fill: a gap in bone counts as closed if it is at most twice this wide, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
-               "drop smaller connected components, mm^3; done before --fill");
+               "drop connected components (separate pieces) of less than this volume, mm^3;\n"
+               "done before --fill");
   group
       .choice("--keep", a.keep, {"all", "column"},
-              "with --fill: keep all bone, or the spinal column without contrast-\n"
-              "filled vessels; ribs are cut off 75 mm from the canal")
+              "with --fill. all: keep all bone; column: keep the spinal column alone, without\n"
+              "vessels full of contrast medium, and with ribs cut off 75 mm from the spinal canal")
       ->capture_default_str();
   group.number("--largest", a.largest, "N", 0, 1'000'000,
-               "keep the N largest connected components; 0 keeps all");
+               "keep the N largest connected components; 0: keep all");
   group
       .value("--seed", a.seeds, "X,Y,Z",
-             "keep the material connected to this point (LPS, mm). Further points mark\n"
-             "neighbouring parts, which are cut off from the part around the first point")
+             "keep the material connected to this point (mm in DICOM's patient coordinates,\n"
+             "LPS). Further points mark neighbouring parts, which are cut off from the part\n"
+             "around the first point")
       ->allow_extra_args(false);
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
-              "keep the material within 1.5 mm of these labels");
+              "keep only the material within 1.5 mm of the labels L of this label map");
 }
 
 void add_stage_options(CLI::App& app, Arguments& a) {
   Group group(app, "Mesh");
   group
       .choice("--contour", a.contour, {"subpixel", "pixel"},
-              "iso-contour between the pixels, or chains of pixels")
+              "subpixel: the border of the material runs between pixels, where the value is the\n"
+              "threshold; pixel: it is a chain of pixel centres")
       ->capture_default_str();
   group
       .choice("--simplify", a.simplify, {"area", "dp"},
-              "area-preserving edge collapse, or Douglas-Peucker")
+              "how outlines are simplified. area: edges collapse, and the area is kept; dp: by\n"
+              "the method of Douglas and Peucker")
       ->capture_default_str();
   group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
-               "largest distance of the outline from the contour, mm");
+               "largest distance of the simplified outline from the contour, mm");
   group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0,
                "smallest angle of a triangle, degrees");
   a.area_given = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
@@ -142,9 +153,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
                                "largest area of a triangle in pixels, instead of --max-area")
                         ->check(option_range(1e-6, 1e12).description(""));
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
-               "refine where HU change by more than this along an edge; 0: never");
+               "use smaller triangles where HU change by more than this along an edge; 0: never");
   group.number("--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
-               "coordinates are multiples of 2^-N mm");
+               "precision: all coordinates are multiples of 2^-N mm");
 }
 
 // The output options that a run and its preview share; `output` is the help of -o.
@@ -152,12 +163,13 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   Group group(app, "Output");
   group.value("-o,--output", a.output, "FILE", output);
   group.flag("--no-hu", a.no_hu, "leave HU out of the asset");
-  group.flag("--surface", a.surface, "add a closed surface for display; see export --surface");
+  group.flag("--surface", a.surface,
+             "add a closed surface of the material, for display and for export --surface");
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "largest number of triangles of the surface. It is exceeded only if the surface\n"
-      "would otherwise intersect itself. Without this option, 50000 is a target, and\n"
-      "is also exceeded where the surface would be too far from the material");
+      "largest number of triangles of the surface, exceeded only if it would otherwise\n"
+      "intersect itself. Without this option, the limit of 50000 is also exceeded if the\n"
+      "surface would be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -177,17 +189,18 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   Group group(app, "Output");
   group.flag("--lines", a.lines, "also store the outlines as lines, for viewers");
   group.flag("--colour", a.colour,
-             "also store HU as colours, -200 dark to 1848 light, for viewers");
+             "also store HU as colours for viewers, from dark (-200) to light (1848)");
   a.context_given =
       group
-          .value("--context", a.context, "[MM]",
-                 "also store the HU of everything around the material, every MM mm\n"
-                 "(default: 2 to 4, by the size of the scan), for X-ray pictures. In a\n"
-                 "scan of a head these HU can show the patient's face")
+          .value(
+              "--context", a.context, "[MM]",
+              "also store the HU around the material, for X-ray pictures: one value every MM mm\n"
+              "(default: 2 to 4, by the size of the scan). In a scan of a head, these HU can\n"
+              "show the patient's face")
           ->expected(0, 1);
   group.value("--input-key", a.input_key, "FILE",
-              "key of 16 to 64 bytes: store a keyed digest of the input, by which\n"
-              "holders of the key can recognise the scan; default: no digest");
+              "store a digest of the input, keyed with the 16 to 64 bytes of this file, by which\n"
+              "holders of the key can recognise the scan. Default: no digest");
   group.value("--report", a.report, "FILE", "write a report, slice by slice, as JSON");
   Group diagnostics(app, kDiagnostics);
   diagnostics.value("--dump-stages", a.dump_stages, "FILE",

@@ -357,38 +357,44 @@ Result<void> check(const BatchArguments& a) {
 
 void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("COLLECTION", a.collection,
-                 "the collection (.json); list --manifest prints one to begin with")
+                 "the collection, a .json file with scans and their parameters; list --manifest\n"
+                 "prints one to begin with")
       ->required();
-  app.add_option("-o,--output", a.store, "folder of the store, created if needed")->required();
-  app.add_option("--jobs", a.jobs, "concurrent scans, each in its own process; 0: all cores")
+  app.add_option("-o,--output", a.store,
+                 "the store, a folder that keeps all results; created if needed")
+      ->required();
+  app.add_option("--jobs", a.jobs,
+                 "number of scans at the same time, each in its own process; 0: one for each core")
       ->capture_default_str()
       ->check(option_range(0, 1024));
   app.add_option("--shard", a.shard,
                  "I/N: work on every Nth scan, beginning with scan I; the first scan is number 0");
   app.add_option("--only", a.only,
                  "work on the scans named in this file, one per line; -: standard input");
-  app.add_flag("--dry-run", a.dry_run, "print which scans are stale, and why; write nothing");
+  app.add_flag("--dry-run", a.dry_run,
+               "print which scans are stale (asset missing or outdated), and why; write nothing");
   app.add_option("--explain", a.explain,
                  "print whether this scan is stale, and why; write nothing");
   app.add_flag("--retry", a.retry,
-               "try scans again that failed before, although nothing of them has changed");
+               "try failed scans again, even if nothing about them has changed");
   app.add_option("--max-failures", a.max_failures,
-                 "start no further scan after N new failures; 0: no limit")
+                 "start no further scan after this many new failures; 0: no limit")
       ->capture_default_str()
       ->check(option_range(0, 1000000));
   app.add_flag("--strict", a.strict,
-               "exit code 3 also for failures that an earlier run recorded and that this run\n"
-               "did not try again");
-  app.add_option(
-      "--run-program", a.run_program,
-      "path of trocar-run. It makes the scene and its check if the collection asks for these "
-      "products beside the asset (default: the one beside this program, else the one in PATH)");
+               "end with exit code 3 also if scans failed in an earlier run and were not tried\n"
+               "again in this run");
+  app.add_option("--run-program", a.run_program,
+                 "path of trocar-run, which makes the scene and its check if the collection asks\n"
+                 "for these products (default: the one beside this program, else the one in PATH)");
   app.add_flag("--rehash", a.rehash,
-               "read all inputs, also those with unchanged size, time and inode");
+               "read all inputs again, even if their size, time and inode (the number of a file)\n"
+               "are unchanged");
   app.add_flag("--verify", a.verify,
                "verify every asset in the store, and make damaged ones again");
   app.add_flag("--gc", a.gc, "after the run, remove files that no scan in the store refers to");
-  app.add_flag("--prune", a.prune, "with --gc: first drop scans that the collection does not name");
+  app.add_flag("--prune", a.prune,
+               "with --gc: first drop scans from the store that the collection does not name");
   app.add_option("--grace", a.grace_minutes, "with --gc: keep files younger than this, minutes")
       ->capture_default_str()
       ->check(option_range(0.0, 1e6));

@@ -13,7 +13,8 @@ namespace trocar::pipeline {
 void add_export_options(CLI::App& app, ExportArguments& a) {
   app.add_option("ASSET", a.asset, "the asset (.glb)")->required();
   app.add_option("-o,--output", a.folder, "folder to write to")->required();
-  app.add_flag("--surface", a.surface, "write the surface as .stl, .ply and .obj instead");
+  app.add_flag("--surface", a.surface,
+               "write the asset's closed surface instead, as .stl, .ply and .obj");
 }
 
 int run_export(const ExportArguments& a) {

@@ -38,9 +38,9 @@ std::string collection_of(const json& list, const fs::path& folder,
 void add_list_options(CLI::App& app, ListArguments& a) {
   app.add_option("FOLDER", a.folder, "folder of a study, read with its sub-folders")->required();
   app.add_flag("--json", a.as_json, "print JSON");
-  app.add_flag(
-         "--manifest", a.as_collection,
-         "print a collection of these scans for batch, with paths from the\nworking directory")
+  app.add_flag("--manifest", a.as_collection,
+               "print a collection of these scans for batch, with paths relative to the current\n"
+               "folder")
       ->excludes("--json");
 }
 

@@ -53,7 +53,9 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
 }  // namespace
 
 void add_review_options(CLI::App& app, ReviewArguments& a) {
-  app.add_option("STORE", a.store, "a store of trocar-mesh batch")->required();
+  app.add_option("STORE", a.store,
+                 "the store, a folder in which trocar-mesh batch keeps its results")
+      ->required();
   app.add_option("-o,--output", a.page,
                  "page to write (.html); with more than 240 scans also NAME-2.html and so on")
       ->required();

@@ -101,8 +101,9 @@ Result<void> check_nothing_before(const CLI::App& app) {
 // The command line of trocar-mesh: its options, and a subcommand with its own options.
 struct CommandLine {
   CLI::App app{
-      "Makes an asset of exact triangle meshes, one per slice, from a CT scan.\n"
-      "INPUT is a study's folder of DICOM files, a .nii/.nii.gz, or a folder or list of images."};
+      "Makes an asset from a CT scan: a .glb file with exact triangle meshes, one per slice, of\n"
+      "bone or another material. INPUT is the DICOM folder of a study, a NIfTI file (.nii,\n"
+      "also with .gz), or a folder or list of images."};
   Arguments mesh, preview;
   ListArguments list;
   VerifyArguments verify;
@@ -126,14 +127,13 @@ struct CommandLine {
     add_info_options(add("info", "show what is in an asset"), info);
     add_export_options(add("export", "write each slice as .poly, .obj and .svg, or the surface"),
                        exported);
-    add_batch_options(add("batch", "make the assets of a collection that are missing or stale"),
-                      batch);
+    add_batch_options(
+        add("batch", "make the missing and the outdated assets of a collection of scans"), batch);
     add_review_options(
-        add("review",
-            "show all assets of a store, and how they differ from those of another store"),
+        add("review", "show all assets in a store of batch, or compare them with another store"),
         review);
-    add_receive_options(add("receive", "take studies that an archive sends by DICOM"), receive);
-    add_fetch_options(add("fetch", "get a study from an archive"), fetch);
+    add_receive_options(add("receive", "receive studies that an archive sends by DICOM"), receive);
+    add_fetch_options(add("fetch", "get a study from an archive by DICOM"), fetch);
     add_help_for_diagnostics(app);
   }
 

@@ -150,15 +150,15 @@ struct DeviceKind {
 };
 
 constexpr DeviceKind kDevices[] = {
-    {"inproc", "simulated in the process", false, false, DescriptionKind::kAny, "", nullptr,
+    {"inproc", "simulated in this process", false, false, DescriptionKind::kAny, "", nullptr,
      open_simulated},
-    {"udp:HOST:PORT", "a device process, such as\ntrocar-device-sim", true, true,
+    {"udp:HOST:PORT", "a device process, such as trocar-device-sim", true, true,
      DescriptionKind::kFourLegs, "", nullptr, open_udp},
-    {"pose:HOST:PORT", "a process for a device that\nmeasures its own pose", true, true,
+    {"pose:HOST:PORT", "a process for a device that measures its own pose", true, true,
      DescriptionKind::kPoseDevice, "", nullptr, open_pose_drive},
-    {"haply:[HOST[:PORT]]", "a Haply Inverse3 through\nthe Haply Inverse service", false, true,
+    {"haply:[HOST[:PORT]]", "a Haply Inverse3 through the Haply Inverse service", false, true,
      DescriptionKind::kPoseDevice, "haply_inverse3", haply_senses_rotation, open_haply},
-    {"forcedimension:[ID]", "a device of Force Dimension through\nits installed SDK", false, true,
+    {"forcedimension:[ID]", "a device of Force Dimension through its installed SDK", false, true,
      DescriptionKind::kPoseDevice, "force_dimension", force_dimension_senses_rotation,
      open_force_dimension},
 };
@@ -294,7 +294,7 @@ Result<std::string> find_built_in_description(std::string_view uri) {
 std::string device_uri_help() {
   std::string text;
   for (const DeviceKind& kind : kDevices) {
-    if (!text.empty()) text += "; ";
+    if (!text.empty()) text += ";\n";
     text.append(kind.uri).append(": ").append(kind.help);
   }
   return text;

@@ -56,15 +56,17 @@ Result<SceneTool> tool_of(const FitArguments& a) {
 }  // namespace
 
 CLI::App& declare_fit(CLI::App& app, FitArguments& a) {
-  CLI::App& fit = *app.add_subcommand("fit", "makes a tissue from a measured force-depth curve");
+  CLI::App& fit = *app.add_subcommand(
+      "fit", "makes a tissue for scenes from a measured curve of force over depth");
   fit.add_option("CURVE", a.curve,
-                 "the curve, CSV: columns depth_mm and force_N, and optionally speed_mm_per_s\n"
-                 "and time_s; an insertion, which a withdrawal may follow")
+                 "the curve of an insertion, which a withdrawal may follow: CSV with the columns\n"
+                 "depth_mm and force_N, and optionally speed_mm_per_s and time_s")
       ->required();
-  fit.add_option("-o,--output", a.output, "the tissue to write, JSON, for a scene's \"tissue\"")
+  fit.add_option("-o,--output", a.output,
+                 "the tissue to write, JSON, for use as the \"tissue\" of a scene")
       ->required();
   fit.add_option("--page", a.page, "write a page with the fit and its residuals: HTML");
-  fit.add_option("--tool", a.tool, "the tool, JSON: a scene, or its \"tool\" alone");
+  fit.add_option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone");
   fit.add_option("--gauge", a.gauge, "gauge of the needle, instead of --tool");
   fit.add_option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
       ->check(option_range(0.2, 50.0));
@@ -74,7 +76,7 @@ CLI::App& declare_fit(CLI::App& app, FitArguments& a) {
                  "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
                  "jamshidi (default: flat)");
   fit.add_option("--half-angle", a.half_angle_deg,
-                 "angle between axis and faces of the tip, degrees (default: 30)")
+                 "angle between axis and faces of the tip, degrees (default: 30; jamshidi: 90)")
       ->check(option_range(3.0, 90.0));
   fit.add_flag("--quiet", a.quiet, "print errors only");
   return fit;

@@ -40,44 +40,49 @@ class Group {
 
 void declare_session_options(CLI::App& app, RunArguments& a) {
   Group session(app, "Session");
-  session.option("--clock", a.clock,
-                 "real: ticks follow the wall clock; virtual: as fast as possible and\n"
-                 "deterministic (default: real)");
+  session.option(
+      "--clock", a.clock,
+      "real: ticks follow the wall clock; virtual: ticks follow each other without a pause,\n"
+      "and every run gives the same result (default: real)");
   session.option("--rate", a.rate_Hz,
                  "rate of the haptic loop, 100 to 8000 Hz (default: the scene's, or 1000)");
   session.option("--duration", a.duration_s, "duration in s (default: the scene's)");
-  session.option("--replay", a.replay,
-                 "run on the inputs of a recording (virtual clock) and compare the torques; exit\n"
-                 "code 3 if they differ, or if scene, asset, device or options are not those of\n"
-                 "the recording");
-  session.option("--live", a.live,
-                 "publish the session in shared memory and take commands from other programs;\n"
-                 "the file of this name is a symbolic link to that memory while the session runs");
-  session.flag("--xray", a.xray,
-               "with --live: let such a program ask for X-ray shots and fluoroscopy, and count\n"
-               "them in recording, summary and report");
+  session.option(
+      "--replay", a.replay,
+      "repeat a recorded session on its recorded inputs, by the virtual clock, and compare\n"
+      "the torques. Exit code 3 if they differ, or if scene, asset, device or options are\n"
+      "not those of the recording");
+  session.option(
+      "--live", a.live,
+      "publish the session in shared memory, and take commands from other programs. While\n"
+      "the session runs, the file of this name is a symbolic link to that memory");
+  session.flag(
+      "--xray", a.xray,
+      "with --live: let the other programs ask for X-ray shots and fluoroscopy, which are\n"
+      "counted in recording, summary and report");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
-  recording.option("--record", a.record,
-                   "write a recording: CSV, one row per tick; its name ends in .partial until it\n"
-                   "is complete");
-  recording.option("--summary", a.summary, "write a summary of the session, or of --test: JSON");
+  recording.option(
+      "--record", a.record,
+      "write a recording: CSV, one row per tick. Its name ends in .partial until it is\n"
+      "complete");
+  recording.option("--summary", a.summary, "write a summary of the session, or of --test, as JSON");
   recording.option(
       "--session-report", a.session_report,
       "write a report for the debriefing: the page NAME.html, and its figures as NAME.json\n"
-      "and NAME.figures.csv. It has the path, the forces, the depth of break-throughs,\n"
+      "and NAME.figures.csv. It states the path, the forces, the depth of break-throughs,\n"
       "breaches of the bone's wall, tremor, and whether the scene's goals were reached");
   recording.option(
       "--trainee", a.trainee.code,
-      "code of the trainee, for recording, summary and report: 1 to 32 letters, digits,\n"
-      "- or _; no name is needed");
-  recording.option("--course", a.trainee.course, "name of the course, of the same characters");
+      "code that stands for the trainee in recording, summary and report: 1 to 32 letters,\n"
+      "digits, - or _. It need not be a name");
+  recording.option("--course", a.trainee.course, "name of the course, from the same characters");
   recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
   recording.option(
       "--history", a.history,
-      "run no session; read all session reports in this folder and its subfolders, and\n"
-      "write the learning curves of each trainee, course and scene to -o NAME.html, and\n"
+      "run no session; read all session reports in this folder and its subfolders. Write\n"
+      "the learning curves of each trainee, course and scene to the page -o NAME.html, and\n"
       "their numbers to NAME.history.csv");
   recording.option("--hand-path", a.hand_path,
                    "write the motion of a live hand as JSON, for use as the `hand` of a scene");
@@ -85,43 +90,55 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
 
 void declare_safety_options(CLI::App& app, RunArguments& a) {
   Group safety(app, "Safety");
-  safety.option("--recover", a.recover,
-                "what to do after a fault. never: end the session; auto: recover; signal:\n"
-                "recover on SIGUSR1 (default: never)");
-  safety.option("--energy-limit", a.energy_limit_J,
-                "energy in J that the device may give to the hand within 0.1 s, beyond what the\n"
-                "tissue and the spring that couples it to the tool had stored at the start. More\n"
-                "than that raises the fault energy_limit (default: 0.05)");
-  safety.option("--stiffness-limit", a.stiffness_limit_N_per_m,
-                "largest stiffness that the device may render at the tip, 10 to 100000000 N/m,\n"
-                "with the force law cutting (default: that of the device's description)");
-  safety.option("--force-limit", a.force_limit_N,
-                "for devices that measure their own pose: largest force that is sent to the\n"
-                "device, 0.01 to 1000 N (default: its description's)");
+  safety.option(
+      "--recover", a.recover,
+      "what to do after a fault. never: end the session; auto: let the forces rise again;\n"
+      "signal: let them rise again on SIGUSR1 (default: never)");
+  safety.option(
+      "--energy-limit", a.energy_limit_J,
+      "largest energy in J that the device may give to the hand within 0.1 s, beyond what\n"
+      "the tissue and the spring between device and virtual tool had stored at the start of\n"
+      "that time. More raises the fault energy_limit (default: 0.05)");
+  safety.option(
+      "--stiffness-limit", a.stiffness_limit_N_per_m,
+      "largest stiffness that the device may render at the tip, 10 to 100000000 N/m, with\n"
+      "the force law cutting or if the device measures its own pose (default and upper\n"
+      "bound: what the device's description states)");
+  safety.option(
+      "--force-limit", a.force_limit_N,
+      "for a device that measures its own pose: largest force that is sent to it, 0.01 to\n"
+      "1000 N (default: what its description states)");
   safety.option("--force-scale", a.force_scale,
-                "factor on the forces of the tissue, 0.001 to 10; it replaces the factor of the\n"
-                "scene. Without this option, a device that is too weak for the strongest slice\n"
-                "of the scene gets the factor at which it can just render this slice");
+                "factor on the forces of the tissue, 0.001 to 10, instead of the scene's factor.\n"
+                "Without this option, a device that measures its own pose and is too weak for the\n"
+                "strongest slice gets the factor at which it can just render that slice");
   safety.option("--late-ticks-in-row", a.late_ticks_in_row,
-                "raise a fault after this many consecutive missed deadlines; 0: never\n"
-                "(default: 3 for a device with motors; a simulated device is not harmed by late\n"
-                "ticks, so they are only counted)");
+                "raise a fault after this many consecutive late ticks; 0: only count late ticks\n"
+                "(default: 3 for a device with motors; 0 for a simulated device, which late ticks\n"
+                "cannot harm)");
   app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
-  safety.option("--black-box", a.black_box,
-                "folder for black boxes. A black box is the recording of the last 4 s before a\n"
-                "fault has set the torques to zero (default: the folder of --record, or else the\n"
-                "current folder, or else that for temporary files)");
+  safety.option(
+      "--black-box", a.black_box,
+      "folder for black boxes. After a fault, a black box holds the recording of the 4 s\n"
+      "until the torques were zero (default: the folder of --record, or else the current\n"
+      "folder, or else the folder for temporary files)");
 
   Group diagnostics(app, kDiagnostics);
-  diagnostics.option("--meshes", a.meshes, "write the sheets before and after the punctures: JSON");
+  diagnostics.option(
+      "--meshes", a.meshes,
+      "write the sheets (the slices' meshes) before and after the punctures, as JSON");
   diagnostics.option("--frames", a.frames,
-                     "write the sheet around the tool 30 times a second: JSON lines");
-  diagnostics.option("--passivity", a.passivity, "passivity controller, on or off (default: on)");
+                     "write the sheet around the tool 30 times a second, as lines of JSON");
+  diagnostics.option(
+      "--passivity", a.passivity,
+      "on or off: the passivity controller, which adds damping where the loop would\n"
+      "generate energy (default: on)");
   diagnostics.option(
       "--coupling", a.coupling_N_per_m,
-      "stiffness of a virtual coupling between the tool and a proxy that touches the\n"
-      "sheets, 100 to 1000000 N/m (default: none)");
-  diagnostics.option("--cpu", a.cpu, "processor on which the haptic loop stays (default: any)");
+      "put a spring of this stiffness, 100 to 1000000 N/m, between the tool and a virtual\n"
+      "tool (proxy), which then touches the sheets (default: no spring)");
+  diagnostics.option("--cpu", a.cpu,
+                     "number of the processor on which the haptic loop stays (default: any)");
   app.add_option("--energy-budget", a.energy_budget)->group("");
 }
 
@@ -221,16 +238,19 @@ Result<void> check_scene_arguments(const RunArguments& a) {
 void declare_run_options(CLI::App& app, RunArguments& a) {
   app.add_option(
       "SCENE", a.scene,
-      "the scene, JSON (formats/session/scene.schema.json); not needed with --new-scene,\n"
-      "--explain, --history and --test");
+      "the scene (asset, tissues, tool and motion of the hand), JSON; its schema is\n"
+      "formats/session/scene.schema.json. Not needed with --new-scene, --explain, --history\n"
+      "and --test");
   Group scene(app, "Scene");
-  scene.option("--asset", a.asset, "an asset (.glb) instead of the scene's");
-  scene.option("--force-law", a.force_law, force_law_names() + ", instead of the scene's");
+  scene.option("--asset", a.asset, "use this asset (.glb) instead of the scene's");
+  scene.option("--force-law", a.force_law,
+               force_law_names() + ": law of the tissue's force, instead of the scene's");
   scene.option("--procedure", a.procedure,
                procedure_names() +
-                   ":\ntool, soft layers and resistance of this procedure, instead of the scene's");
+                   ":\n"
+                   "use tool, soft layers and resistance of this procedure instead of the scene's");
   scene.option("--strength", a.strength,
-               "with --procedure: low, median or high value of each published range\n"
+               "with --procedure: take the low, median or high value of each published range\n"
                "(default: median)");
   scene.flag("--explain", a.explain,
              "run no session; print the values of --procedure, or of all procedures, with\n"
@@ -244,37 +264,38 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                "run no session; propose a scene for this asset (.glb) and write it to -o");
   scene.option(
       "--entry", a.entry,
-      "with --new-scene: a point X,Y,Z of the needle's line, at or before the bone, in mm in the\n"
-      "patient's frame, DICOM's LPS (default: where the bone is thickest)");
+      "with --new-scene: point X,Y,Z of the needle's line, where it meets the bone or before,\n"
+      "in mm in the patient's frame, DICOM's LPS (default: where the bone is thickest)");
   scene.option("--target", a.target,
                "with --entry: the point X,Y,Z that the needle must reach, in the same frame\n"
-               "(default: the needle goes across the slices, straight down for the hand)");
+               "(default: the needle goes straight down, at right angles to the slices)");
   scene.flag("--live-hand", a.live_hand,
-             "with --new-scene: a scene whose hand you move yourself in trocar-console");
+             "with --new-scene: make a scene whose hand you move yourself in trocar-console");
   scene.option(
       "-o,--output", a.output,
       "with --new-scene: the scene to write, JSON; with --history: the page to write, HTML");
 
   Group device(app, "Device");
   device.option("--device", a.device,
-                device_uri_help() + " (default: " + std::string(kDefaultDevice) + ")");
+                device_uri_help() + "\n(default: " + std::string(kDefaultDevice) + ")");
   device.flag(
       "--simulated", a.simulated,
-      "say that the device process only simulates a device. Late ticks are then no\n"
-      "fault, and with udp: and pose: data may be missing for 250 ms instead of 10 ms;\n"
-      "--late-ticks-in-row above 0 cancels both. Without --simulated, the device is expected to\n"
-      "have motors, and contact is rendered with half the stiffness that its description\n"
+      "say that the device process only simulates a device. Then late ticks are no fault,\n"
+      "and with udp: and pose: data may be missing for 250 ms instead of 10 ms. Both are\n"
+      "cancelled by --late-ticks-in-row above 0. Without --simulated, the device is assumed\n"
+      "to have motors. Contact then has half the stiffness that the device's description\n"
       "permits, because the mass stated there may be wrong");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
               "and say whether a session at --rate would run without faults");
   device.option("--key-file", a.key_file,
-                "key of the device link; the device process must have the same key");
+                "file with the key of the link to the device process, which needs the same key");
   device.option("--device-description", a.description,
-                "a device description (JSON) instead of the scene's");
-  device.option("--compensate", a.compensate,
-                "add torques against the device's own forces: none, friction, weight or both\n"
-                "(default: none)");
+                "use this device description (JSON) instead of the scene's");
+  device.option(
+      "--compensate", a.compensate,
+      "which of the device's own forces the motors cancel: none, friction, weight or both\n"
+      "(default: none)");
   declare_session_options(app, a);
   declare_safety_options(app, a);
   add_help_for_diagnostics(app);

@@ -42,26 +42,25 @@ int fail(const Error& error) {
 void declare(CLI::App& app, Arguments& arguments) {
   add_help_and_version(app, "trocar-console " TROCAR_VERSION " (" + library_versions() +
                                 ", Boost.Beast, OpenIGTLink, Draco and tinygltf for assets)");
-  app.add_option("FOLDER", arguments.folder,
-                 "scenes, assets and recordings to choose from; sessions are kept in its folder\n"
-                 "sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
-  app.add_option("--port", arguments.port, "port; 0: any free one (default: 4841)")
+  app.add_option(
+      "FOLDER", arguments.folder,
+      "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
+      "subfolder sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
+  app.add_option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
       ->check(option_range(0, 65535));
   app.add_option(
       "--listen", arguments.listen,
       "numerical address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1\n"
       "lets other machines in, and their connections are not encrypted");
-  app.add_option(
-      "--public-url", arguments.public_url,
-      "address of a tunnel or proxy that leads here, http://HOST:PORT or https://HOST, as it\n"
-      "stands in the browser. The links are printed with it");
+  app.add_option("--public-url", arguments.public_url,
+                 "address of a tunnel or proxy that leads here, as it stands in the browser:\n"
+                 "http://HOST:PORT or https://HOST. The printed links begin with it");
   app.add_option("--attach", arguments.attach,
-                 "show and command the session of trocar-run --live FILE instead of starting\n"
-                 "sessions");
+                 "show and command the session of trocar-run --live FILE; start no sessions");
   app.add_option(
          "--device", arguments.devices,
-         "a device that the page may choose for a session; repeat the option for several, of\n"
-         "which the first is the default. Without it: inproc. The device is one of\n"
+         "a device that can be chosen on the page for a session. Repeat the option for several;\n"
+         "the first one is the default. Without this option, it is inproc. The device is one of\n"
          "inproc: simulated in trocar-run\n"
          "sim: simulated by trocar-device-sim, a separate process\n"
          "URI: a device of trocar-run --device. Its options may follow, each after a comma:\n"
@@ -70,12 +69,12 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");
   app.add_option("--page", arguments.page,
-                 "folder of the page's files (default: the installed one)");
+                 "folder with the files of the page (default: the installed one)");
   app.add_option(
       "--igtl", arguments.igtl,
-      "show the session to 3D Slicer and other clients of OpenIGTLink: [ADDRESS:]PORT, for\n"
-      "instance 18944. The default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets\n"
-      "other machines watch. Clients cannot command");
+      "show the session to 3D Slicer and other clients of OpenIGTLink at [ADDRESS:]PORT, for\n"
+      "instance 18944. The default address is 127.0.0.1. Any other than 127.0.0.1 or [::1]\n"
+      "lets other machines watch. Clients cannot command the session");
   app.add_option("--recording", arguments.recording,
                  "play this recording and start no sessions; needs --scene");
   app.add_option("--stiffness-limit", arguments.stiffness_limit_N_per_m,
@@ -84,9 +83,9 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--against", arguments.against, "a second recording to show beside the first");
   app.add_option("--scene", arguments.scene, "the scene of the recordings");
   app.footer(
-      "Prints two links, for the operator and for an audience; whoever has the first can command\n"
-      "the device. Ctrl-C also ends the sessions that the console has started. If the console is\n"
-      "killed, they go on, and another console of the same folder finds them.\n"
+      "Prints two links: one for the operator, and one for an audience. Whoever has the first\n"
+      "link can command the device. Ctrl-C also ends the sessions that the console has started.\n"
+      "If the console is killed, they go on, and another console of the same folder finds them.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 a "
       "bug.");
 }
@@ -157,8 +156,8 @@ std::filesystem::path sessions_elsewhere(const std::string& folder,
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
   CLI::App app(
-      "The operator's console: a page on this machine that starts, shows and commands\n"
-      "sessions of trocar-run, and plays their recordings.",
+      "Serves the operator's console: a web page that starts, shows and commands sessions of\n"
+      "trocar-run, and plays their recordings.",
       kName);
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

@@ -58,49 +58,57 @@ void declare(CLI::App& app, Arguments& a) {
   add_help_and_version(app, version());
   app.add_option("SCENE", a.scene,
                  "the scene (JSON) whose hand holds the tool; without it nothing holds the tool");
-  app.add_option("--listen", a.listen,
-                 "ADDRESS:PORT; port 0: any free one (default: 127.0.0.1:4840). An address other\n"
-                 "than this machine's loopback needs a key file that exists already");
-  app.add_option("--key-file", a.key_file,
-                 "file with the link's key, mode 0600; created if it does not exist")
+  app.add_option(
+      "--listen", a.listen,
+      "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If the\n"
+      "address is not this machine's loopback, the key file must exist already");
+  app.add_option(
+         "--key-file", a.key_file,
+         "file with the key of the link to trocar-run, which needs the same key; mode 0600.\n"
+         "Created if it does not exist")
       ->required();
   app.add_option(
       "--clock", a.clock,
       "real: wall clock; lock-step: each command of trocar-run advances time by one tick, for\n"
       "trocar-run --clock virtual (default: real)");
-  app.add_option("--rate", a.rate_Hz, "rate of the drive, 100 to 10000 Hz (default: 4000)");
-  app.add_option("--watchdog", a.watchdog_s,
-                 "time without a command after which torques are zero, 0.01 to 0.5 s (default:\n"
-                 "0.01); a value below 2.5 ticks of trocar-run is raised to that. A\n"
-                 "machine with other work stalls now and then: give 0.25 there, and trocar-run\n"
-                 "the option --simulated");
+  app.add_option("--rate", a.rate_Hz,
+                 "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz\n"
+                 "(default: 4000)");
+  app.add_option(
+      "--watchdog", a.watchdog_s,
+      "time without a command after which torques are zero, 0.01 to 0.5 s (default: 0.01).\n"
+      "A value below 2.5 ticks of trocar-run is raised to that. A machine with other work\n"
+      "stalls now and then; give 0.25 there, and --simulated to trocar-run");
   app.add_option(
       "--model", a.model,
-      "light: a plate with viscous friction; full: also links, rotors, dry friction and\n"
-      "current lag (default: light)");
+      "what is simulated. light: a plate with viscous friction; full: also links, rotors,\n"
+      "dry friction and the lag of the motors' currents (default: light)");
   app.add_option("--encoder-noise", a.noise_rad,
                  "standard deviation of the encoders' noise, rad; needs --model full (default: 0)");
   app.add_option(
       "--faults", a.faults,
-      "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... with times in s from the session's start.\n"
-      "Packets, with probability P: loss:P delay:P:MS duplicate:P reorder:P flip:P (one\n"
-      "bit is inverted); command-loss:P and so on for commands only, state-loss:P and so\n"
-      "on for states only. The device: stuck:ENCODER jump:ENCODER:RAD dead:MOTOR, stop\n"
-      "(its emergency stop is pressed), kill (its process is killed)");
-  app.add_option("--seed", a.seed, "seed of faults and noise (default: 1)")->check(not_negative);
+      "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]], with times\n"
+      "in s from the session's start. Faults of packets, with probability P: loss:P,\n"
+      "delay:P:MS (by MS ms), duplicate:P, reorder:P, flip:P (one bit is inverted). The prefix\n"
+      "command- or state- limits them to packets of that kind, as in command-loss:P. Faults\n"
+      "of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR, stop (its emergency stop is\n"
+      "pressed), kill (its process is killed)");
+  app.add_option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
+      ->check(not_negative);
   app.add_option("--sessions", a.sessions,
                  "end after this many sessions; 0: run until stopped (default: 0)")
       ->check(not_negative);
   app.add_option("--device-description", a.description,
                  "a device description (JSON) instead of the scene's");
   app.add_option("--record", a.record,
-                 "write what the drive did in each of its steps: CSV, the first million steps");
-  app.add_option("--summary", a.summary, "write what happened and the forces on the hand: JSON");
+                 "write what the drive did in each of the first million steps, as CSV");
+  app.add_option("--summary", a.summary,
+                 "write what happened, and the forces on the hand, as JSON");
   app.add_flag("--quiet", a.quiet, "print errors and the address only");
   app.footer(
-      "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 could not be\n"
-      "written, or the address is not available; 1 a bug.\n"
-      "The protocol: formats/session/device_link.md.");
+      "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 a file could\n"
+      "not be written, or the address is not available; 1 a bug.\n"
+      "The page formats/session/device_link.md describes the protocol.");
 }
 
 Result<void> check_arguments(const Arguments& a) {
@@ -379,7 +387,10 @@ int serve(const Arguments& arguments) {
 
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app("The simulated device behind the device link, as a separate process.", kName);
+  CLI::App app(
+      "Simulates the haptic device in a process of its own. trocar-run connects to it with its\n"
+      "option --device udp:HOST:PORT.",
+      kName);
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());

@@ -47,8 +47,8 @@ int run_command_line(const std::string& name, int argc, char** argv) {
   app.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
   app.add_flag("--quiet", a.quiet, "print errors only");
   app.footer(
-      "Each quantity is a dataset with its units and its frame as attributes; no number loses a "
-      "bit.\n"
+      "Each quantity is a dataset with its unit and coordinate frame as attributes. Every number\n"
+      "is kept bit for bit.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the file could not be written; 1 a "
       "bug.");
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

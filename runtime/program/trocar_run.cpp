@@ -21,7 +21,11 @@ std::atomic<bool> recovery_requested{false};
 
 int run_command_line(int argc, char** argv) {
   RunArguments arguments;
-  CLI::App app("Runs a session of the haptic loop over a scene.", kProgram);
+  CLI::App app(
+      "Runs a session of the haptic loop over a scene. In each tick, by default 1000 times a\n"
+      "second, the loop computes the force of the tissue on a needle or another tool, and\n"
+      "renders it on a haptic device.",
+      kProgram);
   add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
                                 ", Draco and tinygltf for assets)");
   FitArguments fit_arguments;

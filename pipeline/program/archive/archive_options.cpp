@@ -9,38 +9,41 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
   app.add_option("--tls-key", a.tls.key, "private key of this program (PEM)")->group("Encryption");
   app.add_option("--tls-cert", a.tls.cert, "certificate of this program (PEM)")
       ->group("Encryption");
-  app.add_option("--tls-ca", a.tls.ca, "certificates that sign the other side's certificate (PEM)")
+  app.add_option("--tls-ca", a.tls.ca,
+                 "certificates, one of which must have signed the other side's certificate (PEM)")
       ->group("Encryption");
-  app.add_flag("--insecure", a.insecure, "allow unencrypted scans on the network")
+  app.add_flag("--insecure", a.insecure, "allow scans to cross the network without encryption")
       ->group("Encryption");
-  app.add_option("--max-instance-mb", a.instance_mb, "largest instance, MiB")
+  app.add_option("--max-instance-mb", a.instance_mb,
+                 "largest size of an instance (a DICOM image), MiB")
       ->capture_default_str()
       ->check(option_range(1, 65'536))
       ->group("Limits");
-  app.add_option("--max-study-gb", a.study_gb, "largest study, GiB")
+  app.add_option("--max-study-gb", a.study_gb, "largest size of a study, GiB")
       ->capture_default_str()
       ->check(option_range(1, 65'536))
       ->group("Limits");
-  app.add_option("--max-instances", a.limits.study_instances, "instances of a study")
+  app.add_option("--max-instances", a.limits.study_instances,
+                 "largest number of instances in a study")
       ->capture_default_str()
       ->check(option_range(1, 10'000'000))
       ->group("Limits");
-  app.add_option("--max-pdu", a.limits.max_pdu_bytes, "largest PDU, bytes")
+  app.add_option("--max-pdu", a.limits.max_pdu_bytes,
+                 "largest PDU (a packet of the DICOM protocol), bytes")
       ->capture_default_str()
       ->check(option_range(4096, 131'072))
       ->group("Limits");
   app.add_option("--acse-timeout", a.limits.acse_timeout_s,
-                 "time in which an association must be established, s")
+                 "longest time until an association (a DICOM connection) is established, s")
       ->capture_default_str()
       ->check(option_range(1, 3600))
       ->group("Limits");
-  app.add_option("--dimse-timeout", a.limits.dimse_timeout_s, "time for one instance, s")
+  app.add_option("--dimse-timeout", a.limits.dimse_timeout_s, "longest time for one instance, s")
       ->capture_default_str()
       ->check(option_range(1, 86'400))
       ->group("Limits");
-  app.add_option(
-         "--idle-timeout", a.limits.idle_timeout_s,
-         "time without any byte from the other side, after which an association is\ndropped, s")
+  app.add_option("--idle-timeout", a.limits.idle_timeout_s,
+                 "drop an association after this time without a byte from the other side, s")
       ->capture_default_str()
       ->check(option_range(1, 86'400))
       ->group("Limits");

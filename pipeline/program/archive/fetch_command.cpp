@@ -37,9 +37,13 @@ Result<archive::FetchSettings> settings_of(const FetchArguments& a) {
 }  // namespace
 
 void add_fetch_options(CLI::App& app, FetchArguments& a) {
-  app.add_option("FOLDER", a.folder, "the study is written to FOLDER/UID")->required();
-  app.add_option("--from", a.from, "the archive, AE@HOST:PORT")->required();
-  app.add_option("--study", a.study, "Study Instance UID")->required();
+  app.add_option("FOLDER", a.folder,
+                 "write the study to FOLDER/UID, where UID is the one of --study")
+      ->required();
+  app.add_option("--from", a.from,
+                 "AE title (DICOM name), host and port of the archive: AE@HOST:PORT")
+      ->required();
+  app.add_option("--study", a.study, "Study Instance UID of the wanted study")->required();
   app.add_option("--ae", a.ae, "AE title of this program")->capture_default_str();
   app.add_flag("--quiet", a.quiet, "print errors only");
   add_archive_options(app, a.archive);

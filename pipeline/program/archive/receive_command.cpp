@@ -34,18 +34,20 @@ Result<void> check(const ReceiveArguments& a) {
 }  // namespace
 
 void add_receive_options(CLI::App& app, ReceiveArguments& a) {
-  app.add_option("FOLDER", a.folder, "where a folder for each study appears when it is complete")
+  app.add_option("FOLDER", a.folder,
+                 "folder in which each study appears as a folder of its own, once it is complete")
       ->required();
-  app.add_option("--port", a.port, "TCP port; 0: one that is free, which is printed")
+  app.add_option("--port", a.port, "TCP port; 0: any free port, which is printed")
       ->required()
       ->check(option_range(0, 65'535));
-  app.add_option("--ae", a.ae, "AE title of this program, which senders must call")->required();
+  app.add_option("--ae", a.ae, "AE title (DICOM name) of this program, which senders must call")
+      ->required();
   app.add_option("--from", a.from, "AE title of a sender that is accepted; may be repeated")
       ->required()
       ->allow_extra_args(false);  // each --from takes one title, and FOLDER may follow
   app.add_option("--listen", a.listen, "address to listen at")->capture_default_str();
   app.add_option("--settle", a.settle_s,
-                 "a study is complete after this time without a new\ninstance, s")
+                 "a study is complete if no new instance (a DICOM image) has come for this time, s")
       ->capture_default_str()
       ->check(option_range(0.0, 86'400.0));
   app.add_option("--keep", a.keep_hours, "remove studies after this time, hours; 0: never")
@@ -57,7 +59,7 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
       ->expected(2)
       ->type_name("COLLECTION STORE");
   app.add_option("--max-associations", a.max_associations,
-                 "associations at the same time; others wait")
+                 "largest number of associations at the same time; others wait")
       ->capture_default_str()
       ->check(option_range(1, 1000))
       ->group("Limits");
