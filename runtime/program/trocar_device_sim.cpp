@@ -99,7 +99,7 @@ void declare(CLI::App& app, Arguments& a) {
                  "end after this many sessions; 0: run until stopped (default: 0)")
       ->check(not_negative);
   app.add_option("--device-description", a.description,
-                 "a device description (JSON) instead of the scene's");
+                 "use this device description (JSON) instead of the scene's");
   app.add_option("--record", a.record,
                  "write what the drive did in each of the first million steps, as CSV");
   app.add_option("--summary", a.summary,

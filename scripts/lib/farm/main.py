@@ -50,41 +50,42 @@ def numbers(kind, low, high):
 
 def arguments(words):
     parser = Parser(prog=NAME, formatter_class=argparse.RawDescriptionHelpFormatter, description="""\
-Brings the store of a collection up to date on a Slurm cluster: what `trocar-mesh batch COLLECTION -o STORE`
-does on one machine, as job arrays. The same command again finishes what is missing and does nothing else.""", epilog=f"""\
+Makes the missing and the outdated assets of a collection of scans in a store (a folder), as job arrays of a Slurm cluster.
+`trocar-mesh batch COLLECTION -o STORE` does the same on one machine. Given again, the command finishes what is missing
+and does nothing else.""", epilog=f"""\
 examples:
   {NAME} scans.json -o /shared/store
   {NAME} scans.json -o store --local-cluster 3     on this machine, with Slurm of its own ({GET_SLURM})
   {NAME} --local-cluster 3                         only the cluster, until Ctrl-C
   {NAME} --plan scans.json --nodes 20 --scans 1e6  how long, how many bytes, what saturates first
-COLLECTION, STORE and the program must have the same paths on every node. STORE.farm beside the store holds a run's state.
-exit codes: 0 done, but for scans that failed in an earlier run and have not changed since (known failures);
-2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the cluster
+COLLECTION, STORE and the program must have the same paths on every node. During a run, the folder
+STORE.farm beside the store holds its state. A known failure is a scan that failed in an earlier run and has not changed since.
+exit codes: 0 done, apart from known failures; 2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the cluster
 did not answer: run it again; 1 a bug.""")
-    parser.add_argument("collection", nargs="?", metavar="COLLECTION.json", help="as for trocar-mesh batch")
-    parser.add_argument("-o", dest="store", metavar="STORE", help="the store's folder")
+    parser.add_argument("collection", nargs="?", metavar="COLLECTION.json", help="the collection, as for trocar-mesh batch")
+    parser.add_argument("-o", dest="store", metavar="STORE", help="folder of the store, which keeps all results")
     parser.add_argument("--local-cluster", type=number(int, 1, NODES_MAX), metavar="N", dest="local",
-                        help="start munged, slurmctld and N slurmd here, and take them down at the end")
-    parser.add_argument("--program", metavar="PATH", help="trocar-mesh on the nodes (default: the one built in this clone, if there is one, else that of PATH)")
-    parser.add_argument("--chunk", type=number(float, 1, 86400), default=60, metavar="S", help="work of a task, seconds (60)")
-    parser.add_argument("--jobs", type=number(int, 1, 1024), default=1, metavar="N", help="processors and threads of a task (1)")
+                        help="start a Slurm cluster of N nodes on this machine (munged, slurmctld and N slurmd), and end it after the run")
+    parser.add_argument("--program", metavar="PATH", help="path of trocar-mesh on the nodes (default: the one built in this clone, if there is one, else the one in PATH)")
+    parser.add_argument("--chunk", type=number(float, 1, 86400), default=60, metavar="S", help="a task gets as many scans as take about this long, seconds (60)")
+    parser.add_argument("--jobs", type=number(int, 1, 1024), default=1, metavar="N", help="number of processors and threads of a task (1)")
     parser.add_argument("--throttle", type=number(int, 1, 1 << 20), default=0, metavar="K", help="run at most K tasks at once (no limit)")
     parser.add_argument("--time-limit", type=number(int, 1, 100000), default=0, metavar="MIN", dest="limit",
-                        help="of a task, minutes; doubled for each further try (10 times a chunk, at least 5)")
-    parser.add_argument("--partition", default="", metavar="NAME", help="Slurm's partition (its default)")
-    parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word: --sbatch='--account=x --qos=y'")
+                        help="time limit of a task, minutes; doubled for each further try (10 times the estimate of the longest task, at least 5)")
+    parser.add_argument("--partition", default="", metavar="NAME", help="partition of the cluster (Slurm's default)")
+    parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="further options for sbatch: --sbatch='--account=x --qos=y'")
     parser.add_argument("--patience", type=number(float, 1, 1e6), default=600, metavar="S",
                         help="how long to wait for a cluster that does not answer, seconds (600)")
     parser.add_argument("--retry", action="store_true", help="try known failures again")
     parser.add_argument("--strict", action="store_true", help="exit code 3 also if there are only known failures")
     parser.add_argument("--max-failures", type=number(int, 1, 10**9), default=0, metavar="N", help="end the run after N new failures (no limit)")
     parser.add_argument("--metrics", metavar="FILE", help="write the numbers of the run to this file, in the text format of Prometheus")
-    parser.add_argument("--plan", metavar="COLLECTION.json", help="measure, and say what the collection takes on --nodes nodes or on --local-cluster; with -o, from that store's journal")
-    parser.add_argument("--nodes", type=number(int, 1, 100000), metavar="N", help="for --plan")
-    parser.add_argument("--slots", type=number(int, 1, 1024), default=1, metavar="N", help="for --plan: tasks at once on a node (1)")
+    parser.add_argument("--plan", metavar="COLLECTION.json", help="only estimate the time and the bytes that this collection takes on --nodes or --local-cluster, from a sample of its scans or, with -o, from that store's journal")
+    parser.add_argument("--nodes", type=number(int, 1, 100000), metavar="N", help="for --plan: number of nodes")
+    parser.add_argument("--slots", type=number(int, 1, 1024), default=1, metavar="N", help="for --plan: number of tasks at the same time on a node (1)")
     parser.add_argument("--scans", type=numbers(lambda text: int(float(text)), 1, 10**9), default=[], metavar="M[,M]",
-                        help="for --plan: as if the collection had M scans of the same kind")
-    parser.add_argument("--json", action="store_true", help="the summary, or the plan, as JSON")
+                        help="for --plan: estimate as if the collection had M scans of the same kind")
+    parser.add_argument("--json", action="store_true", help="print the summary, or the plan, as JSON")
     given = parser.parse_args(words)
     if given.plan:
         if given.collection or bool(given.nodes) == bool(given.local):

@@ -33,9 +33,10 @@ std::string usage_error(const Result<void>& checked) {
 
 TEST(OpenDevice, HelpNamesEveryUri) {
   const std::string help = device_uri_help();
-  EXPECT_TRUE(help.starts_with(
-      "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"
-      "trocar-device-sim; pose:HOST:PORT: "))
+  EXPECT_TRUE(
+      help.starts_with("inproc: simulated in this process;\n"
+                       "udp:HOST:PORT: a device process, such as trocar-device-sim;\n"
+                       "pose:HOST:PORT: "))
       << help;
   for (const char* uri : {"haply:[HOST[:PORT]]: ", "forcedimension:[ID]: "})
     EXPECT_NE(help.find(uri), std::string::npos) << uri;
