@@ -23,8 +23,8 @@ int run_command_line(int argc, char** argv) {
   RunArguments arguments;
   CLI::App app(
       "Runs a session of the haptic loop over a scene. In each tick, by default 1000 times a\n"
-      "second, the loop computes the force of the tissue on a needle or another tool, and\n"
-      "renders it on a haptic device.",
+      "second, the loop computes the force of the tissue on a needle or another tool, which a\n"
+      "haptic device lets the hand feel.",
       kProgram);
   add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
                                 ", Draco and tinygltf for assets)");
