@@ -114,7 +114,9 @@ class Receiver:
         return sorted(path.name for path in self.folder.iterdir() if path.name != ".incoming")
 
     def wait_for_study(self, uid, instances):
-        wait_for(lambda: len(list((self.folder / uid).glob("*.dcm"))) == instances if (self.folder / uid).is_dir() else False, f"{instances} instances of {uid}")
+        """Until the study has this many instances and a line says so. The line is printed after the folder has appeared."""
+        wait_for(lambda: (self.folder / uid).is_dir() and len(list((self.folder / uid).glob("*.dcm"))) == instances
+                 and f"study {uid}: {instances} instances" in self.printed(), f"{instances} instances of {uid}")
 
     def processes(self):
         """The process ids of its open associations."""

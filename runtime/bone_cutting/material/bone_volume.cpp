@@ -111,6 +111,16 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
   return {};
 }
 
+// Contract 3: the bevel of a tool, by the uppermost tissue with CutTissue. Zero without a bevel or such a tissue.
+Eigen::Vector3d bevel_of(const BoneVolume& bone) {
+  const auto decides = std::find_if(
+      bone.sheets.begin(), bone.sheets.end(),
+      [](const BoneSheet& sheet) { return !sheet.states_tool_forces && sheet.nominal_N > 0; });
+  if (decides == bone.sheets.end()) return Eigen::Vector3d::Zero();
+  const double ratio = tool_in_tissue(bone.shape, decides->material).lateral_N / decides->nominal_N;
+  return std::min(ratio, kMaxSlope) * bone.tool.side_plate;
+}
+
 // Sets the values of a hole in a slab of this thickness.
 void set_hole(const Tissue& tissue, const BoneSheet& sheet, const ToolShape& shape,
               double thickness_m, CuttingSlab& slab) {
@@ -307,17 +317,10 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   }
 
   double embedded_m = 0, friction_N = 0;
-  bool has_bevel = bone.shape.kind == ToolKind::kNeedleBevel;
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     BoneSheet& out = bone.sheets[i];
     if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, body, out); !ok)
       return ok.error();
-    if (has_bevel && !out.states_tool_forces && out.nominal_N > 0) {
-      has_bevel = false;  // The uppermost tissue decides (contract 3).
-      const double lateral_N = tool_in_tissue(bone.shape, out.material).lateral_N;
-      bone.options.tool.bevel_plate =
-          std::min(lateral_N / out.nominal_N, kMaxSlope) * bone.tool.side_plate;
-    }
     out.first_slab = static_cast<int>(bone.slabs.size());
     const std::vector<double> ends = parts_of(out.bottom_m - out.top_m, bone.shell_m);
     for (std::size_t k = 0; k + 1 < ends.size(); ++k) {
@@ -336,6 +339,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
     }
     out.slabs = static_cast<int>(bone.slabs.size()) - out.first_slab;
   }
+  bone.options.tool.bevel_plate = bevel_of(bone);
   bone.along_N_per_m +=
       friction_N * core_friction_factor(options, embedded_m) / std::max(options.presliding_m, 1e-9);
   double tip_N_per_m = 0;
