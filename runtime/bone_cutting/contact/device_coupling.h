@@ -47,8 +47,9 @@ namespace trocar::runtime {
 inline constexpr double kMaxInertiaShare = 0.5;
 /// Highest frequency of a hand's tremor, taps and shaking that a session must be passive for.
 inline constexpr double kHandMotion_Hz = 60;
-/// Lowest rate of the loop at which a law that predicts the pose is passive for kHandMotion_Hz.
-inline constexpr double kMinPredictedRate_Hz = 6 * kHandMotion_Hz;
+/// Lowest rate of the loop at which a law that predicts the pose counts as passive for motions of a
+/// hand: six times kHandMotion_Hz and a margin of a ninth, because such motions have harmonics.
+inline constexpr double kMinPredictedRate_Hz = 400;
 
 struct DeviceCoupling {
   CuttingCoupling coupling;

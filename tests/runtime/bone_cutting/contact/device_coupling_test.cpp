@@ -199,7 +199,7 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
                                : chosen.coupling.translation_N_per_m;
           EXPECT_LE(scale * K, max_N_per_m * (1 + 1e-12))
               << rate_Hz << " Hz, scale " << scale << (chosen.coupling.is_rigid ? ", rigid" : "");
-          EXPECT_EQ(stability_warning(chosen).empty(), rate_Hz >= 360)
+          EXPECT_EQ(stability_warning(chosen).empty(), rate_Hz >= 400)
               << rate_Hz << " Hz, scale " << scale << ": " << stability_warning(chosen);
           if (chosen.coupling.is_rigid) continue;
           EXPECT_LE(scale * chosen.coupling.rotation_Nm_per_rad, most_Nm_per_rad * (1 + 1e-12));
@@ -236,7 +236,7 @@ TEST(DeviceCoupling, APredictedPoseGivesEnergyToMotionsAboveASixthOfTheRate) {
   const DeviceDescription device = default_device_description();
   EXPECT_NE(stability_warning(choose(bone_volume(), law, device, upright(), 250)).find("41.7 Hz"),
             std::string::npos);
-  EXPECT_EQ(stability_warning(choose(bone_volume(), law, device, upright(), 360)), "");
+  EXPECT_EQ(stability_warning(choose(bone_volume(), law, device, upright(), 400)), "");
   law = coupled(1, 1e-3);
   EXPECT_EQ(stability_warning(choose(bone_volume(), law, device, upright(), 250)), "")
       << "the device's damping suffices without a prediction";
