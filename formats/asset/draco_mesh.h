@@ -2,10 +2,11 @@
 // A slice mesh, and the HU at its vertices, as a Draco (Edgebreaker) payload. The payload is
 // lossless for coordinates on the lattice and for HU that are multiples of kHuStep.
 //
-// Positions are stored in lattice steps. The quantisation range is 2^bits - 1, so one quantum is
-// one step: Draco computes q = x - origin when it encodes, and x = q + origin when it decodes.
-// This float arithmetic is exact as long as all numbers fit into a float's 24 bits. All vertices
-// have the same z, which is the z of the origin. HU are stored as integers in units of kHuStep, so
+// Positions are stored in lattice steps. Draco quantises positions to whole multiples of a quantum.
+// The range of quantisation is 2^quantization_bits - 1 steps, so the quantum is one step. Draco
+// computes q = x - origin when it encodes, and x = q + origin when it decodes. This float
+// arithmetic is exact as long as all numbers fit into a float's 24 bits. All vertices have the same
+// z, which the payload states as the third number of its origin. HU are stored as integers in units of kHuStep, so
 // they need no quantisation.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
@@ -29,7 +30,7 @@ struct DracoGrid {
 };
 
 inline constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
-/// Draco id of the position in every payload of an asset.
+/// Draco id of the attribute for positions in every payload of an asset.
 inline constexpr std::uint32_t kDracoPositionId = 0;
 /// Draco id of the HU at vertices, if there are any: a GENERIC int16 scalar in steps of kHuStep.
 inline constexpr std::uint32_t kDracoHuId = 1;
@@ -41,7 +42,7 @@ inline constexpr int kMinHu = -8192, kMaxHu = 24568, kHuStep = 8;
 float stored_hu(float hu);
 
 /// Draco id of the vertex colours, which are stored on request for viewers: a COLOR of three
-/// normalised u8 in linear light.
+/// bytes, of which 0 to 255 mean 0 to 1 in linear light (without gamma correction).
 inline constexpr std::uint32_t kDracoColourId = 2;
 inline constexpr const char* kColourAttribute = "COLOR_0";  ///< name of the colours in glTF
 using HuColour = std::array<std::uint8_t, 3>;               ///< red, green, blue
@@ -54,7 +55,7 @@ HuColour hu_colour(float hu);
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu = {});
 /// Returns the offset, in a payload of encode_draco(), of the float that is the z of all vertices.
-/// Errors: kBug if the payload does not end as encode_draco() with this grid writes it.
+/// Errors: kBug if the last bytes are not those that encode_draco() writes with this grid.
 Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const DracoGrid& grid);
 
 /// The contents of a payload.
@@ -76,8 +77,8 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
 /// Checks the numbers of vertices and triangles in a payload's header, because Draco allocates
 /// memory for these numbers before it reads further. Errors: kRefused if the header is not that of
 /// an Edgebreaker mesh, or if the header states more than `max_vertices` vertices, more than
-/// `max_triangles` triangles, or more triangles than a payload of this size may have: 64 for each
-/// byte, but at least 2^22.
+/// `max_triangles` triangles, or more triangles than a payload of this size may have: 2^22 or 64
+/// for each byte, whichever is more.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles);
 

@@ -19,7 +19,7 @@ inline double edge_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
-/// Number (triangle_edge.h) and squared length of the shortest edge. Of several equally short
+/// Number of the shortest edge (0 to 2, as in triangle_edge.h) and its squared length. Of several equally short
 /// edges, the first one counts.
 struct ShortestEdge {
   std::uint32_t edge;
@@ -74,9 +74,9 @@ struct TriangleShape {
           area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 
-/// Returns true if the smallest angle is below the angle whose squared cosine is `cos2`. If `cos2`
-/// is infinite, returns false. The result may differ from TriangleShape::is_sharp if the two angles
-/// agree to the last digit of a double.
+/// Returns true if the smallest angle is below the angle whose squared cosine is `cos2`. An
+/// infinite `cos2` means that there is no limit, so the function returns false. Close to the limit,
+/// rounding may make the result differ from TriangleShape::is_sharp.
 inline bool is_angle_below_cosine(const TriangleCorners& v, double cos2) noexcept {
   // The smallest angle lies opposite the shortest edge, between the two others. s, l and m are the
   // squared lengths of these edges, so the scalar product of the two others is (l + m - s) / 2.

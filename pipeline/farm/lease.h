@@ -22,8 +22,8 @@ class Lease {
  public:
   /// Takes the lease of the key. The result is null if a process holds it already. A lease is taken
   /// over if its process is dead. It is also taken over if it is unknown whether the process is
-  /// alive, and the lease was not renewed for kLeaseDuration (store.h). The name of the scan is
-  /// written to the lease for people. Errors: kUnwritable if the lease cannot be written.
+  /// alive, and the lease was not renewed for kLeaseDuration (store.h). The file of
+  /// the lease contains the scan's name, for people who look into it. Errors: kUnwritable if the lease cannot be written.
   static Result<std::unique_ptr<Lease>> take(const Store& store, const std::string& key,
                                              const std::string& scan);
   Lease(const Lease&) = delete;

@@ -40,9 +40,9 @@ Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan)
 /// cannot be searched, or is neither a file nor a folder.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
-/// Waits until a further change of any of the files would get a new modification time. File systems
-/// record times in steps of up to two seconds, so a change within the step of the previous change
-/// would not show. After this wait, an unchanged time means unchanged bytes.
+/// File systems record times of modification in steps of up to two seconds, so two changes within
+/// one step get the same time. The function waits until the step of the last change of each file is
+/// over. After this wait, an unchanged time means unchanged bytes.
 void let_times_settle(const std::vector<ScanFile>& files);
 
 /// Computes the digests of those `wanted` files that have none yet, and writes them to `files`.

@@ -30,7 +30,8 @@ std::string size_text(const Preview& preview, const Crop& view);
 /// texts of the input is replaced by one that refers to the messages on the terminal.
 std::vector<Warning> shown_warnings(const Preview& preview);
 
-/// Explains the areas and outlines of Preview::changes, in one or more sentences.
+/// Explains how other thresholds would change areas and outlines (Preview::changes), in one or more
+/// sentences.
 std::string changes_text(const Preview& preview);
 
 /// A number with up to `digits` significant digits.

@@ -23,7 +23,7 @@ struct MaterialOptions {
   Segmentation segmentation = Threshold{};
   std::optional<Crop> crop;
   const SolidBone* solid = nullptr;     ///< if not null, the voxels of `solid` are the material
-  const ScannerTable* table = nullptr;  ///< table to remove, or null; must not be in `solid`
+  const ScannerTable* table = nullptr;  ///< table to remove, or null; `solid` must not contain it
   double min_region_mm2 = 1;  ///< islands below this area are dropped, holes below it are filled
 };
 

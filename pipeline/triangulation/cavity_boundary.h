@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The triangles between a new point and the edges of the boundary of its cavity. (A cavity is the
 // set of triangles that the insertion of the point replaces.) The triangles are evaluated four at a
-// time and without branches, because it is unpredictable whether one of them is bad. Refinement
-// spends most of its time here. Nearly always, the whole boundary lies within kMaxBoundaryOffset of
+// time and without branches, because a processor cannot predict whether one of them
+// violates the limits of shape (is bad). Refinement spends most of its time here. Nearly always, the whole boundary lies within kMaxBoundaryOffset of
 // the point for which the cavity was found. Coordinates relative to this point then fit into 16
 // bits, and one instruction multiplies two pairs of coordinates.
 #pragma once
@@ -46,7 +46,7 @@ inline unsigned bits_of(Four mask) {
 inline bool is_any(Four mask) {
   return bits_of(mask) != 0;
 }
-/// The number of set elements of some masks, given the sum of these masks.
+/// The number of true elements in a mask, or in several masks if `mask` is their sum.
 inline int count_of(Four mask) {
   return -(mask[0] + mask[1] + mask[2] + mask[3]);
 }

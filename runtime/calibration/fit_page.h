@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The result of a fit, as lines for the terminal and as one HTML page. The page shows the curve
+// The result of fitting a tissue to a measured curve of force over depth (curve_fit.h), as lines for the terminal and as one HTML page. The page shows the curve
 // with the fit, the residuals, and the table of parameters. It needs no other file and no network.
 // Tests: tests/runtime/calibration/fitted_tissue_test.cpp
 #pragma once
@@ -11,10 +11,11 @@
 namespace trocar::runtime {
 
 /// Returns the parameters with their 90 % intervals, one per line, and notes, for example on
-/// quantities that the curve does not separate.
+/// quantities of which the curve determines only the product.
 std::string fit_text(const CurveFit& fit);
 
-/// Returns the page. `name`: the curve's file name. `tissue`: the text of fitted_tissue().
+/// Returns the page. `name`: the curve's file name. `tissue`: the fitted tissue as JSON
+/// for a scene, the result of fitted_tissue() (fitted_tissue.h).
 std::string fit_page(const CurveFit& fit, const std::string& name, const std::string& tissue);
 
 }  // namespace trocar::runtime

@@ -9,7 +9,7 @@
 //     constant of 12 ms, at no more than 0.15 m/s and 1 rad/s. HandTarget::twist_device is
 //     the target's velocity.
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
-//     LiveHandLimits::turn_max_rad. The target also keeps the distance kHandMargin from poses of
+//     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance kHandMargin from poses of
 //     the plate at which the loop would raise a fault. Exception: if a force has pushed the tip
 //     outside these bounds and the target starts at the tip, the target may return.
 //  3. A message is ignored if a number of its pose is not finite, or is larger than 1 m or 7 rad.

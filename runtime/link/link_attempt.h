@@ -14,8 +14,10 @@ namespace trocar::runtime {
 
 struct LinkAttempt {
   LinkNonce nonce{};  ///< nonce of the host's hello, the first packet of the handshake
-  // A flag is true if such an answer has arrived. welcomed: the drive accepted the hello.
-  // wrong_key, busy, other_kind: the drive denied the hello for this reason.
+  // Each flag says whether one kind of answer has arrived. welcomed: the drive accepted the hello.
+  // wrong_key, busy, other_kind: the drive denied the hello, because the keys differ, because it
+  // serves another host, or because the host wanted angles and the drive has poses (or conversely).
+  // other_program, other_version: the answer is not of the protocol, or of another version of it.
   bool welcomed = false, wrong_key = false, busy = false, other_kind = false;
   bool other_program = false, other_version = false;
   /// Why the last packet after the welcome was refused. kNone: no packet came, or it was accepted.

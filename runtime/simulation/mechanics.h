@@ -8,8 +8,8 @@
 // rotor, G the motors' Jacobian, and J_i the Jacobian of the point mass m_i. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i.
-// Here a_motors are the accelerations of the motors' joints, and a_i those of the point masses, if
-// V' is zero. These accelerations are computed in closed form. No allocation, no exception.
+// Here a_motors are the accelerations of the motors' joints and a_i those of the point masses for
+// V' = 0, which are due to the velocity alone. These accelerations are computed in closed form. No allocation, no exception.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,7 +29,7 @@ namespace trocar::runtime {
 /// its torque reaches the Coulomb friction.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
-  /// Inertia of each rotor at its joint, which includes the gear ratio squared.
+  /// Inertia of each rotor as it acts at its joint: that of the rotor times the gear ratio squared.
   double rotor_inertia_kg_m2 = 1.5e-4;
   double coulomb_friction_Nm = 0.004;  ///< Coulomb friction of each motor joint
   double presliding_rad = 5e-4;        ///< deflection at which the spring of dry friction slips

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Passes every tick, with the sheets and layers punctured in it, to a function that may take longer
-// than the haptic thread can wait. In real time another thread calls the function.
+// than the haptic thread can wait. On the real clock, another thread calls this function.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -22,7 +22,7 @@ struct ObservedTick {
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
   std::uint64_t side_cut = 0;   ///< sheets in which a hole's wall yielded (force law `cutting`)
   std::uint64_t layers_punctured = 0;  ///< soft layers that were punctured
-  /// In the tick of a puncture: rendered force on the tip one tick earlier.
+  /// In the tick of a puncture: rendered force on the tip in the tick before. Not set in other ticks.
   double tip_N = 0;
 };
 static_assert(kMaxSceneSlices <= 64 && kMaxLayers <= 64, "one bit for each");
