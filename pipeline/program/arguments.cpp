@@ -105,9 +105,9 @@ void add_material_options(CLI::App& app, Arguments& a) {
 void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
   group.value("--fill", a.fill, "MM2",
-              "fill what bone encloses in at least two of the axial, coronal and sagittal\n"
-              "planes, such as marrow; canals stay open. MM2 is the largest area in such a\n"
-              "plane that is filled, in mm^2; the word all sets no limit");
+              "fill marrow and whatever else bone encloses in at least two of the axial, coronal\n"
+              "and sagittal planes; canals stay open. MM2 is the largest area in a plane that is\n"
+              "filled, in mm^2. With --fill all there is no limit");
   group.number("--close", a.close_mm, "MM", 0.0, 100.0,
                "with --fill: a gap in bone counts as closed if it is at most twice this wide, mm");
   group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
@@ -153,7 +153,8 @@ void add_stage_options(CLI::App& app, Arguments& a) {
                                "largest area of a triangle in pixels, instead of --max-area")
                         ->check(option_range(1e-6, 1e12).description(""));
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
-               "use smaller triangles where HU change by more than this along an edge; 0: never");
+               "use smaller triangles where HU change by more than this along an edge of\n"
+               "a triangle; 0: never");
   group.number("--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
                "precision: all coordinates are multiples of 2^-N mm");
 }
@@ -167,9 +168,9 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
              "add a closed surface of the material, for display and for export --surface");
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "largest number of triangles of the surface, exceeded only if it would otherwise\n"
-      "intersect itself. Without this option, the limit of 50000 is also exceeded if the\n"
-      "surface would be too far from the material");
+      "largest number of triangles of the surface. The surface has more only if it would\n"
+      "otherwise intersect itself. Without this option, it also has more than 50000 if it\n"
+      "would otherwise be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -192,15 +193,16 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
              "also store HU as colours for viewers, from dark (-200) to light (1848)");
   a.context_given =
       group
-          .value(
-              "--context", a.context, "[MM]",
-              "also store the HU around the material, for X-ray pictures: one value every MM mm\n"
-              "(default: 2 to 4, by the size of the scan). In a scan of a head, these HU can\n"
-              "show the patient's face")
+          .value("--context", a.context, "[MM]",
+                 "also store the HU around the material, for simulated X-ray pictures: one value "
+                 "every\n"
+                 "MM mm "
+                 "(default: 2 to 4, by the size of the scan). In a scan of a head, these HU can\n"
+                 "show the patient's face")
           ->expected(0, 1);
   group.value("--input-key", a.input_key, "FILE",
-              "store a digest of the input, keyed with the 16 to 64 bytes of this file, by which\n"
-              "holders of the key can recognise the scan. Default: no digest");
+              "store a keyed digest of the input. The key is the content of this file, 16 to 64\n"
+              "bytes. Whoever has the key can recognise the scan. Default: no digest");
   group.value("--report", a.report, "FILE", "write a report, slice by slice, as JSON");
   Group diagnostics(app, kDiagnostics);
   diagnostics.value("--dump-stages", a.dump_stages, "FILE",

@@ -385,8 +385,9 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
                "end with exit code 3 also if scans failed in an earlier run and were not tried\n"
                "again in this run");
   app.add_option("--run-program", a.run_program,
-                 "path of trocar-run, which makes the scene and its check if the collection asks\n"
-                 "for these products (default: the one beside this program, else the one in PATH)");
+                 "path of trocar-run, which makes scenes and the results of their checks if the\n"
+                 "collection asks for these products (default: the one beside this program, else "
+                 "the one in PATH)");
   app.add_flag("--rehash", a.rehash,
                "read all inputs again, even if their size, time and inode (the number of a file)\n"
                "are unchanged");

@@ -101,8 +101,9 @@ Result<void> check_nothing_before(const CLI::App& app) {
 // The command line of trocar-mesh: its options, and a subcommand with its own options.
 struct CommandLine {
   CLI::App app{
-      "Makes an asset from a CT scan: a .glb file with exact triangle meshes, one per slice, of\n"
-      "bone or another material. INPUT is the DICOM folder of a study, a NIfTI file (.nii,\n"
+      "Makes an asset from a CT scan: a .glb file with flat triangle meshes of bone or other\n"
+      "materials, one for each slice and material. INPUT is the DICOM folder of a study, a NIfTI "
+      "file (.nii,\n"
       "also with .gz), or a folder or list of images."};
   Arguments mesh, preview;
   ListArguments list;

@@ -58,8 +58,8 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "the session runs, the file of this name is a symbolic link to that memory");
   session.flag(
       "--xray", a.xray,
-      "with --live: let the other programs ask for X-ray shots and fluoroscopy, which are\n"
-      "counted in recording, summary and report");
+      "with --live: let the other programs ask for simulated X-ray pictures, single ones or\n"
+      "a series (fluoroscopy). Recording, summary and report count their use");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -98,7 +98,7 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
       "--energy-limit", a.energy_limit_J,
       "largest energy in J that the device may give to the hand within 0.1 s, beyond what\n"
       "the tissue and the spring between device and virtual tool had stored at the start of\n"
-      "that time. More raises the fault energy_limit (default: 0.05)");
+      "that time. If it gives more, the fault energy_limit is raised (default: 0.05)");
   safety.option(
       "--stiffness-limit", a.stiffness_limit_N_per_m,
       "largest stiffness that the device may render at the tip, 10 to 100000000 N/m, with\n"
@@ -238,7 +238,7 @@ Result<void> check_scene_arguments(const RunArguments& a) {
 void declare_run_options(CLI::App& app, RunArguments& a) {
   app.add_option(
       "SCENE", a.scene,
-      "the scene (asset, tissues, tool and motion of the hand), JSON; its schema is\n"
+      "the scene (asset, tissues, tool, motion of the simulated hand), JSON; its schema is\n"
       "formats/session/scene.schema.json. Not needed with --new-scene, --explain, --history\n"
       "and --test");
   Group scene(app, "Scene");
@@ -264,8 +264,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                "run no session; propose a scene for this asset (.glb) and write it to -o");
   scene.option(
       "--entry", a.entry,
-      "with --new-scene: point X,Y,Z of the needle's line, where it meets the bone or before,\n"
-      "in mm in the patient's frame, DICOM's LPS (default: where the bone is thickest)");
+      "with --new-scene: a point X,Y,Z of the needle's line, at the surface of the bone or\n"
+      "outside the bone, in mm in the patient's frame, which is DICOM's LPS (default: where\n"
+      "the bone is thickest)");
   scene.option("--target", a.target,
                "with --entry: the point X,Y,Z that the needle must reach, in the same frame\n"
                "(default: the needle goes straight down, at right angles to the slices)");
@@ -283,8 +284,8 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "say that the device process only simulates a device. Then late ticks are no fault,\n"
       "and with udp: and pose: data may be missing for 250 ms instead of 10 ms. Both are\n"
       "cancelled by --late-ticks-in-row above 0. Without --simulated, the device is assumed\n"
-      "to have motors. Contact then has half the stiffness that the device's description\n"
-      "permits, because the mass stated there may be wrong");
+      "to have motors. Contact on such a device has half the stiffness that its description\n"
+      "permits. The stable stiffness grows with the mass, and the stated mass may be wrong");
   device.flag("--test", a.test_device,
               "run no session; read the device for --duration (default: 5 s), command no force,\n"
               "and say whether a session at --rate would run without faults");

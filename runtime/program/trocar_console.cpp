@@ -63,7 +63,8 @@ void declare(CLI::App& app, Arguments& arguments) {
          "the first one is the default. Without this option, it is inproc. The device is one of\n"
          "inproc: simulated in trocar-run\n"
          "sim: simulated by trocar-device-sim, a separate process\n"
-         "URI: a device of trocar-run --device. Its options may follow, each after a comma:\n"
+         "URI: any device that trocar-run --device takes. Its options may follow, each after a "
+         "comma:\n"
          "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
       ->allow_extra_args(false);
   app.add_option("--start", arguments.start,

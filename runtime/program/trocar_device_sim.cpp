@@ -56,8 +56,10 @@ std::string not_negative(const std::string& text) {
 
 void declare(CLI::App& app, Arguments& a) {
   add_help_and_version(app, version());
-  app.add_option("SCENE", a.scene,
-                 "the scene (JSON) whose hand holds the tool; without it nothing holds the tool");
+  app.add_option(
+      "SCENE", a.scene,
+      "the scene (JSON) with the simulated hand that holds the tool. Without a scene, nothing\n"
+      "holds the tool");
   app.add_option(
       "--listen", a.listen,
       "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If the\n"
@@ -77,8 +79,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option(
       "--watchdog", a.watchdog_s,
       "time without a command after which torques are zero, 0.01 to 0.5 s (default: 0.01).\n"
-      "A value below 2.5 ticks of trocar-run is raised to that. A machine with other work\n"
-      "stalls now and then; give 0.25 there, and --simulated to trocar-run");
+      "A value below 2.5 ticks of trocar-run is raised to that. On a computer that also does\n"
+      "other work, use 0.25 here and the option --simulated of trocar-run");
   app.add_option(
       "--model", a.model,
       "what is simulated. light: a plate with viscous friction; full: also links, rotors,\n"
