@@ -229,6 +229,7 @@ def stops():
             os.kill(one.process.pid, sign)
             code, _, errors = one.result()
             check(code == (4 if sign != signal.SIGKILL else -9), f"stops: after signal {sign} it ended with {code}: {errors}")
+            check(sign == signal.SIGKILL or f" of {SCANS} scans were made, " in errors, f"stops: it does not say how far it came: {errors}")
             check(not one.left(), f"stops: after signal {sign} still running: {one.left(0)}")
             check(wait_for(f"stops: {cluster} removed", lambda cluster=cluster: not os.path.exists(cluster), 10), "stops: the cluster's folder stays")
         if sign == signal.SIGKILL:

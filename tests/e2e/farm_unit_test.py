@@ -18,7 +18,7 @@ import run as farm_run  # noqa: E402
 import slurm  # noqa: E402
 import summary  # noqa: E402
 import watch  # noqa: E402
-from errors import FarmError  # noqa: E402
+from errors import VERSION, FarmError  # noqa: E402
 from run_folder import RunFolder  # noqa: E402
 
 
@@ -354,3 +354,14 @@ def test_max_failures(folder):
     seen = []
     one.run_all(lambda: seen.append(told.finish(told.active()[0], 3)), lambda: len(seen) == 2)
     assert len(seen) == 2 and len(told.active()) == 8, "a round does not end when it has enough failures"
+
+
+def test_version_is_the_projects():
+    assert f"project(trocar VERSION {VERSION} " in (SOURCE / "CMakeLists.txt").read_text()
+
+
+def test_an_interrupted_run_says_how_far_it_came():
+    class Log:
+        def new_entries(self):
+            return [entry("a", "failed"), entry("a"), entry("b"), entry("c", "failed")]
+    assert farm_run.Progress(Log(), 5, print).until_now() == "2 of 5 scans were made, 1 failed"

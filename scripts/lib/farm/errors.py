@@ -5,6 +5,7 @@ import os
 
 NAME = os.environ.get("TROCAR_FARM", "scripts/farm")
 GET_SLURM = "scripts/setup farm" if NAME == "scripts/farm" else "apt install slurm-wlm munge"
+VERSION = "0.2.0"  # of CMakeLists.txt
 DONE, BUG, USAGE, REFUSED, WRITE = 0, 1, 2, 3, 4
 
 

@@ -17,7 +17,7 @@ import slurm
 import summary
 import watch
 from cluster import NODES_MAX, LocalCluster
-from errors import DONE, GET_SLURM, NAME, REFUSED, USAGE, WRITE, FarmError
+from errors import DONE, GET_SLURM, NAME, REFUSED, USAGE, VERSION, WRITE, FarmError
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 OWN_POLL_S, POLL_S = 0.5, 3
@@ -86,6 +86,7 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("--scans", type=numbers(lambda text: int(float(text)), 1, 10**9), default=[], metavar="M[,M]",
                         help="for --plan: estimate as if the collection had M scans of the same kind")
     parser.add_argument("--json", action="store_true", help="print the summary, or the plan, as JSON")
+    parser.add_argument("--version", action="version", version=f"{os.path.basename(NAME)} {VERSION}", help="print the version and exit")
     given = parser.parse_args(words)
     if given.plan:
         if given.collection or bool(given.nodes) == bool(given.local):

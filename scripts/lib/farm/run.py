@@ -57,6 +57,13 @@ class Progress:
             self.last_line = now
             self.say(line)
 
+    def until_now(self):
+        """A sentence for a run that ends before all scans have an entry."""
+        self.collect()
+        last = {entry.scan: entry.outcome for entry in self.entries}
+        failed = sum(outcome == "failed" for outcome in last.values())
+        return f"{len(last) - failed} of {self.total} scans were made, {failed} failed"
+
     def collect(self):
         self.entries += self.log.new_entries()
 
@@ -111,6 +118,9 @@ class Run:
                 self.slots = min(self.slots, self.options.throttle)
             self.make(stale, folder, progress, known)
             patience_s = LAST_S
+        except KeyboardInterrupt:
+            self.say(progress.until_now())
+            raise
         except slurm.NoAnswer as reason:
             raise slurm.not_there(reason) from None
         finally:
