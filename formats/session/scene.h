@@ -183,6 +183,10 @@ struct SceneBody {
   /// thin wall (runtime/bone_cutting/material/thin_wall.h) if breaking needs less force than
   /// cutting. 0: bone supports the shell everywhere.
   double shell_free_radius_m = 0;
+  /// HU of cortical bone, by which a slice that is thicker than a wall gets the wall back
+  /// (runtime/bone_cutting/material/cortical_wall.h). 0: the strength follows the HU of each slice.
+  /// Absent: kAssumedCortex_HU, or 0 if there is a shell.
+  std::optional<double> cortex_HU = std::nullopt;
 };
 
 struct SceneSlice {

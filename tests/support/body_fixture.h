@@ -40,7 +40,7 @@ inline Scene cutting_scene(const std::vector<double>& heights_m) {
 /// A scene whose body is the asset's slices from one index to another, the highest at `top_m`.
 inline Scene body_scene(int from, int to, double top_m) {
   Scene scene = cutting_scene({});
-  scene.body = SceneBody{from, to, top_m, 0, 1};
+  scene.body = SceneBody{.from = from, .to = to, .top_z_m = top_m};
   return scene;
 }
 

@@ -64,6 +64,9 @@ void read_bone_volume(StrictObject& object, SceneBody& body) {
     if (shell.has("free_radius_m"))
       body.shell_free_radius_m = shell.number("free_radius_m", 1e-4, 0.05);
   });
+  if (object.has("cortex_HU")) body.cortex_HU = object.number("cortex_HU", 0, 4000);
+  if (body.cortex_HU.value_or(0) > 0 && body.shell_m > 0)
+    object.error("cortex_HU", "cannot be given together with a shell");
 }
 
 void check_tissue_names(const Scene& scene, JsonErrors& errors) {

@@ -8,6 +8,7 @@
 
 #include "runtime/bone_cutting/contact/admissible_region.h"
 #include "runtime/bone_cutting/contact/surface_slope.h"
+#include "runtime/bone_cutting/material/cortical_wall.h"
 #include "runtime/bone_cutting/material/slabs.h"
 #include "runtime/contact/overlap.h"
 
@@ -19,6 +20,9 @@ constexpr int kMinSheetsAhead = 3;
 constexpr std::int32_t kNewOutline_steps =
     4;  // a sheet is evaluated again after a corner of the outline has moved farther
 constexpr double kMostlyMaterial = 0.5;
+// A surface is level under the tool if at least this fraction of the tool's outline lies over material of the slices
+// below it, and at most the rest over material of the slice above it.
+constexpr double kLevel = 0.95;
 constexpr double kMinCoverage = 1e-3;  // with less coverage no hole is cut
 constexpr double kNewRegion_m = 2e-4;
 constexpr int kCheckedInTick = 2;  // number of sheets around the shaft evaluated per tick
@@ -170,6 +174,40 @@ class BoneContactTick {
     return sum;
   }
 
+  bool is_over_bone(int i) const noexcept { return state_.sheets[i].uncut_coverage >= kLevel; }
+  bool is_over_none(int i) const noexcept { return state_.sheets[i].uncut_coverage <= 1 - kLevel; }
+
+  // Puts a cortical wall into the slab of the i-th sheet, at the face where the tool enters the bone or would leave
+  // it. The bone behind the wall is that of the sheet on the other side. On a slope a slice's HU do not tell how thick
+  // the wall is, so there is no wall.
+  void set_walls(int i, CuttingSlab& slab) const noexcept {
+    const BoneSheet& sheet = bone_.sheets[i];
+    const SheetInContact& own = state_.sheets[i];
+    slab.upper_wall_to_m = -std::numeric_limits<double>::infinity();
+    slab.lower_wall_from_m = std::numeric_limits<double>::infinity();
+    slab.cortex_N = 0;
+    if (!(sheet.cortex_HU > 0) || !is_over_bone(i)) return;
+    const bool above = sheet.meets_above && is_over_bone(i - 1),
+               below = sheet.meets_below && is_over_bone(i + 1);
+    if (above == below) return;
+    if (above ? sheet.meets_below && !is_over_none(i + 1)
+              : sheet.meets_above && !is_over_none(i - 1))
+      return;
+    const double inside_HU = state_.sheets[above ? i - 1 : i + 1].hu;
+    const double wall_m =
+        wall_thickness_m(own.hu, inside_HU, sheet.cortex_HU, sheet.bottom_m - sheet.top_m);
+    if (!(wall_m > 0)) return;
+    if (above)
+      slab.lower_wall_from_m = sheet.bottom_m - wall_m;
+    else
+      slab.upper_wall_to_m = sheet.top_m + wall_m;
+    const auto strength_N = [&](double hu) {
+      return own.share * sheet.strength_N(bone_.shape, hu, slice_push_);
+    };
+    slab.cortex_N = strength_N(std::max(sheet.cortex_HU, own.hu));
+    slab.strength_top_N = slab.strength_bottom_N = strength_N(inside_HU);
+  }
+
   void set_strength(int i) noexcept {
     const BoneSheet& sheet = bone_.sheets[i];
     SheetInContact& own = state_.sheets[i];
@@ -206,6 +244,7 @@ class BoneContactTick {
       slab.strength_top_N = own.share * (is_shell ? shell_N : ends[0] + slope * down_m);
       slab.strength_bottom_N =
           own.share * (is_shell ? shell_N : ends[0] + slope * (down_m + length_m));
+      set_walls(i, slab);
     }
     // When the tool reaches a sheet from the side, the admissible region is needed in the same tick.
     if (own.is_beside && sheet.bottom_m > sheet.top_m) find_free(i, kNewRegion_m);
@@ -383,8 +422,8 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   output.local.stored_J = result.stored_J;
   output.force_N = result.tip_N + result.layer_N;
   for (int k = result.passed_from; k < result.passed_to; ++k)
-    output.trial_force_N = std::max(
-        {output.trial_force_N, state.slabs[k].strength_top_N, state.slabs[k].strength_bottom_N});
+    output.trial_force_N = std::max({output.trial_force_N, state.slabs[k].strength_top_N,
+                                     state.slabs[k].strength_bottom_N, state.slabs[k].cortex_N});
   const double tip_m = -output.tip_device_m.z();
   const double front_m = state.front_m = result.front_m;
   if (output.punctured_now && was_loaded)

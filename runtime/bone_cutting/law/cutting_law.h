@@ -153,6 +153,12 @@ struct CuttingSlab {
   /// its bottom. In between it is linear in depth. The caller supplies the strengths for the tool's
   /// current position, not multiplied by `share`.
   double strength_top_N = 0, strength_bottom_N = 0;
+  /// The slab can have walls of cortical bone at its faces. From the slab's top down to the depth
+  /// `upper_wall_to_m`, and from the depth `lower_wall_from_m` down to the slab's bottom, the
+  /// strength is `cortex_N` instead.
+  double cortex_N = 0;
+  double upper_wall_to_m = -std::numeric_limits<double>::infinity(),
+         lower_wall_from_m = std::numeric_limits<double>::infinity();
   /// `share` is the fraction of the tool's outline that lies over material which other holes have not cut. It multiplies the strength from
   /// the slab's top down to the depth `share_to_m`. Below that depth the factor is 1.
   double share = 1, share_to_m = std::numeric_limits<double>::infinity();

@@ -24,7 +24,7 @@ void find_front(Tick& tick) noexcept {
   tick.front_m = std::numeric_limits<double>::infinity();
   for (int i = tick.slab_at(tip_m - kSlabEndSlack_m); i < tick.slab_count(); ++i) {
     const CuttingSlab& slab = tick.slab(i);
-    if (std::max(slab.strength_top_N, slab.strength_bottom_N) <= 0) continue;
+    if (std::max({slab.strength_top_N, slab.strength_bottom_N, slab.cortex_N}) <= 0) continue;
     const double cut = cut_of(tick, i);
     if (cut >= slab.bottom_m) continue;
     if (slab.share <= 0 && slab.share_to_m >= slab.bottom_m) continue;
@@ -46,6 +46,19 @@ Advance to_rest(Advance a, double R, double K_s) noexcept {
   return a;
 }
 
+// Returns the end of the part of a slab that begins at the depth `top`. Within a part the share is constant and the
+// strength is linear.
+double part_end(const CuttingSlab& slab, double top) noexcept {
+  double end = slab.bottom_m;
+  for (const double change : {slab.share_to_m, slab.upper_wall_to_m, slab.lower_wall_from_m})
+    if (change > top) end = std::min(end, change);
+  return end;
+}
+
+bool is_cortex(const CuttingSlab& slab, double depth) noexcept {
+  return depth < slab.upper_wall_to_m || depth >= slab.lower_wall_from_m;
+}
+
 }  // namespace
 
 Advance scan(const Tick& tick, double R, double K_s) noexcept {
@@ -60,13 +73,13 @@ Advance scan(const Tick& tick, double R, double K_s) noexcept {
     if (cut >= slab.bottom_m) continue;
     const double slope_depth =
         thickness > 0 ? (slab.strength_bottom_N - slab.strength_top_N) / thickness : 0;
-    // First the part of the slab above share_to_m, then the part below it.
-    for (const bool shared : {true, false}) {
-      const double top = shared ? slab.top_m : std::max(slab.top_m, slab.share_to_m);
-      const double bottom = shared ? std::min(slab.bottom_m, slab.share_to_m) : slab.bottom_m;
-      if (top > bottom || (thickness > 0 && bottom <= at)) continue;
-      if (!shared && thickness <= 0) continue;  // a sheet is passed once
-      const double share = shared ? slab.share : 1;
+    if (thickness <= 0 && slab.share_to_m < slab.top_m) continue;
+    double bottom = slab.top_m;
+    do {
+      const double top = bottom;
+      bottom = part_end(slab, top);
+      if (thickness > 0 && bottom <= at) continue;
+      const double share = top < slab.share_to_m || thickness <= 0 ? slab.share : 1;
       const double from = std::max({top, cut, at});
       if (thickness > 0 && from >= bottom) continue;
       if (from > at) {  // nothing to cut up to there
@@ -75,8 +88,10 @@ Advance scan(const Tick& tick, double R, double K_s) noexcept {
         a.length_m += gap;
         at = from;
       }
-      const double Y = share * (slab.strength_top_N + slope_depth * (at - slab.top_m));
-      const double slope = share * slope_depth * tick.down;
+      const bool cortex = is_cortex(slab, top);
+      const double Y =
+          share * (cortex ? slab.cortex_N : slab.strength_top_N + slope_depth * (at - slab.top_m));
+      const double slope = cortex ? 0 : share * slope_depth * tick.down;
       const double excess = R - K_s * a.length_m - Y;
       if (excess <= 0) return a;
       const double length = (bottom - at) / tick.down;
@@ -87,7 +102,7 @@ Advance scan(const Tick& tick, double R, double K_s) noexcept {
       a.length_m += dl;
       if (dl < length) return a;
       at = bottom;
-    }
+    } while (bottom < slab.bottom_m);
   }
   return to_rest(a, R, K_s);
 }

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <string>
 
+#include "runtime/bone_cutting/material/cortical_wall.h"
 #include "runtime/bone_cutting/material/membrane.h"
 #include "runtime/bone_cutting/material/thin_wall.h"
 
@@ -105,6 +106,8 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
   out.shell_factor = body.shell_factor;
   out.shell_m = body.shell_m;
   out.shell_free_radius_m = body.shell_free_radius_m;
+  if (out.law != nullptr)
+    out.cortex_HU = body.cortex_HU.value_or(body.shell_m > 0 ? 0 : kAssumedCortex_HU);
   if (out.shell_free_radius_m > 0 && out.law == nullptr)
     return refused("/body/shell/free_radius_m: slice " + std::to_string(sheet.slice_index) +
                    " has a tissue without a bone law");
@@ -280,7 +283,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
         (bone.tool.corner_plate_m[(i + 1) % bone.tool.sides] - bone.tool.corner_plate_m[i]).norm();
   const double outline_share = outline_m / (2 * std::numbers::pi * bone.radius_m);
   bone.twists = scene.force_law.twist;
-  const SceneBody body = scene.body.value_or(SceneBody{});
+  const SceneBody body = scene.body.value_or(SceneBody{.cortex_HU = 0});
   bone.shell_m = body.shell_m;
 
   bone.options = options_of(scene, bone, sheets.front()->tissue);

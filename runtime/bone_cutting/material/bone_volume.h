@@ -24,6 +24,9 @@
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
 //     divided into slabs at the depths at which a shell can end, so that the slabs stay the same
 //     during a session.
+//  5. Where the tool enters the bone and where it leaves the bone, cortical_wall.h finds the wall in
+//     the slab there, if the tissue takes its strength from HU. SceneBody::cortex_HU says how dense
+//     the wall is. A scene without a `body` has no such walls.
 #pragma once
 
 #include <cstdint>
@@ -61,7 +64,8 @@ struct BoneSheet {
   double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
   /// Change of the shaft's friction per embedded length if pressure_Pa() changes by 1 Pa.
   double friction_N_per_m_Pa = 0;
-  CutMaterial material;             ///< values at the slice's mean HU
+  double cortex_HU = 0;  ///< HU of cortical walls (contract 5); 0: no walls are looked for
+  CutMaterial material;  ///< values at the slice's mean HU
   bool states_tool_forces = false;  ///< the tissue states the tool's forces (contract 2)
   int first_slab = 0, slabs = 0;    ///< index of the sheet's first slab, and number of its slabs
   double top_m = 0, bottom_m = 0;   ///< depths of the top and the bottom of the sheet's slabs

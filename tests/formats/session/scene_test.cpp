@@ -213,6 +213,10 @@ TEST(Scene, TheCuttingLawHasItsDefaults) {
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(read->body->shell_m, 0);
   EXPECT_EQ(read->body->shell_factor, 1);
+  EXPECT_FALSE(read->body->cortex_HU);
+  scene["body"]["cortex_HU"] = 1400;
+  EXPECT_EQ(parse(scene)->body->cortex_HU, 1400);
+  scene["body"]["cortex_HU"] = 0;
   scene["body"]["shell"]["thickness_m"] = 0.001;
   EXPECT_EQ(parse(scene)->body->shell_factor, 1);
   scene["body"]["to"] = 70;
@@ -421,6 +425,9 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"/body/shell/strength_factor", 0.05, "/body/shell/strength_factor"},
         Refusal{"/body/shell/strength_factor", 101, "/body/shell/strength_factor"},
         Refusal{"/body/shell/hu", 1, "unknown key \"hu\""},
+        Refusal{"/body/cortex_HU", 1200, "/body/cortex_HU: cannot be given together"},
+        Refusal{"/body/cortex_HU", -1, "/body/cortex_HU"},
+        Refusal{"/body/cortex_HU", "dense", "/body/cortex_HU"},
         Refusal{"/tissue/cut", json::object(), "/tissue/cut: must have either"},
         Refusal{"/tissue/cut", true, "/tissue/cut"},
         Refusal{"/tissue/cut/bone", {{"law", "morgan"}}, "/tissue/cut: must have either"},

@@ -81,6 +81,17 @@ Session random_session(Random& random) {
   return s;
 }
 
+// Cortical walls in some slabs, some of them up to the whole slab.
+void add_walls(Random& random, Session& s) {
+  for (CuttingSlab& slab : s.slabs) {
+    const double thickness = slab.bottom_m - slab.top_m;
+    slab.cortex_N = random.uniform(0, 150);
+    if (random.chance(0.3)) slab.upper_wall_to_m = slab.top_m + random.uniform(0, 1.1) * thickness;
+    if (random.chance(0.2))
+      slab.lower_wall_from_m = slab.bottom_m - random.uniform(0, 1.1) * thickness;
+  }
+}
+
 // Soft tissue over the bone, into it and within.
 void add_layers(Random& random, Session& s) {
   double at = random.uniform(-0.001, 0.004);
@@ -235,13 +246,15 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
 double strength_above(const Session& s, double front_m) {
   for (const CuttingSlab& slab : s.slabs)
     if (slab.top_m < front_m - 1e-9 && front_m <= slab.bottom_m + 1e-9)
-      return slab.strength_top_N + (slab.strength_bottom_N - slab.strength_top_N) *
-                                       (front_m - slab.top_m) / (slab.bottom_m - slab.top_m);
+      return front_m <= slab.upper_wall_to_m || front_m > slab.lower_wall_from_m
+                 ? slab.cortex_N
+                 : slab.strength_top_N + (slab.strength_bottom_N - slab.strength_top_N) *
+                                             (front_m - slab.top_m) / (slab.bottom_m - slab.top_m);
   return 0;
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17);
+  Random random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17), walls(18);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
        gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0, twisted = 0, bevelled = 0;
@@ -250,6 +263,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   for (int n = 0; n < sessions; ++n) {
     Session s = random_session(random);
     if (layers.chance(0.4)) add_layers(layers, s);
+    if (walls.chance(0.3)) add_walls(walls, s);
     if (tips.chance(0.4)) {
       s.options.tip_friction = tips.uniform(0.05, 0.8);
       s.options.tip_presliding_m = tips.power(-5, -3.5);

@@ -130,6 +130,34 @@ TEST(CuttingLaw, WorkIsThatOfTheStrength) {
   }
 }
 
+// The front's work in a slab with walls is that of each part, and the tip's force that of the part it is in.
+TEST(CuttingLaw, WallsInASlabHaveTheirOwnStrength) {
+  for (const double share : {1.0, 0.5}) {
+    auto slabs = even_slabs(2, 2e-3, 10);
+    slabs[0].cortex_N = slabs[1].cortex_N = 50;
+    slabs[0].upper_wall_to_m = 1.2e-3;
+    slabs[1].lower_wall_from_m = 3.5e-3;
+    slabs[0].share = share;
+    slabs[0].share_to_m = 0.7e-3;
+    Bench b(slabs);
+    b.options.coupling.is_rigid = true;
+    b.options.tip_N_per_m = 1e6;
+    double upper_N = 0, inside_N = 0, lower_N = 0;
+    b.move(plate_at(0, -0.001), plate_at(0, 0.006), 1e-6,
+           [&](const CuttingResult& out, const Pose&) {
+             if (out.front_m > 0.8e-3 && out.front_m < 1.19e-3)
+               upper_N = std::max(upper_N, out.tip_N);
+             if (out.front_m > 1.3e-3 && out.front_m < 3.49e-3)
+               inside_N = std::max(inside_N, out.tip_N);
+             if (out.front_m > 3.51e-3) lower_N = std::max(lower_N, out.tip_N);
+           });
+    EXPECT_NEAR(upper_N, 50, 1e-9) << share;
+    EXPECT_NEAR(inside_N, 10, 1e-9) << share;
+    EXPECT_NEAR(lower_N, 50, 1e-9) << share;
+    EXPECT_NEAR(b.cut_J, 50e-3 * (0.7 * share + 0.5 + 0.5) + 10e-3 * 2.3, 1e-12) << share;
+  }
+}
+
 // A rigid rod on a Winkler foundation, pushed sideways (closed form; the walls have no strength limit).
 TEST(CuttingLaw, RodInElasticBed) {
   for (const double thickness : {5e-4, 1e-3, 2e-3}) {
