@@ -74,6 +74,13 @@ std::vector<std::string> mesh_words(const ProductWork& work, const WantedProduct
   return words;
 }
 
+// Removes the path of a temporary folder from a message, so that the store's index is the same in every run.
+Error without(Error error, const std::string& path) {
+  for (std::size_t at = 0; (at = error.message.find(path, at)) != std::string::npos;)
+    error.message.erase(at, path.size());
+  return error;
+}
+
 json action_of_product(const ProductWork& work, const WantedProduct& product,
                        const ScanEntry& entry) {
   json out = {{"schema", "trocar.action/1"},
@@ -118,7 +125,8 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
   } else {
     command.words = mesh_words(work, product, output);
   }
-  if (auto ok = run_command(command, work.stop); !ok) return ok.error();
+  if (auto ok = run_command(command, work.stop); !ok)
+    return without(ok.error(), folder.product().string() + "/");
   const auto bytes = read_file(output);
   if (!bytes) return bug("it wrote no " + output.filename().string());
   return work.store.put_content(*bytes,

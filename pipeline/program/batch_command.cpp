@@ -195,21 +195,35 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
                    const farm::Collection& collection) {
   const auto store = farm::Store::open_for_writing(folder);
   if (!store) return store.error();
+  std::size_t dropped = 0;
   if (a.prune) {
     std::set<std::string> wanted;
     for (const farm::CollectionScan& scan : collection.scans)
       wanted.insert(scan.name);
     for (const std::string& name : store->names())
-      if (!wanted.contains(name)) store->drop_entry(name);
+      if (!wanted.contains(name)) {
+        store->drop_entry(name);
+        ++dropped;
+      }
   }
   const auto grace = std::chrono::duration_cast<std::chrono::nanoseconds>(
       std::chrono::duration<double, std::ratio<60>>(a.grace_minutes));
   const auto done = farm::collect_garbage(*store, grace);
   if (!done) return done.error();
-  if (!a.quiet && !a.as_json)
-    std::printf("%zu files removed, %.1f MB; %zu kept, also all younger than %g min (--grace)\n",
-                done->removed, static_cast<double>(done->bytes) / 1e6, done->kept, a.grace_minutes);
-  return json{{"removed", done->removed}, {"bytes", done->bytes}, {"kept", done->kept}};
+  if (!a.quiet && !a.as_json) {
+    if (a.prune)
+      std::printf("%zu scan%s that the collection does not name dropped\n", dropped,
+                  dropped == 1 ? "" : "s");
+    std::printf("%zu files removed, %.1f MB; %zu kept", done->removed,
+                static_cast<double>(done->bytes) / 1e6, done->kept);
+    if (a.grace_minutes > 0)
+      std::printf(", among them all younger than %g min (--grace)", a.grace_minutes);
+    std::printf("\n");
+  }
+  return json{{"removed", done->removed},
+              {"bytes", done->bytes},
+              {"kept", done->kept},
+              {"dropped", dropped}};
 }
 
 void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
@@ -258,7 +272,9 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"known_failures", failures_json(summary->known)}});
   std::optional<Error> wrong;
   if (summary->has_unrecorded)
-    wrong = unwritable(a.store.string() + ": some failures could not be recorded");
+    wrong = unwritable(a.store.string() +
+                       ": some failures could not be recorded; when the store can be written, for "
+                       "example after making room on a full disk, give the same command again");
   if (stop_requested.load()) {
     wrong = unwritable("interrupted; " + std::to_string(summary->left) +
                        " scans are left for the next run");
@@ -278,6 +294,10 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                         " failures (--max-failures " + std::to_string(a.max_failures) + "); " +
                         std::to_string(summary->left) + " scans are left for the next run"));
   const bool has_failed = !summary->failed.empty() || (a.strict && !summary->known.empty());
+  const bool is_whole = a.only.empty() && a.shard.empty();
+  if (!has_failed && is_whole && summary->scans > 0 && summary->known.size() == summary->scans)
+    return fail(refused("none of the scans could be made, now or in earlier runs; --dry-run lists "
+                        "the reasons"));
   return has_failed ? static_cast<int>(ExitCode::kRefused) : 0;
 }
 

@@ -94,9 +94,29 @@ install(FILES scripts/debian/limits.conf RENAME trocar.conf DESTINATION ../etc/s
 # The head CT of the tutorial, from Debian's invesalius-examples.
 install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
 
-# trocar_pages(COMPONENT FILES...): pages to read, beside those of every package.
+# trocar_pages(COMPONENT FILES...): pages to read, beside those of every package. Links in them lead to the installed pages, which
+# `pages_of` names for each package.
+set(pages_of_trocar-mesh TUTORIAL.md trocar-mesh.md archive.md wrong-uses.md store.md)
+set(pages_of_trocar-farm farm.md Snakefile)
+set(pages_of_trocar-runtime trocar-run.md add-your-device.md device_link.md telemetry.md pose_drive.cpp)
+set(pages_of_trocar-console trocar-console.md hdf5.md openigtlink.md operating.md protocol.md)
 function(trocar_pages component)
-  install(FILES ${ARGN} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
+  foreach(page ${ARGN})
+    get_filename_component(name ${page} NAME)
+    if(name MATCHES "[.]md$")
+      file(READ ${CMAKE_SOURCE_DIR}/${page} text)
+      set_property(DIRECTORY ${CMAKE_SOURCE_DIR} APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${page})
+      foreach(package trocar-mesh trocar-farm trocar-runtime trocar-console)
+        foreach(other ${pages_of_${package}})
+          string(REGEX REPLACE "\\]\\(([^()#: ]*/)?${other}(#[^)]*)?\\)" "](/usr/share/doc/${package}/${other}\\2)" text "${text}")
+        endforeach()
+      endforeach()
+      string(REGEX REPLACE "\\]\\(([^()#: ]*/)?glossary[.]md(#[^)]*)?\\)" "](glossary.md\\2)" text "${text}")
+      set(page ${CMAKE_BINARY_DIR}/pages/${component}/${name})
+      file(WRITE ${page} "${text}")
+    endif()
+    install(FILES ${page} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
+  endforeach()
 endfunction()
 trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/archive.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
 trocar_pages(trocar-farm docs/farm.md docs/glossary.md scripts/snakemake/Snakefile)
@@ -220,7 +240,7 @@ set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_DEPENDS "trocar-runtime (= ${release}), 
 set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_SUGGESTS "chromium | firefox-esr")
 set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_DEPENDS "libdraco-dev, libeigen3-dev, zlib1g-dev")
 set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_DEPENDS "python3, trocar-mesh (= ${release})")
-set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_SUGGESTS "slurm-wlm, munge")
+set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_SUGGESTS "slurm-wlm, munge, snakemake, trocar-runtime, trocar-sample-ct")
 set(CPACK_DEBIAN_TROCAR-EXAMPLES_PACKAGE_SUGGESTS "trocar-console")
 foreach(package FORMATS-DEV FARM EXAMPLES)  # no programs in them
   set(CPACK_DEBIAN_TROCAR-${package}_PACKAGE_SHLIBDEPS OFF)

@@ -10,6 +10,7 @@ sys.path.insert(0, str(SOURCE / "scripts" / "lib" / "farm"))
 
 import chunks  # noqa: E402
 import journal  # noqa: E402
+import main  # noqa: E402
 import metrics  # noqa: E402
 import plan  # noqa: E402
 import program  # noqa: E402
@@ -365,3 +366,45 @@ def test_an_interrupted_run_says_how_far_it_came():
         def new_entries(self):
             return [entry("a", "failed"), entry("a"), entry("b"), entry("c", "failed")]
     assert farm_run.Progress(Log(), 5, print).until_now() == "2 of 5 scans were made, 1 failed"
+
+
+def made(scan, seconds, outcome="made"):
+    return journal.Entry(scan, outcome, seconds, 10, 100, 5_000_000, "")
+
+
+def test_estimates_come_from_the_longest_work_on_a_scan():
+    entries = [made("a", 3), made("a", 0.2), made("a", 0.1, "failed"), made("a", 9, "found"), made("b", 5, "failed"), made("b", 1, "failed"),
+               made("c", 0.1, "failed"), made("c", 2)]
+    work = journal.full_work(entries)
+    assert {name: (entry.seconds, entry.outcome) for name, entry in work.items()} == {"a": (3, "made"), "b": (1, "failed"), "c": (2, "made")}
+    assert journal.estimates(entries, ["a", "new"], 60) == {"a": 3, "new": 2}
+    assert journal.estimates([], ["new"], 60) == {"new": 60}
+
+
+def test_a_run_stopped_by_failures_names_them():
+    numbers = summary.Summary(state(3, {"a": "", "b": "", "c": ""}), state(3, {"a": "", "b": "", "c": ""}),
+                              {"a": "not tried", "b": "not tried", "c": "not tried"},
+                              [journal.Entry("b", "failed", 1, 0, 0, 0, "No space left on device")], 1, 1, [], 0, 0, True).numbers()
+    assert numbers["failed"] == [{"scan": "b", "reason": "No space left on device"}] and len(numbers["not_finished"]) == 2
+
+
+@pytest.mark.parametrize("said, reason", [
+    ("sbatch: error: Batch job submission failed: Invalid partition name specified", "Invalid partition name specified"),
+    ('sbatch: unrecognized option \'--wrong=1\'\nTry "sbatch --help" for more information\n', "unrecognized option '--wrong=1'"),
+    ("sinfo: fatal: Could not establish a configuration source", "Could not establish a configuration source"),
+    ("", "")])
+def test_the_reason_in_a_message_of_slurm(said, reason):
+    assert slurm.error_in(said) == reason
+
+
+def test_what_slurm_never_takes_ends_the_run_at_once(folder):
+    told, one, _ = a_round(folder, 2)
+    told.refuses = True
+    with pytest.raises(FarmError, match="Invalid partition name specified; sinfo lists the partitions"):
+        one.run_all(lambda: pytest.fail("waits"), lambda: False)
+    assert slurm.not_there("Could not establish a configuration source").code == 2 and slurm.not_there("no answer").code == 4
+
+
+def test_options_of_batch_are_named(capsys):
+    assert main.main(["scans.json", "-o", "store", "--gc"]) == 2
+    assert "--gc: is an option of trocar-mesh batch" in capsys.readouterr().err

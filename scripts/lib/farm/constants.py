@@ -90,7 +90,7 @@ class Measurement:
                     break
             source = f"{count} scans, made now with one thread"
             entries = journal.Journal(store).new_entries()
-        last = {entry.scan: entry for entry in entries if entry.outcome != "found"}
+        last = journal.full_work(entries)
         made = {name: entry for name, entry in last.items() if entry.outcome == "made"}
         if not made:
             raise FarmError(REFUSED, f"{self.collection}: none of its scans could be made, nothing can be measured")
@@ -191,8 +191,10 @@ class Measurement:
         """On a separate cluster: the time a slot takes for an empty task, and slurmctld's processor time for a task."""
         path = os.environ.get("PATH", "") + ":/usr/sbin:/sbin"
         if any(shutil.which(name, path=path) is None for name in PROGRAMS):
-            self.keep("dispatch_s", "dispatch of a task", 1.0, "s", f"assumed; Slurm is not installed here ({GET_SLURM})")
-            self.keep("controller_s", "slurmctld, of a task", 0.01, "s", f"assumed; Slurm is not installed here ({GET_SLURM})")
+            source = f"assumed; Slurm is not installed here ({GET_SLURM})"
+            self.keep("cluster_s", "start of a local cluster", 3.0, "s", source)
+            self.keep("dispatch_s", "dispatch of a task", 1.0, "s", source)
+            self.keep("controller_s", "slurmctld, of a task", 0.01, "s", source)
             return
         self.say("dispatching empty tasks on a separate cluster")
         start = time.monotonic()

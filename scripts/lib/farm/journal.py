@@ -65,8 +65,20 @@ class Journal:
         return out
 
 
+def full_work(entries):
+    """For each scan, the entry that tells best how long all of its work takes: the longest in which it was made, because a later one may
+    have made a product only, or may have failed because the input was out of reach. For a scan that was never made, the last failure."""
+    out = {}
+    for entry in entries:
+        best = out.get(entry.scan)
+        if entry.outcome == "found" or (best and best.outcome == "made" and (entry.outcome == "failed" or entry.seconds < best.seconds)):
+            continue
+        out[entry.scan] = entry
+    return out
+
+
 def estimates(entries, names, guess_s):
-    """Estimated seconds of each named scan: its last time, or the mean of all scans."""
-    last = {entry.scan: entry.seconds for entry in entries if entry.outcome != "found"}
-    mean = sum(last.values()) / len(last) if last else guess_s
-    return {name: last.get(name, mean) for name in names}
+    """Estimated seconds of each named scan: those of full_work(), or the mean of all scans."""
+    work = full_work(entries)
+    mean = sum(entry.seconds for entry in work.values()) / len(work) if work else guess_s
+    return {name: work[name].seconds if name in work else mean for name in names}

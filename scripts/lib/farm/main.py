@@ -21,6 +21,7 @@ from errors import DONE, GET_SLURM, NAME, REFUSED, USAGE, VERSION, WRITE, FarmEr
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 OWN_POLL_S, POLL_S = 0.5, 3
+OF_BATCH = ("--dry-run", "--explain", "--verify", "--rehash", "--only", "--shard", "--gc", "--prune", "--grace")
 
 
 def say(message):
@@ -29,7 +30,9 @@ def say(message):
 
 class Parser(argparse.ArgumentParser):
     def error(self, message):
-        raise FarmError(USAGE, f"{message}; {NAME} --help")
+        of_batch = next((option for option in OF_BATCH if message.startswith("unrecognized") and option in message.split()), None)
+        raise FarmError(USAGE, f"{of_batch}: is an option of trocar-mesh batch; give it to that program, with the same collection and store"
+                        if of_batch else f"{message}; {NAME} --help")
 
 
 def number(kind, low, high):
@@ -66,7 +69,7 @@ did not answer: run it again; 1 a bug.""")
     parser.add_argument("-o", dest="store", metavar="STORE", help="folder of the store, which keeps all results")
     parser.add_argument("--local-cluster", type=number(int, 1, NODES_MAX), metavar="N", dest="local",
                         help="start a Slurm cluster of N nodes on this machine (munged, slurmctld and N slurmd), and end it after the run")
-    parser.add_argument("--program", metavar="PATH", help="path of trocar-mesh on the nodes (default: the one built in this clone, if there is one, else the one in PATH)")
+    parser.add_argument("--program", metavar="PATH", help="path of trocar-mesh on the nodes (default: the one in PATH; in a clone of the repository the one built there, if there is one)")
     parser.add_argument("--chunk", type=number(float, 1, 86400), default=60, metavar="S", help="a task gets as many scans as take about this long, seconds (60)")
     parser.add_argument("--jobs", type=number(int, 1, 1024), default=1, metavar="N", help="number of processors and threads of a task (1)")
     parser.add_argument("--throttle", type=number(int, 1, 1 << 20), default=0, metavar="K", help="run at most K tasks at once (no limit)")
@@ -114,6 +117,8 @@ def farm(given):
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
     if given.metrics:
         metrics.write(pathlib.Path(given.metrics), numbers, tool.store)
+    if numbers["scans"] and len(numbers["known_failures"]) == numbers["scans"]:
+        raise FarmError(REFUSED, "none of the scans could be made, now or in earlier runs; trocar-mesh batch --dry-run lists the reasons")
     return REFUSED if numbers["failed"] or numbers["not_finished"] or (given.strict and numbers["known_failures"]) else DONE
 
 

@@ -82,6 +82,7 @@ class Run:
         self.rounds = []
         self.slots = 0
         self.resubmitted = 0
+        self.stopped_early = False
         self.unfinished = {}  # scan: reason, of scans that no task has finished
 
     def all(self):
@@ -96,14 +97,14 @@ class Run:
         if before.stale:
             with RunFolder(self.program.store) as folder:
                 if folder.was_left and before.known:
-                    self.say("an earlier run on this store was killed; the scans that failed in it count as known failures")
+                    self.say("an earlier run on this store was killed; the scans that failed in it count as known failures; trocar-mesh batch --dry-run lists them")
                 with self.own or contextlib.nullcontext():
                     self.on_cluster(list(before.stale), folder, progress, known)
                 if self.own and (self.repair.count or self.resubmitted):
                     self.program.tidy()
             after = self.program.state()
         return summary.Summary(before, after, self.unfinished, progress.entries, time.monotonic() - start, self.slots, self.rounds,
-                               self.repair.count, self.resubmitted).numbers()
+                               self.repair.count, self.resubmitted, self.stopped_early).numbers()
 
     def on_cluster(self, stale, folder, progress, known):
         if earlier := watch.cancel_all(folder.prefix):
@@ -148,6 +149,7 @@ class Run:
             if len(self.rounds) == 1 and not progress.entries and all(chunk.said for chunk in one.chunks.values()):
                 raise FarmError(WRITE, f"no task of the first round has done anything: {next(iter(one.chunks.values())).end}")
             if self.has_enough_failures(progress):
+                self.stopped_early = True
                 self.unfinished = {name: f"not tried, because of --max-failures {self.max_failures}" for name in todo}
                 return
             # A scan that was refused is a known failure now.

@@ -8,7 +8,7 @@ import pathlib
 import secrets
 import shutil
 
-from errors import NAME, USAGE, WRITE, FarmError
+from errors import NAME, WRITE, FarmError
 
 
 class RunFolder:
@@ -33,7 +33,7 @@ class RunFolder:
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise FarmError(USAGE, f"{self.path}: another {NAME} works on this store") from None
+            raise FarmError(WRITE, f"another {NAME} works on {self.store}; give the command again when it has ended") from None
         self.was_left = any(self.path.glob("names.*"))
         self.clear()
         return self

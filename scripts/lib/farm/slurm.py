@@ -52,9 +52,15 @@ def ask(*command, text=None):
     except subprocess.TimeoutExpired:
         raise NoAnswer(f"{command[0]}: no answer within {answer_s:g} s") from None
     if done.returncode != 0:
-        lines = done.stderr.strip().splitlines()
-        raise NoAnswer(lines[-1] if lines else f"{command[0]} ended with {done.returncode}")
+        raise NoAnswer(error_in(done.stderr) or f"{command[0]} ended with {done.returncode}")
     return done.stdout
+
+
+def error_in(said):
+    """The line that gives the reason, without the names of the program: the first that says so, because advice may follow it."""
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    line = next((line for line in lines if re.search(r"error|fatal|invalid|unrecognized", line, re.I)), lines[0] if lines else "")
+    return re.sub(r"^(\w+: )?((error|fatal): )?(Batch job submission failed: )?", "", line)
 
 
 def require():
@@ -63,6 +69,8 @@ def require():
 
 
 def not_there(reason):
+    if "configuration source" in str(reason):
+        return FarmError(USAGE, f"this machine has no configuration of Slurm ({reason}); set SLURM_CONF, or give --local-cluster N")
     return FarmError(WRITE, f"slurmctld does not answer ({reason}); give the same command again when it does")
 
 

@@ -21,10 +21,12 @@ class Summary:
     rounds: list
     repairs: int
     resubmitted: int
+    stopped_early: bool = False  # by --max-failures
 
     def classes(self):
         """The names of the scans in each class but `unchanged`, with the reasons of those that are not done."""
         done, failed, not_finished = [], {}, {}
+        tried = {entry.scan: entry.reason for entry in self.entries if entry.outcome == "failed"}
         for name in self.before.stale:
             if name in self.after.known:
                 failed[name] = self.after.known[name]
@@ -32,6 +34,8 @@ class Summary:
                 done.append(name)
             elif name not in self.unfinished and self.after.stale[name]:
                 failed[name] = self.after.stale[name]
+            elif name in tried and self.stopped_early:  # it failed before the run ended, and the store may not have recorded it
+                failed[name] = tried[name]
             else:
                 not_finished[name] = self.unfinished.get(name, "became stale during the run")
         return done, failed, not_finished

@@ -5,6 +5,8 @@ Completion is determined from the result in the run's folder, never from Slurm's
 last seconds: both acknowledged submissions and ended tasks. A chunk that neither waits nor runs and has no result is submitted again.
 The name of an array gives its chunks, so that an array is recognised even if its acknowledgement was lost."""
 import dataclasses
+import re
+import tempfile
 import time
 
 import chunk_script
@@ -15,6 +17,8 @@ from errors import USAGE, WRITE, FarmError
 ATTEMPTS = 4  # tries of a chunk whose task ends without a result, in one round
 GRACE_POLLS = 3  # a result may become visible after the end of its task
 SUBMIT_FAILURES = 5
+# Reasons that do not go away by waiting.
+NEVER = re.compile(r"invalid partition|invalid account|invalid qos|configuration is not available|unrecognized option|invalid option", re.I)
 DONE, TIMEOUT = "done", "time limit"
 
 
@@ -133,8 +137,8 @@ class Round:
                              "--output=/dev/null", *self.options.sbatch)
             except slurm.NoAnswer as reason:
                 self.submit_failures += 1
-                if self.submit_failures >= SUBMIT_FAILURES and not active:
-                    raise FarmError(USAGE, f"sbatch: {reason}") from None
+                if not active and (self.submit_failures >= SUBMIT_FAILURES or NEVER.search(str(reason))):
+                    raise refused(str(reason), self.options.partition) from None
                 return
             self.submit_failures = 0
             for index in indices:
@@ -143,6 +147,15 @@ class Round:
             self.waiting = [number for number in self.waiting if number not in sent]
             if self.options.throttle:
                 return
+
+
+def refused(reason, partition):
+    """The error of a run whose tasks Slurm does not take."""
+    if "artition" in reason:
+        return FarmError(USAGE, f"--partition {partition or '(none given)'}: Slurm says: {reason}; sinfo lists the partitions")
+    if "writing" in reason:
+        return FarmError(WRITE, f"Slurm cannot write its files: {reason}; is the disk full? (with --local-cluster they are in {tempfile.gettempdir()})")
+    return FarmError(USAGE, f"sbatch refuses the tasks: {reason}")
 
 
 def cancel_all(prefix, patience_s=0):
