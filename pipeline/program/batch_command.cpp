@@ -251,6 +251,16 @@ Result<void> write_metrics(const BatchArguments& a, const fs::path& store,
       a.metrics, farm::metrics_text(summary, store.string(), std::chrono::system_clock::now()));
 }
 
+// Whether every scan is a known failure and has no asset. An asset of which only a product failed counts.
+bool has_made_none(const fs::path& store, const farm::BatchSummary& summary) {
+  std::error_code ignored;
+  return summary.scans > 0 && summary.known.size() == summary.scans &&
+         std::none_of(summary.known.begin(), summary.known.end(),
+                      [&](const farm::FailedScan& failed) {
+                        return fs::exists(store / "assets" / (failed.scan + ".glb"), ignored);
+                      });
+}
+
 int run(const BatchArguments& a, const farm::Collection& collection, const farm::Batch& batch,
         const fs::path& store, json head) {
   const auto summary = batch.run();
@@ -294,10 +304,10 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                         " failures (--max-failures " + std::to_string(a.max_failures) + "); " +
                         std::to_string(summary->left) + " scans are left for the next run"));
   const bool has_failed = !summary->failed.empty() || (a.strict && !summary->known.empty());
-  const bool is_whole = a.only.empty() && a.shard.empty();
-  if (!has_failed && is_whole && summary->scans > 0 && summary->known.size() == summary->scans)
-    return fail(refused("none of the scans could be made, now or in earlier runs; --dry-run lists "
-                        "the reasons"));
+  if (!has_failed && a.only.empty() && a.shard.empty() && has_made_none(store, *summary))
+    return fail(
+        refused("none of the scans could be made, now or in earlier runs; --dry-run lists "
+                "the reasons"));
   return has_failed ? static_cast<int>(ExitCode::kRefused) : 0;
 }
 

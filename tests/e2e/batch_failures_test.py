@@ -82,3 +82,15 @@ def test_metrics_state_the_classes(store, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["farm.prom"]
     done = store.run("--metrics", tmp_path / "no" / "such", expect=4)
     assert done.stderr.count("\n") == 1
+
+
+def test_a_collection_without_any_good_scan_never_ends_well(store, tmp_path):
+    collection = tmp_path / "collection.json"
+    write_collection(collection, [{"name": f"s{k}", "input": f"nowhere/{k}.nii.gz"} for k in range(3)])
+    for expected in ("3 failed", "3 known failures"):
+        done = run(MESH, "batch", collection, "-o", tmp_path / "store", expect=3)
+        assert expected in done.stdout
+    assert "none of the scans could be made" in done.stderr
+    only = tmp_path / "only"
+    only.write_text("s1\n")
+    run(MESH, "batch", collection, "-o", tmp_path / "store", "--only", only)

@@ -117,7 +117,8 @@ def farm(given):
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
     if given.metrics:
         metrics.write(pathlib.Path(given.metrics), numbers, tool.store)
-    if numbers["scans"] and len(numbers["known_failures"]) == numbers["scans"]:
+    names = [row["scan"] for row in numbers["known_failures"]]
+    if names and len(names) == numbers["scans"] and not any((pathlib.Path(tool.store) / "assets" / f"{name}.glb").exists() for name in names):
         raise FarmError(REFUSED, "none of the scans could be made, now or in earlier runs; trocar-mesh batch --dry-run lists the reasons")
     return REFUSED if numbers["failed"] or numbers["not_finished"] or (given.strict and numbers["known_failures"]) else DONE
 
