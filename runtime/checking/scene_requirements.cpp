@@ -23,15 +23,7 @@ std::string describe_puncture(const DeviceSpecification& device, const TipForce&
 }  // namespace
 
 std::uint64_t kept_bytes(const Sheet& sheet) noexcept {
-  const SheetMesh& mesh = sheet.mesh;
-  const std::uint64_t replica =
-      mesh.vertices.capacity() * sizeof(LatticePoint) +
-      mesh.triangles.capacity() * (sizeof(Triangle) + sizeof(std::array<std::uint32_t, 3>)) +
-      (mesh.free_vertices.capacity() + mesh.free_triangles.capacity()) * sizeof(std::uint32_t) +
-      sheet.grid.bytes();
-  const std::uint64_t first = mesh.vertices_in_use() * sizeof(LatticePoint) +
-                              mesh.triangles_in_use() * 2 * sizeof(Triangle);
-  return 2 * replica + first;
+  return sheet.mesh.bytes() + sheet.grid.bytes() + sheet.boundary_grid.bytes();
 }
 
 Result<SceneRequirements> describe_requirements(

@@ -43,8 +43,8 @@ Result<SceneRequirements> describe_requirements(
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options);
 
-/// Returns the number of bytes kept for a sheet during the session: for the two replicas of its
-/// mesh (runtime/workers/remesher.h) and for a copy of the mesh without holes.
+/// Returns the number of bytes kept for a sheet during the session: for its mesh and its grid, which
+/// the replicas share (runtime/workers/remesher.h), but not for what holes change.
 std::uint64_t kept_bytes(const Sheet& sheet) noexcept;
 
 }  // namespace trocar::runtime

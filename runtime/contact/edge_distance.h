@@ -35,6 +35,11 @@ class EdgeDistance {
   /// of nodes within kReach_mm of the edge's bounding box.
   EdgeDistance(const Pslg& outline, const Lattice& lattice);
 
+  /// A positive distance is nowhere too large by more than this: a distance changes by at most the
+  /// length of the way between two points, and no point is farther from the nodes of its cell than
+  /// the cell's diagonal.
+  double max_error_m() const noexcept { return 1e-3 * 1.4143 * spacing_mm_; }
+
   struct Sample {
     double distance_m = -1e-3 * kReach_mm;
     Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< in {B}

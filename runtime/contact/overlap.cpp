@@ -128,6 +128,23 @@ Polygon whole_outline(const LatticeOutline& outline) noexcept {
   return whole;
 }
 
+/// Whether one edge of a convex outline has the whole triangle on its outer side, with some distance, so that they
+/// have no area in common.
+bool is_beyond_an_edge(const Polygon& convex,
+                       const std::array<Eigen::Vector2d, 3>& corner) noexcept {
+  constexpr double kDistance_steps = 1e-3;
+  for (int i = 0; i < convex.size; ++i) {
+    const Eigen::Vector2d& a = convex.points[i];
+    const Eigen::Vector2d d = convex.points[i + 1 == convex.size ? 0 : i + 1] - a;
+    const auto side = [&](const Eigen::Vector2d& p) {
+      return d.x() * (p.y() - a.y()) - d.y() * (p.x() - a.x());
+    };
+    const double limit = -kDistance_steps * (std::abs(d.x()) + std::abs(d.y()));
+    if (side(corner[0]) < limit && side(corner[1]) < limit && side(corner[2]) < limit) return true;
+  }
+  return false;
+}
+
 /// The k-th convex piece of the tool's outline.
 Polygon convex_part(const Tool& tool, int k, const Polygon& whole) noexcept {
   Polygon part;
@@ -162,11 +179,12 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
     clip(second, corner[2], corner[0], first);
     if (first.size > 0) add_outside(first, pending, 0, covered);
   };
-  sheet.grid.for_each(box_around(outline), [&](std::uint32_t index) {
+  sheet.grid.for_each(sheet.mesh, box_around(outline), [&](std::uint32_t index) {
     const Triangle& t = sheet.mesh.triangles[index];
     const std::array<Eigen::Vector2d, 3> corner{offset_in_steps(sheet.mesh.vertices[t[0]], origin),
                                                 offset_in_steps(sheet.mesh.vertices[t[1]], origin),
                                                 offset_in_steps(sheet.mesh.vertices[t[2]], origin)};
+    if (tool.pieces == 1 && is_beyond_an_edge(whole, corner)) return;
     if (holes.empty()) return add(whole, corner);
     for (int k = 0; k < tool.pieces; ++k)  // add_outside() needs convex parts
       add(convex_part(tool, k, whole), corner);

@@ -20,7 +20,7 @@ constexpr double kMaxHeight_m = 1;     // largest distance of a slice from {B}'s
 /// `mesh` must be valid.
 void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
   sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
-  sheet.grid = TriangleGrid(sheet.mesh);
+  sheet.index_mesh();
 }
 
 /// Centroid of the material in mm.
@@ -47,6 +47,11 @@ const AssetSlice* find_slice(const Asset& asset, int index) {
 }
 
 }  // namespace
+
+void Sheet::index_mesh() {
+  grid = TriangleGrid(mesh);
+  boundary_grid = TriangleGrid(mesh, GridTriangles::kBoundary);
+}
 
 Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name) {
   if (!scene.body) return {};

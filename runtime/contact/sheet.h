@@ -26,12 +26,16 @@ struct Sheet {
   PlanarTransform transform;
   SheetMesh mesh;
   TriangleGrid grid;                         ///< grid over the triangles of `mesh`
+  TriangleGrid boundary_grid;                ///< grid over those of them at the boundary
   std::uint32_t cuts = 0;                    ///< number of holes cut into `mesh` during the session
   std::shared_ptr<const SliceField> field;   ///< only with the force law `cutting`; else null
   std::shared_ptr<const EdgeDistance> edge;  ///< only with the force law `cutting`; else null
   /// HU of each vertex of the mesh as loaded, before any hole was cut, in the order of the
   /// vertices; null: the asset has no HU at vertices.
   std::shared_ptr<const std::vector<float>> hu;
+
+  /// Builds both grids for `mesh`.
+  void index_mesh();
 };
 
 /// If the scene has a `body` (a bone volume made of a range of slices), replaces the scene's slices

@@ -46,7 +46,8 @@ double settled_stiffness_N_per_m(const Region& region, const SceneForceLaw& law)
 void find_seeds_in_grid(const Sheet& sheet, const LatticeOutline& outline,
                         std::vector<std::uint32_t>& seeds) {
   seeds.clear();
-  sheet.grid.for_each(box_around(outline), [&](std::uint32_t t) { seeds.push_back(t); });
+  sheet.grid.for_each(sheet.mesh, box_around(outline),
+                      [&](std::uint32_t t) { seeds.push_back(t); });
   std::sort(seeds.begin(), seeds.end());
 }
 

@@ -110,7 +110,7 @@ StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outlin
   cavity.near_tool.clear();
   bool overlaps = false, fits = true;
   cavity.tool_box = box_around(tool);
-  grid.for_each(cavity.tool_box, [&](std::uint32_t t) {
+  grid.for_each(mesh, cavity.tool_box, [&](std::uint32_t t) {
     __builtin_prefetch(&mesh.triangles[t]);
     __builtin_prefetch(&mesh.across[t]);
     fits = fits && push_within(cavity.near_tool, t);

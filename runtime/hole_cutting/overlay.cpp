@@ -245,7 +245,7 @@ class OverlayBuilder {
       return q != s.first && q != s.second && q != p && orient2d(swept[0], swept[1], q) >= 0 &&
              orient2d(swept[1], swept[2], q) >= 0 && orient2d(swept[2], swept[0], q) >= 0;
     };
-    grid_.for_each(box_around(swept), [&](std::uint32_t k) {
+    grid_.for_each(mesh_, box_around(swept), [&](std::uint32_t k) {
       if (cavity_.contains(k)) return;
       const std::array<LatticePoint, 3> c = corners(mesh_, k);
       for (std::uint32_t i = 0; i < 3; ++i) {

@@ -72,7 +72,7 @@ bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const C
     for (const std::uint32_t t : cavity.near_tool)
       list_boundary(t);
   } else {
-    grid.for_each(box, list_boundary);
+    grid.for_each(mesh, box, list_boundary);
   }
   return fits;
 }

@@ -3,12 +3,24 @@
 
 namespace trocar::runtime {
 
-void SheetEdit::Stack::begin(const std::vector<std::uint32_t>& stack) noexcept {
-  untouched = stack.size();
-  popped.clear();
+namespace {
+
+void undo_pops(std::size_t untouched, const std::vector<std::uint32_t>& popped,
+               std::vector<std::uint32_t>& stack) noexcept {
+  stack.resize(untouched);
+  stack.insert(stack.end(), popped.rbegin(), popped.rend());
 }
 
-std::uint32_t SheetEdit::Stack::pop(std::vector<std::uint32_t>& stack) noexcept {
+void copy_stack(std::size_t untouched, const std::vector<std::uint32_t>& from,
+                std::vector<std::uint32_t>& to) noexcept {
+  to.resize(untouched);
+  to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(untouched), from.end());
+}
+
+}  // namespace
+
+std::uint32_t SheetEdit::pop(std::vector<std::uint32_t>& stack, std::size_t& untouched,
+                             std::vector<std::uint32_t>& popped) noexcept {
   if (stack.empty()) return kNone;
   const std::uint32_t slot = stack.back();
   if (stack.size() == untouched) {
@@ -19,31 +31,22 @@ std::uint32_t SheetEdit::Stack::pop(std::vector<std::uint32_t>& stack) noexcept 
   return slot;
 }
 
-void SheetEdit::Stack::undo(std::vector<std::uint32_t>& stack) const noexcept {
-  stack.resize(untouched);
-  stack.insert(stack.end(), popped.rbegin(), popped.rend());
-}
-
-void SheetEdit::Stack::copy(const std::vector<std::uint32_t>& from,
-                            std::vector<std::uint32_t>& to) const noexcept {
-  to.resize(untouched);
-  to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(untouched), from.end());
-}
-
-SheetEdit::SheetEdit(const SheetMesh& mesh) {
-  reserve_touched(triangles_, mesh.triangles.size());
-  reserve_touched(vertices_, mesh.vertices.size());
-  reserve_touched(free_triangles_.popped, mesh.triangles.size());
-  reserve_touched(free_vertices_.popped, mesh.vertices.size());
-  triangle_listed_.allocate(mesh.triangles.size());
-  vertex_listed_.allocate(mesh.vertices.size());
+SheetEdit::SheetEdit(std::size_t vertex_slots, std::size_t triangle_slots) {
+  reserve_touched(change_.triangles, triangle_slots);
+  reserve_touched(change_.vertices, vertex_slots);
+  reserve_touched(popped_triangles_, triangle_slots);
+  reserve_touched(popped_vertices_, vertex_slots);
+  triangle_listed_.allocate(triangle_slots);
+  vertex_listed_.allocate(vertex_slots);
 }
 
 void SheetEdit::begin(const SheetMesh& mesh) noexcept {
-  triangles_.clear();
-  vertices_.clear();
-  free_triangles_.begin(mesh.free_triangles);
-  free_vertices_.begin(mesh.free_vertices);
+  change_.triangles.clear();
+  change_.vertices.clear();
+  change_.untouched_free_triangles = mesh.free_triangles.size();
+  change_.untouched_free_vertices = mesh.free_vertices.size();
+  popped_triangles_.clear();
+  popped_vertices_.clear();
   triangle_listed_.clear();
   vertex_listed_.clear();
 }
@@ -52,18 +55,19 @@ void SheetEdit::touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept 
   const std::size_t listed = triangle_listed_.size();
   triangle_listed_.insert(t, 0);
   if (triangle_listed_.size() == listed) return;
-  triangles_.push_back({t, mesh.triangles[t], mesh.across[t]});
+  change_.triangles.push_back({t, mesh.triangles[t], mesh.across[t]});
 }
 
 void SheetEdit::touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept {
   const std::size_t listed = vertex_listed_.size();
   vertex_listed_.insert(v, 0);
   if (vertex_listed_.size() == listed) return;
-  vertices_.push_back({v, mesh.vertices[v]});
+  change_.vertices.push_back({v, mesh.vertices[v]});
 }
 
 std::uint32_t SheetEdit::take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept {
-  const std::uint32_t t = free_triangles_.pop(mesh.free_triangles);
+  const std::uint32_t t =
+      pop(mesh.free_triangles, change_.untouched_free_triangles, popped_triangles_);
   if (t == kNone) return kNone;
   touch_triangle(mesh, t);
   mesh.triangles[t] = corners;
@@ -72,7 +76,8 @@ std::uint32_t SheetEdit::take_triangle(SheetMesh& mesh, const Triangle& corners)
 }
 
 std::uint32_t SheetEdit::take_vertex(SheetMesh& mesh, LatticePoint point) noexcept {
-  const std::uint32_t v = free_vertices_.pop(mesh.free_vertices);
+  const std::uint32_t v =
+      pop(mesh.free_vertices, change_.untouched_free_vertices, popped_vertices_);
   if (v == kNone) return kNone;
   touch_vertex(mesh, v);
   mesh.vertices[v] = point;
@@ -91,26 +96,26 @@ void SheetEdit::release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept {
 }
 
 void SheetEdit::undo(SheetMesh& mesh) noexcept {
-  for (const OldTriangle& old : triangles_) {
+  for (const OldTriangle& old : change_.triangles) {
     mesh.triangles[old.slot] = old.corners;
     mesh.across[old.slot] = old.across;
   }
-  for (const OldVertex& old : vertices_)
+  for (const OldVertex& old : change_.vertices)
     mesh.vertices[old.slot] = old.point;
-  free_triangles_.undo(mesh.free_triangles);
-  free_vertices_.undo(mesh.free_vertices);
+  undo_pops(change_.untouched_free_triangles, popped_triangles_, mesh.free_triangles);
+  undo_pops(change_.untouched_free_vertices, popped_vertices_, mesh.free_vertices);
   begin(mesh);
 }
 
-void SheetEdit::copy_to(const SheetMesh& from, SheetMesh& to) const noexcept {
-  for (const OldTriangle& old : triangles_) {
+void SheetChange::copy_to(const SheetMesh& from, SheetMesh& to) const noexcept {
+  for (const OldTriangle& old : triangles) {
     to.triangles[old.slot] = from.triangles[old.slot];
     to.across[old.slot] = from.across[old.slot];
   }
-  for (const OldVertex& old : vertices_)
+  for (const OldVertex& old : vertices)
     to.vertices[old.slot] = from.vertices[old.slot];
-  free_triangles_.copy(from.free_triangles, to.free_triangles);
-  free_vertices_.copy(from.free_vertices, to.free_vertices);
+  copy_stack(untouched_free_triangles, from.free_triangles, to.free_triangles);
+  copy_stack(untouched_free_vertices, from.free_vertices, to.free_vertices);
 }
 
 }  // namespace trocar::runtime

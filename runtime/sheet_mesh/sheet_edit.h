@@ -22,23 +22,40 @@
 
 namespace trocar::runtime {
 
-class SheetEdit {
- public:
-  /// A triangle's slot and its content at begin().
+/// The slots that an edit has written. It suffices to repeat the edit on a replica.
+struct SheetChange {
+  /// A triangle's slot and its content before the edit.
   struct OldTriangle {
     std::uint32_t slot;
     Triangle corners;  ///< kFreeSlot if the slot was free
     std::array<std::uint32_t, 3> across;
   };
-  /// A vertex's slot and its content at begin().
+  /// A vertex's slot and its content before the edit.
   struct OldVertex {
     std::uint32_t slot;
     LatticePoint point;
   };
 
+  std::vector<OldTriangle> triangles;  ///< each slot once, in the order in which they were listed
+  std::vector<OldVertex> vertices;     ///< likewise
+  /// The numbers of the lowest entries of the two stacks of free slots that the edit has not
+  /// changed.
+  std::size_t untouched_free_triangles = 0, untouched_free_vertices = 0;
+
+  /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.
+  void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
+};
+
+class SheetEdit {
+ public:
+  using OldTriangle = SheetChange::OldTriangle;
+  using OldVertex = SheetChange::OldVertex;
+
   SheetEdit() = default;
   /// Allocates memory for edits of meshes with no more slots than `mesh`. O(slots).
-  explicit SheetEdit(const SheetMesh& mesh);
+  explicit SheetEdit(const SheetMesh& mesh)
+      : SheetEdit(mesh.vertices.size(), mesh.triangles.size()) {}
+  SheetEdit(std::size_t vertex_slots, std::size_t triangle_slots);
 
   /// Starts a new edit of `mesh` and clears the lists. O(1).
   void begin(const SheetMesh& mesh) noexcept;
@@ -57,30 +74,23 @@ class SheetEdit {
   void release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept;
 
   /// The slots that were written since begin(), each once, in the order in which they were listed.
-  std::span<const OldTriangle> triangles() const noexcept { return triangles_; }
-  std::span<const OldVertex> vertices() const noexcept { return vertices_; }
+  std::span<const OldTriangle> triangles() const noexcept { return change_.triangles; }
+  std::span<const OldVertex> vertices() const noexcept { return change_.vertices; }
+  const SheetChange& change() const noexcept { return change_; }
 
   /// Undoes the edit (contract 2) and calls begin() for a new edit.
   void undo(SheetMesh& mesh) noexcept;
-  /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.
-  void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
+  /// SheetChange::copy_to() of this edit.
+  void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept { change_.copy_to(from, to); }
 
  private:
-  // The changes to a stack of free slots since begin(). The lowest `untouched` entries of the stack
-  // are unchanged. `popped` lists all other entries that the stack had at begin(), topmost first.
-  struct Stack {
-    std::size_t untouched = 0;
-    std::vector<std::uint32_t> popped;
-    void begin(const std::vector<std::uint32_t>& stack) noexcept;
-    std::uint32_t pop(std::vector<std::uint32_t>& stack) noexcept;
-    void undo(std::vector<std::uint32_t>& stack) const noexcept;
-    void copy(const std::vector<std::uint32_t>& from,
-              std::vector<std::uint32_t>& to) const noexcept;
-  };
+  // Pops a slot from a stack of free slots. `untouched`: SheetChange::untouched_free_triangles or
+  // _vertices. `popped` lists the other entries that the stack had at begin(), topmost first.
+  static std::uint32_t pop(std::vector<std::uint32_t>& stack, std::size_t& untouched,
+                           std::vector<std::uint32_t>& popped) noexcept;
 
-  std::vector<OldTriangle> triangles_;
-  std::vector<OldVertex> vertices_;
-  Stack free_triangles_, free_vertices_;
+  SheetChange change_;
+  std::vector<std::uint32_t> popped_triangles_, popped_vertices_;
   FlatTable triangle_listed_, vertex_listed_;  ///< slots that are already listed
 };
 

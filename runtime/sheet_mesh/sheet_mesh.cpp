@@ -2,8 +2,10 @@
 #include "runtime/sheet_mesh/sheet_mesh.h"
 
 #include <algorithm>
+#include <iterator>
+#include <numeric>
 #include <string>
-#include <unordered_map>
+#include <vector>
 
 #include "formats/geometry/mesh_validity.h"
 
@@ -23,6 +25,58 @@ std::vector<std::uint32_t> free_stack(std::size_t first, std::size_t size) {
   return out;
 }
 
+// A directed edge of a triangle, listed at the vertex where it begins.
+struct EdgeTo {
+  std::uint32_t to;
+  std::uint32_t triangle;
+  std::uint32_t edge;
+};
+
+// The triangle beyond each edge of each triangle. Errors: those of make_sheet_mesh().
+Result<std::vector<std::array<std::uint32_t, 3>>> neighbours(const SliceMesh& mesh) {
+  // The edges that begin at a vertex v are edges[first[v]] to edges[first[v + 1] - 1].
+  std::vector<std::uint32_t> first(mesh.vertices.size() + 1, 0);
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (const std::uint32_t from : mesh.triangles[t]) {
+      if (from >= mesh.vertices.size())
+        return refused("triangle " + std::to_string(t) + " names vertex " + std::to_string(from) +
+                       " of " + std::to_string(mesh.vertices.size()));
+      ++first[from + 1];
+    }
+  }
+  std::partial_sum(first.begin(), first.end(), first.begin());
+  std::vector<EdgeTo> edges(3 * mesh.triangles.size());
+  std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Triangle& v = mesh.triangles[t];
+    for (std::uint32_t i = 0; i < 3; ++i)
+      edges[next[v[i]]++] = {v[(i + 1) % 3], t, i};
+  }
+  const auto by_end = [](const EdgeTo& a, const EdgeTo& b) { return a.to < b.to; };
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    const auto from = edges.begin() + first[v], to = edges.begin() + first[v + 1];
+    std::sort(from, to, [](const EdgeTo& a, const EdgeTo& b) {
+      return a.to != b.to ? a.to < b.to : a.triangle < b.triangle;
+    });
+    const auto twice =
+        std::adjacent_find(from, to, [](const EdgeTo& a, const EdgeTo& b) { return a.to == b.to; });
+    if (twice != to)
+      return refused("triangles " + std::to_string(twice->triangle) + " and " +
+                     std::to_string(std::next(twice)->triangle) +
+                     " use an edge in the same direction");
+  }
+  std::vector<std::array<std::uint32_t, 3>> across(mesh.triangles.size(), {kNone, kNone, kNone});
+  for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
+    for (std::size_t k = first[v]; k < first[v + 1]; ++k) {
+      const auto end = edges.begin() + first[edges[k].to + 1];
+      const auto back =
+          std::lower_bound(edges.begin() + first[edges[k].to], end, EdgeTo{v, 0, 0}, by_end);
+      if (back != end && back->to == v) across[edges[k].triangle][edges[k].edge] = back->triangle;
+    }
+  }
+  return across;
+}
+
 }  // namespace
 
 void SheetMesh::add_slots(std::size_t more_vertices, std::size_t more_triangles) {
@@ -38,35 +92,22 @@ void SheetMesh::add_slots(std::size_t more_vertices, std::size_t more_triangles)
   reserve_stacks();
 }
 
+void SheetMesh::remove_spare_slots() {
+  vertices.resize(vertices_in_use());
+  triangles.resize(triangles_in_use());
+  across.resize(triangles.size());
+  free_vertices = {};
+  free_triangles = {};
+}
+
 Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_vertices,
                                   std::size_t spare_triangles) {
   SheetMesh out;
   out.vertices = mesh.vertices;
   out.triangles = mesh.triangles;
-  out.across.assign(mesh.triangles.size(), {kNone, kNone, kNone});
-
-  std::unordered_map<std::uint64_t, std::uint32_t> edge_of;  // directed edge -> 3 * triangle + edge
-  edge_of.reserve(3 * mesh.triangles.size());
-  const auto key = [](std::uint32_t from, std::uint32_t to) {
-    return std::uint64_t{from} << 32 | to;
-  };
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1) % 3];
-      if (from >= mesh.vertices.size()) {
-        return refused("triangle " + std::to_string(t) + " names vertex " + std::to_string(from) +
-                       " of " + std::to_string(mesh.vertices.size()));
-      }
-      if (const auto [at, is_new] = edge_of.emplace(key(from, to), 3 * t + i); !is_new) {
-        return refused("triangles " + std::to_string(at->second / 3) + " and " + std::to_string(t) +
-                       " use an edge in the same direction");
-      }
-      if (const auto beyond = edge_of.find(key(to, from)); beyond != edge_of.end()) {
-        out.across[t][i] = beyond->second / 3;
-        out.across[beyond->second / 3][beyond->second % 3] = t;
-      }
-    }
-  }
+  auto across = neighbours(mesh);
+  if (!across) return across.error();
+  out.across = *across;
 
   const std::size_t vertices = mesh.vertices.size() + spare_vertices;
   const std::size_t triangles = mesh.triangles.size() + spare_triangles;

@@ -21,6 +21,7 @@
 #include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
 #include "formats/geometry/triangle_edge.h"
+#include "runtime/sheet_mesh/paged_array.h"
 
 namespace trocar::runtime {
 
@@ -37,12 +38,15 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     has a vertex of its own at this point. `free_vertices` lists exactly once every vertex slot
 ///     that is not in use.
 ///  4. Edits do not change the size of the first three arrays; only add_slots() does. The stacks
-///     `free_vertices` and `free_triangles` have capacity for every slot, also in a copy of the
-///     mesh.
+///     `free_vertices` and `free_triangles` have capacity for kReservedFree further slots, or for
+///     every slot if there are fewer, also in a copy of the mesh.
+/// A copy shares the memory of the arrays until one of the two is written to (paged_array.h).
 struct SheetMesh {
-  std::vector<LatticePoint> vertices;
-  std::vector<Triangle> triangles;
-  std::vector<std::array<std::uint32_t, 3>> across;
+  static constexpr std::size_t kReservedFree = 32'768;
+
+  PagedArray<LatticePoint> vertices;
+  PagedArray<Triangle> triangles;
+  PagedArray<std::array<std::uint32_t, 3>> across;
   std::vector<std::uint32_t> free_vertices;   ///< free vertex slots; the last one is used next
   std::vector<std::uint32_t> free_triangles;  ///< free triangle slots; the last one is used next
 
@@ -64,15 +68,29 @@ struct SheetMesh {
   /// causes a page fault.
   void reserve_stacks() {
     const std::size_t vertices_free = free_vertices.size(), triangles_free = free_triangles.size();
-    free_vertices.resize(vertices.size());
+    free_vertices.resize(std::min(vertices.size(), vertices_free + kReservedFree));
     free_vertices.resize(vertices_free);
-    free_triangles.resize(triangles.size());
+    free_triangles.resize(std::min(triangles.size(), triangles_free + kReservedFree));
     free_triangles.resize(triangles_free);
+  }
+  /// Ensures that an edit which writes to no more than this many pages of an array does not allocate
+  /// them, although a copy of the mesh shares them. Allocates.
+  void reserve_pages(std::size_t pages) {
+    vertices.reserve_pages(pages);
+    triangles.reserve_pages(pages);
+    across.reserve_pages(pages);
+  }
+  /// Memory of the mesh in bytes, including memory that copies share.
+  std::size_t bytes() const noexcept {
+    return vertices.bytes() + triangles.bytes() + across.bytes() +
+           (free_vertices.capacity() + free_triangles.capacity()) * sizeof(std::uint32_t);
   }
   /// Adds free slots. Edits use the existing free slots first. Therefore a mesh and its replica use
   /// slots in the same order, even if the slots are added to them at different times. O(n).
   /// Allocates. Precondition: no other thread reads the mesh meanwhile.
   void add_slots(std::size_t more_vertices, std::size_t more_triangles);
+  /// Removes the free slots of a mesh that make_sheet_mesh() has made and no edit has changed.
+  void remove_spare_slots();
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }

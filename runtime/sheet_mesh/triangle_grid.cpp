@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/sheet_mesh/triangle_grid.h"
 
+#include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 namespace trocar::runtime {
 
-TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size()) {
+TriangleGrid::TriangleGrid(const SheetMesh& mesh, GridTriangles lists)
+    : lists_(lists), link_(mesh.triangles.size()) {
   std::size_t count = 0;
   LatticeBox all;
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    if (!mesh.in_use(t)) continue;
+    if (!is_listed(mesh, t)) continue;
     const LatticeBox own = bounding_box(mesh, t);
     if (count++ == 0) all = own;
     widen(all, own.low);
@@ -38,23 +42,30 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size())
     levels_.push_back(level);
     cells += static_cast<std::size_t>(level.columns * level.rows);
     if (level.columns * level.rows == 1) {
-      head_.assign(cells, kNone);
+      head_ = PagedArray<std::uint32_t>(cells, kNone);
       break;
     }
   }
   // Insert in descending order, so that each cell lists its triangles in ascending order.
   for (auto t = static_cast<std::uint32_t>(mesh.triangles.size()); t-- > 0;) {
-    if (mesh.in_use(t)) insert(mesh, t);
+    if (is_listed(mesh, t)) insert(mesh, t);
   }
 }
 
-void TriangleGrid::update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
-  for (const SheetEdit::OldTriangle& old : edit.triangles()) {
+void TriangleGrid::update(const SheetChange& change, const SheetMesh& mesh) noexcept {
+  for (const SheetChange::OldTriangle& old : change.triangles) {
     // A triangle with the same corners is moved, too, because their slots may hold
     // other points now.
-    if (old.corners != kFreeSlot) remove(old.slot);
-    if (mesh.in_use(old.slot)) insert(mesh, old.slot);
+    if (std::as_const(link_)[old.slot].cell != kNone) remove(old.slot);
+    if (is_listed(mesh, old.slot)) insert(mesh, old.slot);
   }
+}
+
+bool TriangleGrid::is_listed(const SheetMesh& mesh, std::uint32_t t) const noexcept {
+  if (!mesh.in_use(t)) return false;
+  const std::array<std::uint32_t, 3>& across = mesh.across[t];
+  return lists_ == GridTriangles::kAll ||
+         std::find(across.begin(), across.end(), kNone) != across.end();
 }
 
 void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
@@ -68,7 +79,7 @@ void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
   ++level.triangles;
   const std::size_t cell = level.cell(level.row(*this, box.low.y), level.column(*this, box.low.x));
   const std::uint32_t next = head_[cell];
-  link_[t] = {box, next, kNone, static_cast<std::uint32_t>(cell)};
+  link_[t] = {next, kNone, static_cast<std::uint32_t>(cell)};
   if (next != kNone) link_[next].before = t;
   head_[cell] = t;
 }

@@ -27,29 +27,41 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
   return box_around(corners(mesh, t));
 }
 
+/// The triangles that a grid lists.
+enum class GridTriangles : std::uint8_t {
+  kAll,       ///< every triangle in use
+  kBoundary,  ///< those in use that have an edge on the sheet's boundary
+};
+
 /// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
 /// triangles):
-///  1. for_each() visits every triangle in use whose bounding box is not apart() from the given
-///     box, exactly once, and no other triangle. The order depends only on the mesh given to the
+///  1. for_each() visits every triangle of GridTriangles whose bounding box is not apart() from the
+///     given box, exactly once, and no other triangle. The order depends only on the mesh given to the
 ///     constructor and on the edits since then.
-///  2. Only the constructor and add_slots() allocate.
+///  2. Only the constructor and add_slots() allocate, and an update() that writes to more shared
+///     pages than reserve_pages() has reserved. A copy shares the memory of the grid until one of
+///     the two is updated.
 class TriangleGrid {
  public:
   TriangleGrid() = default;
-  /// Builds the grids for the triangles in use, with an entry for every slot. Precondition: all
-  /// vertex indices are in range. O(slots).
-  explicit TriangleGrid(const SheetMesh& mesh);
+  /// Builds the grids, with an entry for every slot. Precondition: all vertex indices are in range.
+  /// O(slots).
+  explicit TriangleGrid(const SheetMesh& mesh, GridTriangles lists = GridTriangles::kAll);
 
-  /// Call this once after each edit of the mesh. `edit`: the lists of the edit; `mesh`: the edited
+  /// Call this once after each edit of the mesh. `change`: the lists of the edit; `mesh`: the edited
   /// mesh. The time is proportional to the number of triangles that the edit has written.
-  void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
+  void update(const SheetChange& change, const SheetMesh& mesh) noexcept;
+  void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
+    update(edit.change(), mesh);
+  }
 
   /// Adds entries after SheetMesh::add_slots().
   void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }
 
-  /// Calls visit(t) for every triangle t near the box, see contract 1.
+  /// Calls visit(t) for every triangle t near the box, see contract 1. `mesh`: the mesh that this
+  /// grid was made for, after the last update().
   template <typename Visit>
-  void for_each(const LatticeBox& box, Visit&& visit) const {
+  void for_each(const SheetMesh& mesh, const LatticeBox& box, Visit&& visit) const {
     for (const Level& level : levels_) {
       if (level.triangles == 0) continue;
       const std::int64_t left = std::max<std::int64_t>(level.column(*this, box.low.x) - 1, 0);
@@ -59,17 +71,21 @@ class TriangleGrid {
       for (std::int64_t r = bottom; r <= top; ++r) {
         for (std::int64_t c = left; c <= right; ++c) {
           for (std::uint32_t t = head_[level.cell(r, c)]; t != kNone; t = link_[t].next) {
-            if (!apart(link_[t].box, box)) visit(t);
+            if (!apart(bounding_box(mesh, t), box)) visit(t);
           }
         }
       }
     }
   }
 
-  /// Returns the memory in use, in bytes.
+  /// Returns the memory in use in bytes, including memory that copies share.
   std::size_t bytes() const noexcept {
-    return levels_.capacity() * sizeof(Level) + head_.capacity() * sizeof(std::uint32_t) +
-           link_.capacity() * sizeof(Link);
+    return levels_.capacity() * sizeof(Level) + head_.bytes() + link_.bytes();
+  }
+  /// SheetMesh::reserve_pages() of the grid.
+  void reserve_pages(std::size_t pages) {
+    head_.reserve_pages(pages);
+    link_.reserve_pages(pages);
   }
 
  private:
@@ -90,18 +106,19 @@ class TriangleGrid {
     }
   };
   struct Link {
-    LatticeBox box;                              ///< bounding box of the triangle
     std::uint32_t next = kNone, before = kNone;  ///< neighbours in the list of its cell
     std::uint32_t cell = kNone;                  ///< cell of the triangle; kNone: in no cell
   };
 
+  bool is_listed(const SheetMesh& mesh, std::uint32_t t) const noexcept;
   void insert(const SheetMesh& mesh, std::uint32_t t) noexcept;
   void remove(std::uint32_t t) noexcept;
 
-  LatticePoint origin_;              ///< lower left corner of all grids
-  std::vector<Level> levels_;        ///< the grids, the finest first
-  std::vector<std::uint32_t> head_;  ///< first triangle of each cell, level by level
-  std::vector<Link> link_;           ///< list entry of each triangle slot
+  GridTriangles lists_ = GridTriangles::kAll;
+  LatticePoint origin_;             ///< lower left corner of all grids
+  std::vector<Level> levels_;       ///< the grids, the finest first
+  PagedArray<std::uint32_t> head_;  ///< first triangle of each cell, level by level
+  PagedArray<Link> link_;           ///< list entry of each triangle slot
 };
 
 }  // namespace trocar::runtime

@@ -11,7 +11,7 @@ namespace trocar::runtime {
 FirstSheet::FirstSheet(const Sheet& sheet) {
   if (!sheet.hu || sheet.hu->size() != sheet.mesh.vertices.size()) return;
   mesh_ = sheet.mesh;
-  grid_ = TriangleGrid(sheet.mesh);
+  grid_ = sheet.grid;
   hu_ = sheet.hu;
 }
 
@@ -24,7 +24,7 @@ float FirstSheet::hu_at(LatticePoint point) const {
   LatticeBox box{point, point};
   for (int margin = 2; margin <= 4096 && !std::isfinite(deepest); margin *= 8) {
     box = {{point.x - margin, point.y - margin}, {point.x + margin, point.y + margin}};
-    grid_.for_each(box, [&](std::uint32_t t) {
+    grid_.for_each(mesh_, box, [&](std::uint32_t t) {
       const auto [a, b, c] = corners(mesh_, t);
       const auto area = static_cast<double>(orient2d(a, b, c));
       const std::array<double, 3> coordinate = {static_cast<double>(orient2d(b, c, point)) / area,

@@ -14,13 +14,15 @@ constexpr std::chrono::milliseconds kPollInterval{1};
 }  // namespace
 
 Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
-    : replica{sheet, sheet},
-      edit(sheet.mesh),
+    : first(sheet),
+      replica{sheet, sheet},
       doubled_area(trocar::doubled_area(to_slice_mesh(sheet.mesh))),
       published(replica.data()) {
-  first = sheet;
-  first.mesh = std::move(*make_sheet_mesh(to_slice_mesh(sheet.mesh), 0, 0));
-  first.grid = TriangleGrid();
+  first.mesh.remove_spare_slots();
+  reserve_touched(change.triangles, kReservedChanges);
+  reserve_touched(change.vertices, kReservedChanges);
+  for (Sheet& each : replica)
+    reserve_pages(each);
 }
 
 Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
@@ -38,9 +40,15 @@ Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
   ring_end_.reserve(kMaxHolePoints / 3);
 }
 
+void Remesher::make_cut_workspace() {
+  work_ = std::make_unique<CutWorkspace>(
+      capacity_for(std::min(vertex_slots_, work_slots_), std::min(triangle_slots_, work_slots_)));
+}
+
 void Remesher::make_workspaces() {
-  work_ = std::make_unique<CutWorkspace>(capacity_for(vertex_slots_, triangle_slots_));
+  make_cut_workspace();
   refinement_ = std::make_unique<LocalRefinementWorkspace>(vertex_slots_, triangle_slots_);
+  edit_ = SheetEdit(vertex_slots_, triangle_slots_);
 }
 
 Remesher::~Remesher() {
@@ -64,21 +72,24 @@ void Remesher::catch_up(ReplicaPair& pair) {
     older.mesh.add_slots(newer.mesh.vertices.size() - older.mesh.vertices.size(),
                          newer.mesh.triangles.size() - older.mesh.triangles.size());
     older.grid.add_slots(older.mesh);
+    older.boundary_grid.add_slots(older.mesh);
   }
-  pair.edit.copy_to(newer.mesh, older.mesh);
-  older.grid.update(pair.edit, older.mesh);
+  reserve_pages(older);
+  pair.change.copy_to(newer.mesh, older.mesh);
+  older.grid.update(pair.change, older.mesh);
+  older.boundary_grid.update(pair.change, older.mesh);
   older.cuts = newer.cuts;
   pair.older_is_behind = false;
 }
 
-void Remesher::improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept {
+void Remesher::improve(Sheet& sheet, CutRecord& record) noexcept {
   if (options_.min_angle_deg <= 0) return;
   LocalRefinementOptions options;
   options.min_angle_deg = options_.min_angle_deg;
   const LocalRefinementResult result =
-      refine_locally(sheet.mesh, pair.edit, work_->stitch.created, options, *refinement_);
+      refine_locally(sheet.mesh, edit_, work_->stitch.created, options, *refinement_);
   record.quality_vertices = result.vertices_added;
-  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, pair.edit);
+  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, edit_);
 }
 
 void Remesher::keep_hole(CutRecord& record) noexcept {
@@ -105,10 +116,16 @@ std::vector<Ring> Remesher::hole(const CutRecord& record) const {
   return rings;
 }
 
-void Remesher::add_capacity(ReplicaPair& pair, Sheet& older) {
+void Remesher::reserve_pages(Sheet& sheet) {
+  sheet.mesh.reserve_pages(kReservedPages);
+  sheet.grid.reserve_pages(kReservedPages);
+  sheet.boundary_grid.reserve_pages(kReservedPages);
+}
+
+void Remesher::add_capacity(Sheet& older) {
   older.mesh.add_slots(kSpareVertices, kSpareTriangles);
   older.grid.add_slots(older.mesh);
-  pair.edit = SheetEdit(older.mesh);
+  older.boundary_grid.add_slots(older.mesh);
   if (older.mesh.triangles.size() <= triangle_slots_ && older.mesh.vertices.size() <= vertex_slots_)
     return;
   vertex_slots_ = std::max(vertex_slots_, older.mesh.vertices.size());
@@ -116,18 +133,23 @@ void Remesher::add_capacity(ReplicaPair& pair, Sheet& older) {
   make_workspaces();
 }
 
-CutReport Remesher::cut_with_capacity(ReplicaPair& pair, Sheet& older,
-                                      const LatticeOutline& outline) {
+CutReport Remesher::cut_with_capacity(Sheet& older, const LatticeOutline& outline) {
+  reserve_pages(older);
   if (older.mesh.free_vertices.size() < kMinFreeVertices ||
       older.mesh.free_triangles.size() < kMinFreeTriangles)
-    add_capacity(pair, older);
+    add_capacity(older);
   CutReport report;
-  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-    if (attempt > 0) add_capacity(pair, older);
+  for (int attempt = 0; attempt < kMaxAttempts;) {
     report = cut_in_place(older.mesh, older.grid,
                           std::span(outline.points.data(), static_cast<std::size_t>(outline.size)),
-                          *work_, pair.edit);
+                          *work_, edit_);
     if (report.outcome != CutOutcome::kCapacity) break;
+    if (work_slots_ < std::max(vertex_slots_, triangle_slots_)) {
+      work_slots_ *= 4;
+      make_cut_workspace();
+    } else if (++attempt < kMaxAttempts) {
+      add_capacity(older);
+    }
   }
   return report;
 }
@@ -145,10 +167,12 @@ void Remesher::serve_one(const CutRequest& request) {
   if (request.cut != cuts + 1) {
     record.error = bug("a cut before this one failed");
   } else {
-    record.cut = cut_with_capacity(pair, next, request.outline);
+    record.cut = cut_with_capacity(next, request.outline);
     if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNoOverlap) {
-      if (record.cut.outcome == CutOutcome::kCut) improve(pair, next, record);
-      next.grid.update(pair.edit, next.mesh);
+      if (record.cut.outcome == CutOutcome::kCut) improve(next, record);
+      next.grid.update(edit_, next.mesh);
+      next.boundary_grid.update(edit_, next.mesh);
+      pair.change = edit_.change();
       next.cuts = cuts + 1;
       keep_hole(record);
       pair.doubled_area -= record.cut.doubled_area_removed;

@@ -47,11 +47,12 @@ struct RemesherOptions {
 /// Cuts holes into sheets. A cut makes a new version of the sheet. There are two replicas of each
 /// sheet: the haptic thread reads one, and the cut is made in the other. One atomic store then
 /// publishes the new version: it swaps the replicas. Once the haptic thread no longer uses the
-/// older replica, the same change is applied to the older replica, too. No mesh is copied as a
-/// whole, nothing is allocated after the constructor (except for error messages), and the time
-/// depends on the hole alone. Exception: if free slots for vertices or triangles run short, after
-/// some hundred holes or at a large hole, slots are added to each replica while the haptic thread
-/// does not use this replica.
+/// older replica, the same change is applied to the older replica, too. The replicas, the first
+/// version and the caller's sheet share the memory of what they have in common (paged_array.h). No
+/// mesh is copied as a whole, and the time depends on the hole alone. Before a cut, on the thread
+/// that calls serve(), memory is allocated for the pages that the cut will write to. If free slots
+/// for vertices or triangles run short, after some hundred holes or at a large hole, slots are
+/// added to each replica while the haptic thread does not use this replica.
 ///
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
 /// this sheet and all later requests wait; in real time they wait at most one tick.
@@ -102,7 +103,7 @@ class Remesher {
   /// Returns the rings of a record's hole, as in CutResult::hole. The result is empty if
   /// kMaxHolePoints was reached.
   std::vector<Ring> hole(const CutRecord& record) const;
-  /// Returns the sheet as it was before any cut, without free slots and without a grid.
+  /// Returns the sheet as it was before any cut, without free slots.
   const Sheet& first_version(std::size_t sheet) const { return pairs_[sheet]->first; }
   const Sheet& last_version(std::size_t sheet) const {
     return pairs_[sheet]->replica[pairs_[sheet]->newer];
@@ -114,9 +115,9 @@ class Remesher {
     Sheet first;
     std::array<Sheet, 2> replica;
     std::uint32_t newer = 0;       ///< index of the newer replica
-    bool older_is_behind = false;  ///< `edit` is still to be applied to the older replica
+    bool older_is_behind = false;  ///< `change` is still to be applied to the older replica
     bool unpublished = false;      ///< the newer replica is not yet published
-    SheetEdit edit;
+    SheetChange change;            ///< what the last cut has written
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
     /// `cuts` of the version that the haptic thread took last.
@@ -126,19 +127,31 @@ class Remesher {
   /// Slots are added if fewer than these are free. A cut and its quality pass use free slots.
   static constexpr std::size_t kMinFreeVertices = 1024, kMinFreeTriangles = 2048;
   static constexpr int kMaxAttempts = 3;  ///< attempts at a cut that exceeds the capacity
+  /// Pages of each array that a cut can write to without allocation. A sheet of a usual asset has
+  /// fewer.
+  static constexpr std::size_t kReservedPages = 40;
+  /// Changes of a cut that are kept without allocation.
+  static constexpr std::size_t kReservedChanges = 4096;
+  /// The scratch memory of a cut is first for sheets with this many slots. A hole in a dense sheet
+  /// that needs more gets more.
+  static constexpr std::size_t kFirstWorkSlots = 32'768;
 
   void catch_up(ReplicaPair& pair);
+  void make_cut_workspace();
   void make_workspaces();
-  void add_capacity(ReplicaPair& pair, Sheet& older);
-  CutReport cut_with_capacity(ReplicaPair& pair, Sheet& older, const LatticeOutline& outline);
+  static void reserve_pages(Sheet& sheet);
+  void add_capacity(Sheet& older);
+  CutReport cut_with_capacity(Sheet& older, const LatticeOutline& outline);
   void serve_one(const CutRequest& request);
-  void improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept;
+  void improve(Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
 
   SpscQueue<CutRequest, 256> requests_;  ///< a break-through in a bone volume makes many requests
   RemesherOptions options_;
-  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< capacity of the workspaces
+  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< of the largest sheet
+  std::size_t work_slots_ = kFirstWorkSlots;           ///< `work_` is for sheets with so many slots
   std::unique_ptr<CutWorkspace> work_;
+  SheetEdit edit_;  ///< of the cut under way
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
   std::vector<std::unique_ptr<ReplicaPair>> pairs_;
   std::vector<std::size_t> ready_;  ///< sheets with an unpublished version, the oldest first

@@ -139,7 +139,7 @@ void TickContactForceAndSolve(benchmark::State& state) {
   sheet.z_m = 0.12;
   sheet.transform.lattice = s.lattice;
   sheet.mesh = s.sheet;
-  sheet.grid = TriangleGrid(sheet.mesh);
+  sheet.index_mesh();
   const std::array<const Sheet*, 1> sheets{&sheet};
   ContactModel model;
   model.uses_prefetched_stiffness = true;

@@ -391,7 +391,7 @@ RC_GTEST_PROP(Region, IsEquivariantUnderMotions, ()) {
 Sheet sheet_of(const SliceMesh& mesh) {
   Sheet out;
   out.mesh = *make_sheet_mesh(mesh, 0, 0);
-  out.grid = TriangleGrid(out.mesh);
+  out.index_mesh();
   return out;
 }
 

@@ -144,26 +144,31 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
     return transform.to_scene({static_cast<double>(p.x), static_cast<double>(p.y)}) - at_m;
   };
 
-  bool is_inside = false, is_first = true;
+  const auto corners_of = [&](std::uint32_t t) -> std::array<Vector2d, 3> {
+    const auto corner = corners(sheet.mesh, t);
+    return {place(corner[0]), place(corner[1]), place(corner[2])};
+  };
+
+  bool is_inside = false;
+  const LatticePoint below{static_cast<std::int32_t>(std::floor(middle.x())),
+                           static_cast<std::int32_t>(std::floor(middle.y()))};
+  sheet.grid.for_each(sheet.mesh, {below, {below.x + 1, below.y + 1}}, [&](std::uint32_t t) {
+    const std::array<Vector2d, 3> p = corners_of(t);
+    const auto left_of = [](const Vector2d& a, const Vector2d& b) {
+      return a.x() * b.y() - a.y() * b.x() >= 0;  // the axis is left of a -> b
+    };
+    is_inside = is_inside || (left_of(p[0], p[1]) && left_of(p[1], p[2]) && left_of(p[2], p[0]));
+  });
+  if (is_inside) return slot;
+
   Walls walls;
   const auto for_each_edge = [&](auto use) {
-    sheet.grid.for_each(box, [&](std::uint32_t t) {
+    sheet.boundary_grid.for_each(sheet.mesh, box, [&](std::uint32_t t) {
       const auto& across = sheet.mesh.across[t];
-      const bool is_edge = std::find(across.begin(), across.end(), kNone) != across.end();
-      if (!is_edge && !is_first) return;
-      const auto corner = corners(sheet.mesh, t);
-      const std::array<Vector2d, 3> p{place(corner[0]), place(corner[1]), place(corner[2])};
-      if (is_first) {
-        const auto left_of = [](const Vector2d& a, const Vector2d& b) {
-          return a.x() * b.y() - a.y() * b.x() >= 0;  // the axis is left of a -> b
-        };
-        is_inside =
-            is_inside || (left_of(p[0], p[1]) && left_of(p[1], p[2]) && left_of(p[2], p[0]));
-      }
+      const std::array<Vector2d, 3> p = corners_of(t);
       for (std::size_t i = 0; i < 3; ++i)
         if (across[i] == kNone) use(p[i], p[i == 2 ? 0 : i + 1]);
     });
-    is_first = false;
   };
   bool is_whole = false;
   while (!is_whole && walls.count < Walls::kSides + kMaxWalls) {
@@ -175,7 +180,6 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
       least2 = q.squaredNorm();
       nearest = q;
     });
-    if (is_inside) return slot;
     is_whole = !(least2 < sight_m * sight_m);
     if (is_whole) break;
     const double distance_m = std::sqrt(least2);

@@ -26,8 +26,8 @@ inline constexpr double kSight_m = 5e-3;
 inline constexpr int kMaxWalls = 8;
 
 /// Computes the region. `at_m`: intersection of the axis and the sheet, in {B}. `radius_m`: radius
-/// of the tool. No allocation. The time is proportional to the number of triangles within the
-/// distance kSight_m + radius_m of the axis.
+/// of the tool. No allocation. The time is proportional to the number of triangles at the
+/// sheet's boundary within the distance kSight_m + radius_m of the axis.
 Slot admissible_region(const Sheet& sheet, const Eigen::Vector2d& at_m, double radius_m) noexcept;
 
 }  // namespace trocar::runtime

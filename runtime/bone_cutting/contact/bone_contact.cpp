@@ -130,6 +130,21 @@ class BoneContactTick {
     return outline_on_lattice(bone_.tool, T_device_tool, sheets_[i]->transform, sheets_[i]->z_m);
   }
 
+  // Whether the uncut sheet has material under the whole outline, so that only holes reduce the coverage. Here `true`
+  // is certain, `false` is not. The time does not depend on the number of triangles.
+  bool is_deep_inside(int i, const LatticeOutline& outline,
+                      const Eigen::Vector2d& at_m) const noexcept {
+    const Sheet& sheet = *sheets_[i];
+    double reach_m = 0;
+    for (int k = 0; k < outline.size; ++k) {
+      const Eigen::Vector2d corner_m = sheet.transform.to_scene(
+          {static_cast<double>(outline.points[k].x), static_cast<double>(outline.points[k].y)});
+      reach_m = std::max(reach_m, (corner_m - at_m).norm());
+    }
+    const EdgeDistance::Sample edge = sheet.edge->at(sheet.transform, at_m);
+    return edge.distance_m > reach_m + sheet.edge->max_error_m();
+  }
+
   void refresh(int i) noexcept {
     SheetInContact& own = state_.sheets[i];
     const SheetTrack& track = tracks_[i];
@@ -137,18 +152,21 @@ class BoneContactTick {
     const bool same_place = own.is_known && !has_moved(outline, own.outline);
     if (same_place && own.cuts == sheets_[i]->cuts && own.cuts_requested == track.cuts_requested)
       return;
-    own.share =
-        overlap(*sheets_[i], bone_.tool, outline,
-                std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)))
-            .coverage;
+    const Eigen::Vector2d at_m = axis_in(i, tool_);
+    if (track.cuts_requested <= kMaxPendingHoles && is_deep_inside(i, outline, at_m)) {
+      own.share = outline_outside(bone_.tool, outline, {own.holes.data(), track.cuts_requested});
+    } else {
+      own.share = overlap(*sheets_[i], bone_.tool, outline,
+                          {track.pending.data(), static_cast<std::size_t>(track.pending_count)})
+                      .coverage;
+    }
     own.cuts = sheets_[i]->cuts;
     own.cuts_requested = track.cuts_requested;
     if (same_place) return;
     own.outline = outline;
     own.is_known = true;
-    const Eigen::Vector3d at_m = axis_at(bone_.tool, tool_, sheets_[i]->z_m);
     const SliceField::Mean under =
-        sheets_[i]->field->mean(sheets_[i]->transform, at_m.head<2>(), bone_.radius_m);
+        sheets_[i]->field->mean(sheets_[i]->transform, at_m, bone_.radius_m);
     own.uncut_coverage = under.share;
     own.is_presented = under.share >= kMostlyMaterial;
     own.hu = under.hu;
@@ -317,6 +335,7 @@ class BoneContactTick {
       return;
     }
     track.pending[track.pending_count++] = outline;
+    if (track.cuts_requested < kMaxPendingHoles) own.holes[track.cuts_requested] = outline;
     state_.cuts.push_back(
         {static_cast<std::int32_t>(i), ++track.cuts_requested, outline, is_front});
     if (!is_front) return;

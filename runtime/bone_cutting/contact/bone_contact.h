@@ -45,6 +45,9 @@ struct SheetInContact {
   Eigen::Vector2d free_at_m =
       Eigen::Vector2d::Zero();  ///< axis position for which `free` was computed
   Eigen::Vector2d cut_at_m = Eigen::Vector2d::Zero();  ///< axis position of the last requested hole
+  /// Outlines of the first holes that were requested in this sheet. SheetTrack::cuts_requested says
+  /// how many there are; if there are more than kMaxPendingHoles, the others are not kept.
+  std::array<LatticeOutline, kMaxPendingHoles> holes;
   bool has_cut = false;  ///< in the hole that the tool is in, the front has passed this sheet
   Slot free;             ///< admissible region (CuttingSlab::free)
 };

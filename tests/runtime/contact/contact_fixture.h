@@ -83,7 +83,7 @@ class ContactTest : public testing::Test {
     ASSERT_TRUE(result) << result.error().message;
     auto after = std::make_unique<Sheet>(before);
     after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
-    after->grid = TriangleGrid(after->mesh);
+    after->index_mesh();
     ++after->cuts;
     owned_.push_back(std::move(after));
     sheets_[request.sheet] = owned_.back().get();

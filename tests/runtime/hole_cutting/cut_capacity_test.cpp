@@ -144,7 +144,11 @@ std::uint64_t counted(Act&& act) {
 TEST(CutAllocations, NoOutcomeAllocates) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   SheetMesh mesh = sheet(2000, 4000), replica = mesh;
-  TriangleGrid grid(mesh), replica_grid(replica);
+  TriangleGrid grid(mesh), replica_grid = grid;
+  for (SheetMesh* each : {&mesh, &replica})
+    each->reserve_pages(each->triangles.pages());
+  for (TriangleGrid* each : {&grid, &replica_grid})
+    each->reserve_pages(each->bytes());
   SheetEdit edit(mesh);
   CutWorkspace work(capacity_for(mesh)), small({40, 60, 60});
   LocalRefinementWorkspace refinement(mesh);
@@ -233,7 +237,7 @@ TEST(Remeshing, ASheetGetsMoreSlotsBeforeTheyAreUsedUp) {
   EXPECT_TRUE(same(remesher.last_version(0).mesh, last));
   std::size_t in_grid = 0;
   remesher.last_version(0).grid.for_each(
-      {{INT32_MIN / 2, INT32_MIN / 2}, {INT32_MAX / 2, INT32_MAX / 2}},
+      last, {{INT32_MIN / 2, INT32_MIN / 2}, {INT32_MAX / 2, INT32_MAX / 2}},
       [&](std::uint32_t) { ++in_grid; });
   EXPECT_EQ(in_grid, last.triangles_in_use());
 }

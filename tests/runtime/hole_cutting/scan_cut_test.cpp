@@ -218,7 +218,7 @@ Real common_area(const Subject& subject, const Ring& tool) {
     if (winding(x, y, {tool}) != 0) parts.push_back(c);
   }
   Real sum = 0;
-  subject.grid.for_each(box_around(tool), [&](std::uint32_t t) {
+  subject.grid.for_each(subject.mesh, box_around(tool), [&](std::uint32_t t) {
     for (const Corners& knife : parts) {
       Polygon polygon;
       for (const LatticePoint q : corners(subject.mesh, t))
@@ -244,8 +244,9 @@ void check_whole(const Subject& subject, Random& random) {
   ASSERT_TRUE(same(subject.mesh, subject.replica));
   std::vector<std::uint32_t> found, in_replica;
   const LatticeBox all{{-kMaxCoordinate, -kMaxCoordinate}, {kMaxCoordinate, kMaxCoordinate}};
-  subject.grid.for_each(all, [&](std::uint32_t t) { found.push_back(t); });
-  subject.replica_grid.for_each(all, [&](std::uint32_t t) { in_replica.push_back(t); });
+  subject.grid.for_each(subject.mesh, all, [&](std::uint32_t t) { found.push_back(t); });
+  subject.replica_grid.for_each(subject.replica, all,
+                                [&](std::uint32_t t) { in_replica.push_back(t); });
   ASSERT_EQ(found, in_replica);
   ASSERT_EQ(found.size(), mesh.triangles.size());
   // The boundary winds around every point at most once, so nothing overlaps.

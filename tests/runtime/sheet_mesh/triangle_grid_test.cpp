@@ -5,6 +5,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <set>
+#include <utility>
+
 #include "tests/support/random_geometry.h"
 
 namespace trocar::runtime {
@@ -47,7 +51,7 @@ void expect_same_as_search(const TriangleGrid& grid, const SheetMesh& mesh, Rand
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     if (mesh.in_use(t) && !apart(bounding_box(mesh, t), box)) expected.insert(t);
   }
-  grid.for_each(box, [&](std::uint32_t t) { got.insert(t); });
+  grid.for_each(mesh, box, [&](std::uint32_t t) { got.insert(t); });
   ASSERT_EQ(got, expected);
 }
 
@@ -102,15 +106,61 @@ TEST(TriangleGrid, GivesTheSameOrderAfterTheSameEdits) {
     other.update(edit, replica);
     std::vector<std::uint32_t> first, second;
     const LatticeBox all{{-30'000, -30'000}, {30'000, 30'000}};
-    one.for_each(all, [&](std::uint32_t t) { first.push_back(t); });
-    other.for_each(all, [&](std::uint32_t t) { second.push_back(t); });
+    one.for_each(some.mesh, all, [&](std::uint32_t t) { first.push_back(t); });
+    other.for_each(replica, all, [&](std::uint32_t t) { second.push_back(t); });
     ASSERT_EQ(first, second);
   }
 }
 
+// The grid of the boundary follows edits in which triangles come to the boundary or leave it.
+TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
+  Random random(6);
+  Triangles some(random, 1200, 300);
+  const auto change_edges = [&](std::uint32_t t) {
+    for (std::uint32_t& beyond : some.mesh.across[t])
+      beyond = random.between(0, 1) == 0 ? 0 : kNone;
+  };
+  for (std::uint32_t t = 0; t < 1200; ++t)
+    if (some.mesh.in_use(t)) change_edges(t);
+  TriangleGrid grid(some.mesh, GridTriangles::kBoundary);
+  SheetEdit edit(some.mesh);
+  std::size_t found = 0;
+  for (int round = 0; round < 300; ++round) {
+    const LatticePoint p = random.point(-15'000, 15'000);
+    const LatticeBox box{p, {p.x + random.between(0, 4000), p.y + random.between(0, 4000)}};
+    std::multiset<std::uint32_t> expected, got;
+    for (std::uint32_t t = 0; t < 1200; ++t) {
+      const auto& across = std::as_const(some.mesh).across[t];
+      if (some.mesh.in_use(t) && !apart(bounding_box(some.mesh, t), box) &&
+          std::count(across.begin(), across.end(), kNone) > 0)
+        expected.insert(t);
+    }
+    grid.for_each(some.mesh, box, [&](std::uint32_t t) { got.insert(t); });
+    ASSERT_EQ(got, expected);
+    found += got.size();
+    edit.begin(some.mesh);
+    for (int i = random.between(0, 40); i > 0; --i) {
+      const auto t = static_cast<std::uint32_t>(random.between(0, 1199));
+      if (!some.mesh.in_use(t)) {
+        const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
+        if (taken == kNone) continue;
+        some.mesh.triangles[taken] = some.make(random, taken);
+        change_edges(taken);
+      } else if (random.between(0, 1) == 0) {
+        edit.release_triangle(some.mesh, t);
+      } else {
+        edit.touch_triangle(some.mesh, t);
+        change_edges(t);
+      }
+    }
+    grid.update(edit, some.mesh);
+  }
+  EXPECT_GT(found, 1000U);
+}
+
 TEST(TriangleGrid, EmptyFindsNothing) {
-  TriangleGrid().for_each({}, [](std::uint32_t) { FAIL(); });
-  TriangleGrid(SheetMesh{}).for_each({}, [](std::uint32_t) { FAIL(); });
+  TriangleGrid().for_each({}, {}, [](std::uint32_t) { FAIL(); });
+  TriangleGrid(SheetMesh{}).for_each({}, {}, [](std::uint32_t) { FAIL(); });
 }
 
 }  // namespace

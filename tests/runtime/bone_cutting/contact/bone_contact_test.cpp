@@ -71,7 +71,7 @@ class DryRun {
       auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
       ASSERT_TRUE(result) << result.error().message;
       after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
-      after->grid = TriangleGrid(after->mesh);
+      after->index_mesh();
       ++after->cuts;
       placed_.owned.push_back(std::move(after));
       placed_.sheets[i] = placed_.owned.back().get();
