@@ -60,7 +60,9 @@ struct CutReport {
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
 ///     proved valid (patch_proof.h) before the first slot was written.
-///  6. The function does not allocate. The time depends on the mesh near the tool, not on the size
+///  6. The function does not allocate, unless it writes to more pages that a copy of the mesh shares
+///     than SheetMesh::reserve_pages() has reserved, or frees more than SheetMesh::kReservedFree
+///     slots. The time depends on the mesh near the tool, not on the size
 ///     of the sheet.
 /// After the cut, `edit` lists the slots written, work.stitch.created lists the slots of the new
 /// triangles, and work.hole contains the rings around the removed material. If the tool lies

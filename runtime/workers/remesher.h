@@ -117,7 +117,7 @@ class Remesher {
     std::uint32_t newer = 0;       ///< index of the newer replica
     bool older_is_behind = false;  ///< `change` is still to be applied to the older replica
     bool unpublished = false;      ///< the newer replica is not yet published
-    SheetChange change;            ///< what the last cut has written
+    SheetChange change;            ///< slots that the last cut has written
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
     /// `cuts` of the version that the haptic thread took last.
@@ -148,10 +148,10 @@ class Remesher {
 
   SpscQueue<CutRequest, 256> requests_;  ///< a break-through in a bone volume makes many requests
   RemesherOptions options_;
-  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< of the largest sheet
+  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< numbers of the largest sheet
   std::size_t work_slots_ = kFirstWorkSlots;           ///< `work_` is for sheets with so many slots
   std::unique_ptr<CutWorkspace> work_;
-  SheetEdit edit_;  ///< of the cut under way
+  SheetEdit edit_;  ///< lists the slots of the current cut
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
   std::vector<std::unique_ptr<ReplicaPair>> pairs_;
   std::vector<std::size_t> ready_;  ///< sheets with an unpublished version, the oldest first
