@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // cutting_bench [Google Benchmark's options]: a tick of the cutting law in a body of 64 slabs that
-// the shaft fills, in four motions. Ends with two tables: quantiles of the ticks' times, and error
+// the shaft fills, in six motions; in the last two a bevelled tip has friction and is held by the
+// bone, once on a slope. Ends with two tables: quantiles of the ticks' times, and error
 // against the cap on Newton's steps.
 //
 // A tick is timed four times from the same state and the least counts, so that interrupts and
@@ -26,13 +27,27 @@ using namespace trocar::runtime;
 constexpr int kTicks = 12'000;
 constexpr double kRate_Hz = 4000, kLength_m = 0.1;
 
-enum class Motion { kPush, kHold, kTwist, kDrag };
-constexpr std::array<const char*, 4> kNames{"push", "hold below yield", "push and twist",
-                                            "push, drag, twist"};
+enum class Motion { kPush, kHold, kTwist, kDrag, kBevel, kSlope };
+constexpr std::array<const char*, 6> kNames{"push",
+                                            "hold below yield",
+                                            "push and twist",
+                                            "push, drag, twist",
+                                            "the same with a bevel",
+                                            "the same on a slope"};
 
-CuttingOptions options() {
+bool drags(Motion motion) {
+  return motion != Motion::kPush && motion != Motion::kHold && motion != Motion::kTwist;
+}
+
+CuttingOptions options(Motion motion) {
   CuttingOptions o;
   o.tool.tip_plate_m = {0, 0, -kLength_m};
+  if (motion == Motion::kBevel || motion == Motion::kSlope) {
+    o.tip_friction = o.tip_hold = 0.3;
+    o.torsion_Nm = 0.02;
+    o.tool.bevel_plate = {0.4, 0, 0};
+  }
+  if (motion == Motion::kSlope) o.slope = Eigen::Vector2d(0.8, 0.3);
   return o;
 }
 
@@ -53,8 +68,8 @@ std::vector<CuttingSlab> body() {
 // The tool is first pushed in 25 mm; then the motion, during which it reaches the bottom.
 Pose pose_at(Motion motion, int k) {
   const double t = k / kRate_Hz, depth = 0.030 + (motion == Motion::kHold ? 0 : 0.004 * t);
-  const double drag = motion == Motion::kDrag ? 1 : 0,
-               turn = motion == Motion::kTwist || motion == Motion::kDrag ? 0.1 : 0;
+  const double drag = drags(motion) ? 1 : 0,
+               turn = motion == Motion::kTwist || drags(motion) ? 0.1 : 0;
   const double sway = motion == Motion::kHold ? 2e-4 : 0.002 * drag;
   Pose X;
   X.p_m = {sway * std::sin(3 * t), 0.001 * drag * std::sin(2 * t), kLength_m - depth};
@@ -63,11 +78,11 @@ Pose pose_at(Motion motion, int k) {
 }
 
 struct Run {
-  CuttingOptions o = options();
+  CuttingOptions o;
   std::vector<CuttingSlab> slabs = body();
   CuttingState state = make_cutting_state(64, 2);
   CuttingResult out;
-  explicit Run(Motion motion) {
+  explicit Run(Motion motion) : o(options(motion)) {
     const Pose first = pose_at(motion, 0);
     for (int k = 0; k <= 700; ++k) {
       Pose X = first;
@@ -89,7 +104,7 @@ void law_tick(benchmark::State& state) {
   }
   state.SetLabel(kNames[static_cast<std::size_t>(state.range(0))]);
 }
-BENCHMARK(law_tick)->DenseRange(0, 3);
+BENCHMARK(law_tick)->DenseRange(0, 5);
 
 struct Round {
   std::vector<double> us;  // ascending
@@ -122,8 +137,8 @@ Round time_ticks(Motion motion) {
 }
 
 void print_quantiles() {
-  constexpr std::array<Motion, 4> kMotions{Motion::kPush, Motion::kHold, Motion::kTwist,
-                                           Motion::kDrag};
+  constexpr std::array<Motion, 6> kMotions{Motion::kPush, Motion::kHold,  Motion::kTwist,
+                                           Motion::kDrag, Motion::kBevel, Motion::kSlope};
   std::array<std::vector<Round>, kMotions.size()> rounds;
   for (int k = 0; k < 5; ++k) {
     for (const Motion motion : kMotions)
@@ -135,7 +150,7 @@ void print_quantiles() {
     auto& of = rounds[static_cast<std::size_t>(motion)];
     std::sort(of.begin(), of.end(),
               [](const Round& a, const Round& b) { return a.at(0.5) < b.at(0.5); });
-    std::printf("%-20s %8.2f %8.2f %8.2f %8.2f %12.2f  ", kNames[static_cast<std::size_t>(motion)],
+    std::printf("%-22s %8.2f %8.2f %8.2f %8.2f %12.2f  ", kNames[static_cast<std::size_t>(motion)],
                 of[0].at(0.5), of[0].at(0.99), of[0].at(0.999), of[0].at(1), of[0].evaluations);
     for (std::size_t k = 1; k < of.size(); ++k)
       std::printf(" %.2f", of[k].at(0.5));
