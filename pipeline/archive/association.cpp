@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <functional>
 
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/instance_file.h"
@@ -76,9 +77,10 @@ OFCondition accept_contexts(T_ASC_Association& association) {
   return done;
 }
 
-// Answers requests until the association ends.
+// Answers requests until the association ends. `release` keeps the instances from then on.
 AssociationEnd serve_requests(T_ASC_Association& association, InstanceStore& store,
-                              const ArchiveLimits& limits) {
+                              const ArchiveLimits& limits,
+                              const std::function<Result<void>()>& release) {
   for (;;) {
     T_ASC_PresentationContextID context = 0;
     T_DIMSE_Message message{};
@@ -87,9 +89,11 @@ AssociationEnd serve_requests(T_ASC_Association& association, InstanceStore& sto
                                             &context, &message, nullptr);
     allow_seconds(limits.dimse_timeout_s);
     if (done == DUL_PEERREQUESTEDRELEASE) {
-      // The release is acknowledged only after all is on the disk.
-      if (const auto synced = store.sync(); !synced) {
-        report(synced.error().message);
+      // The release is acknowledged only after all is on the disk and is kept, whatever happens to this process.
+      auto kept = store.sync();
+      if (kept) kept = release();
+      if (!kept) {
+        report(kept.error().message);
         ASC_abortAssociation(&association);
         return AssociationEnd::kDropped;
       }
@@ -144,7 +148,8 @@ AssociationEnd serve_association(int connection, const std::filesystem::path& fo
     return AssociationEnd::kDropped;
   InstanceStore store(folder, settings.limits,
                       [&](const std::string& study) { return studies.size_of(study); });
-  const AssociationEnd end = serve_requests(*association, store, settings.limits);
+  const AssociationEnd end =
+      serve_requests(*association, store, settings.limits, [&] { return studies.release(folder); });
   ASC_dropSCPAssociation(association, 1);
   return end;
 }

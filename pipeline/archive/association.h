@@ -25,14 +25,15 @@ struct AssociationSettings {
 
 /// The exit code of the association's process.
 enum class AssociationEnd : int {
-  kReleased = 0,   ///< the sender ended it properly; all accepted instances are on the disk
+  kReleased = 0,   ///< the sender ended it properly; all accepted instances are kept
   kDropped = 20,   ///< aborted, or the connection was lost
   kRejected = 21,  ///< not accepted, or the sender made no valid request for an association
 };
 
 /// Answers C-ECHO requests (tests of the connection) and C-STORE requests (each stores an instance)
-/// until the association ends. Instances are stored in `folder`. `studies` gives the size that a
-/// study has already, because the limits apply to the whole study. Refusals are reported on
+/// until the association ends. Instances are stored in `folder`, which StudyFolders::release() moves
+/// before the release is acknowledged. `studies` also gives the size that a study has already,
+/// because the limits apply to the whole study. Refusals are reported on
 /// standard error. If a time limit passes, SIGALRM may end the process. Call the function only once
 /// in a process, because DCMTK accepts one external socket per process.
 AssociationEnd serve_association(int connection, const std::filesystem::path& folder,

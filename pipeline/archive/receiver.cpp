@@ -161,7 +161,7 @@ class Receiver {
   void end(const Process& process, int status) {
     ::close(process.pipe);
     if (WIFEXITED(status) && WEXITSTATUS(status) == static_cast<int>(AssociationEnd::kReleased))
-      return release(process.folder);
+      return void(retry_ = Clock::now());
     folders_.drop_association(process.folder);
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGALRM) {
       report("an association was dropped: it took too long");
@@ -172,11 +172,6 @@ class Receiver {
     } else if (WEXITSTATUS(status) != static_cast<int>(AssociationEnd::kRejected)) {
       report("an association ended with exit code " + std::to_string(WEXITSTATUS(status)));
     }
-  }
-
-  void release(const fs::path& folder) {
-    if (const auto done = folders_.release(folder); !done) report(done.error().message);
-    retry_ = Clock::now();
   }
 
   // Takes the instances of released associations. If the disk is full, it tries again after a while.

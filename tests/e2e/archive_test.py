@@ -353,6 +353,24 @@ def test_killed_receiver_leaves_nothing_half(programs, place):
         assert receiver.studies() == [done_uid] and receiver.is_tidy()
 
 
+def test_what_a_release_has_acknowledged_survives_a_kill(programs, place):
+    """The receiver is killed as soon as a sender has the answer to its release."""
+    for k in range(20):
+        study_uid = f"2.25.4712.{k + 1}"
+        data = image(study_uid, f"{study_uid}.1", 0)
+        with Receiver(programs, place / "scans", settle=1000) as receiver, Association(receiver.port) as sender:
+            sender.send(associate())
+            assert sender.read()[0] == 2
+            assert sender.store(CT, data.SOPInstanceUID, dataset_bytes(data)) == STORED
+            sender.send(RELEASE)
+            assert sender.read()[0] == 6  # the answer to a release
+            receiver.process.kill()
+            receiver.process.wait()
+    with Receiver(programs, place / "scans") as receiver:
+        receiver.wait_for_study("2.25.4712.20", 1)
+        wait_for(lambda: len(receiver.studies()) == 20, f"all studies are kept; {receiver.studies()} are")
+
+
 def test_one_receiver_for_a_folder(receiver, programs):
     other = subprocess.run([str(word) for word in (programs / "trocar-mesh", "receive", "--port", 0, "--ae", "A", "--from", "B", receiver.folder)],
                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=30, check=False)
