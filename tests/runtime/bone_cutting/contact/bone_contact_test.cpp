@@ -264,7 +264,8 @@ TEST(BodyContact, AWallHasItsStrengthInSlicesThatAreThickerThanTheWall) {
       const double top_m = -trial.bone_.sheets.front().top_m;
       double entry_N = 0, exit_N = 0, plateau_N = 0, least_N = 1e9;
       int inside = 0;
-      for (double way_m = -1e-3; way_m < 26e-3; way_m += 20e-6) {
+      for (int step = 0; step < 1350; ++step) {
+        const double way_m = -1e-3 + 20e-6 * step;
         trial.tick(0, top_m - way_m);
         const double depth_mm = 1e3 * (trial.state_.result.front_m + top_m),
                      tip_N = trial.state_.result.tip_N;
