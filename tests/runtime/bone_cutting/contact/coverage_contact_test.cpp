@@ -15,7 +15,7 @@ namespace {
 using test::cutting_scene;
 using test::square_asset;
 
-// Where a hole crosses the boundary of another, cut_in_place() moves their edges by less than sqrt(2) lattice steps.
+// cut_in_place() moves edges by less than sqrt(2) lattice steps where a hole crosses the boundary of another hole.
 constexpr double kBent = std::numbers::sqrt2 / 256e3 * test::kHexagonOutline_m / test::kHexagon_m2;
 
 // Holes anywhere, near the edge (at 20 mm) and far from it, up to more than the law remembers; some are in the mesh
