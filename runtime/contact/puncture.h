@@ -181,6 +181,9 @@ struct ContactOutput {
   bool is_released = false;  ///< stored energy was released on purpose, as at a puncture
   /// In the tick of a puncture: the rendered force on the tip one tick earlier.
   double force_before_N = 0;
+  /// The rendered force on the tip that a break took away in this tick; 0: there was no break. Law
+  /// `cutting` only.
+  double lost_force_N = 0;
   std::uint64_t layers_punctured = 0;  ///< bit i: soft layer i was punctured in this tick
 
   /// The holes to send to the remesher.

@@ -159,6 +159,13 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, doub
   rendered.stored_J = state.safety.authority * contact.stored_J;
   rendered.planned_release = contact.is_released;
   wanted = keep_passive(passivity, mass_kg, state.pose_interval_s, rendered, state.passivity);
+  if (!model.passivity.on) return Fault::kNone;
+  const Wrench damping = damp_break(
+      model.passivity, mass_kg, model.tool,
+      {state.T_device_plate, state.pose_interval_s, state.previous, contact.lost_force_N},
+      state.break_damper);
+  // Adding a zero could change the sign of a zero.
+  if (state.break_damper.force_N > 0) wanted += damping;
   return Fault::kNone;
 }
 
@@ -212,6 +219,7 @@ void reset_contact(ForceLaw& law, LoopState& state) noexcept {
   const double released_max_J = state.passivity.released_max_J;
   state.passivity = {};
   state.passivity.released_max_J = released_max_J;
+  state.break_damper = {};
   state.energy.reset();
   law.reset_motion();
 }

@@ -32,6 +32,7 @@
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
+#include "runtime/control/break_damper.h"
 #include "runtime/control/energy_limit.h"
 #include "runtime/control/limits.h"
 #include "runtime/control/passivity.h"
@@ -45,7 +46,8 @@ namespace trocar::runtime {
 struct LoopModel {
   Tool tool;
   SafetyLimits limits;
-  PassivityOptions passivity;        ///< not applied if the force law is passive
+  /// If the force law is passive, of these options only the damping after a break is applied.
+  PassivityOptions passivity;
   CompensationOptions compensation;  ///< the device adds it to the wrench, in `running` only
   double rate_Hz = 1000;
 };
@@ -58,6 +60,7 @@ struct LoopState {
   PreviousPose previous;
   SpeedState speed;
   PassivityState passivity;
+  BreakDamperState break_damper;
   EnergyAccount energy;
   std::uint64_t tick = 0;  ///< number of ticks done
   /// Time between the previous new pose and the pose of this tick, on the device's clock; 0 if the

@@ -10,6 +10,12 @@
 #include "formats/base/text_line.h"
 
 namespace trocar::runtime {
+namespace {
+
+/// A cut is a break if less than this fraction of the force on the tip is left.
+constexpr double kBreakShare = 0.5;
+
+}  // namespace
 
 Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSetup& setup) {
   Result<BoneVolume> bone = make_bone_volume(setup.scene, setup.sheets);
@@ -73,7 +79,13 @@ FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& o
     report_.side_cuts += cut.is_puncture ? 0 : 1;
   if (output.not_upright) return {};
   output.layers_punctured = newly_punctured_layers();
-  output.force_before_N = std::exchange(last_force_N_, law_.force_scale * output.force_N);
+  const double force_N = law_.force_scale * output.force_N;
+  output.force_before_N = std::exchange(last_force_N_, force_N);
+  const CuttingResult& result = state_.result;
+  const bool has_cut =
+      result.cut_J > 0 || result.passed_to > result.passed_from || output.layers_punctured != 0;
+  if (has_cut && force_N < kBreakShare * output.force_before_N)
+    output.lost_force_N = output.force_before_N - force_N;
   if (output.backlog) return {};
   output.wrench_device *= law_.force_scale;
   output.local.stored_J *= law_.force_scale;

@@ -132,7 +132,7 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   diagnostics.option(
       "--passivity", a.passivity,
       "on or off: the passivity controller, which adds damping where the loop would\n"
-      "generate energy (default: on)");
+      "generate energy; with the force law cutting, the damping after a break (default: on)");
   diagnostics.option(
       "--coupling", a.coupling_N_per_m,
       "put a spring of this stiffness, 100 to 1000000 N/m, between the tool and a virtual\n"
