@@ -243,5 +243,5 @@ def results(data):
 
 def headline(data):
     row = find(data, "phantom 12 HU")
-    return (f"Outlines: on the noisy phantom the mean distance to the exact cross-section is {row['mean_distance_mm']:.3f} mm, with {per_slice(row, 'triangles'):.0f} triangles "
-            f"and {row['total_ms_per_slice']:.2f} ms for each slice.")
+    return (f"Outlines: on a synthetic CT with noise, the mean distance of the outlines from the exact cross-section is {row['mean_distance_mm']:.3f} mm. "
+            f"A slice has {per_slice(row, 'triangles'):.0f} triangles and takes {row['total_ms_per_slice']:.2f} ms.")

@@ -45,5 +45,5 @@ def results(data):
 
 
 def headline(data):
-    return (f"Puncture: to cut, verify and refine a hole takes {of(data, 10000, READY)['median_us']:.0f} us in a slice of 10,000 vertices, "
+    return (f"Puncture: to cut a hole, verify it and improve the triangles around it takes {of(data, 10000, READY)['median_us']:.0f} us in a slice of 10,000 vertices, "
             f"and {of(data, 200000, READY)['median_us']:.0f} us in a slice of 200,000 vertices.")
