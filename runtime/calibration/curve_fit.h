@@ -64,7 +64,7 @@ struct CurveFit {
 };
 
 /// Fits the law to a curve. `diameter_mm`: the tool's diameter. When the withdrawal begins, crushed
-/// tissue holds the tip over about this length, so the points of this stretch are left out. Errors:
+/// tissue holds the tip over about one diameter. The points of this stretch are left out. Errors:
 /// those of rough_curve(); kRefused if no fit is found, if nothing was cut, or if the fit explains
 /// at most half of the force's variance. The messages do not contain the file's name.
 Result<CurveFit> fit_curve(const ForceCurve& curve, double diameter_mm);

@@ -28,7 +28,7 @@ struct RoughCurve {
   std::vector<CurveMean> insertion, withdrawal;
   double noise_N = 0;          ///< standard deviation of one point's noise
   double baseline_N = 0;       ///< mean force before contact; 0 if it is not known
-  bool has_baseline = false;   ///< enough of the curve lies before contact
+  bool has_baseline = false;   ///< the curve has enough points before contact
   double contact_mm = 0;       ///< depth at which the tool touches the tissue
   double spacing_mm = 0;       ///< mean difference in depth between neighbours in `insertion`
   double rise_spacing_mm = 0;  ///< the same mean over the stretch in which the force first rises
@@ -39,9 +39,9 @@ struct RoughCurve {
   double deepest_mm = 0;
 };
 
-/// Computes the rough values. Errors: kRefused if the force never rises above its noise, the force
-/// falls, the curve has too few depths, the curve begins in contact, or too little of the curve
-/// lies behind the contact. The messages do not contain the file's name.
+/// Computes the rough values. Errors: kRefused if the force never rises above its noise, if the
+/// force falls instead of rising, if the curve has too few depths or begins in contact, or if too
+/// little of the curve lies behind the contact. The messages do not contain the file's name.
 Result<RoughCurve> rough_curve(const ForceCurve& curve);
 
 }  // namespace trocar::runtime

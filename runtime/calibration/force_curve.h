@@ -19,7 +19,7 @@ namespace trocar::runtime {
 
 inline constexpr std::size_t kMaxCurveBytes = std::size_t{16} << 20;
 inline constexpr std::size_t kMaxCurveRows = 200'000;
-inline constexpr std::size_t kMinCurveRows = 20;  ///< counts the rows of the insertion only
+inline constexpr std::size_t kMinCurveRows = 20;  ///< smallest number of rows of the insertion
 /// Limits of the insertion's travel: its greatest minus its smallest depth.
 inline constexpr double kMinTravel_mm = 1, kMaxTravel_mm = 500;
 inline constexpr double kMaxCurveForce_N = 1e5;

@@ -33,8 +33,8 @@ struct NoiseBranch {
 
 struct NoisePoints {
   Eigen::VectorXd depth_mm, samples;  ///< samples: number of the curve's points in each mean
-  /// Expected sizes of the correlated residuals, relative to the largest: `amplitude` if the tip's
-  /// force and the friction vary alike, `tip_amplitude` if only the tip's force varies.
+  /// The factors a_i of the formula above, which are the expected sizes of correlated residuals:
+  /// `amplitude` if tip force and friction vary alike, `tip_amplitude` if only the tip force does.
   Eigen::VectorXd amplitude, tip_amplitude;
   std::vector<NoiseBranch> branches;
   double noise_N = 0;  ///< standard deviation of one sample, from differences of neighbours
@@ -66,7 +66,8 @@ struct NoiseEstimate {
   Eigen::MatrixXd covariance;  ///< covariance of the fitted parameters
 };
 
-/// `residuals`: measured minus fitted. `jacobian`: derivatives of the fitted force by the parameters, of full rank.
+/// Estimates the covariance. `residuals`: measured minus fitted. `jacobian`: derivatives of the
+/// fitted force by the parameters, of full rank.
 /// `is_rough`: only the exponential correlation with `amplitude` is tried.
 NoiseEstimate estimate_noise(const NoisePoints& points, const Eigen::VectorXd& residuals,
                              const Eigen::MatrixXd& jacobian, bool is_rough = false);

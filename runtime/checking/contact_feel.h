@@ -33,7 +33,7 @@ struct ContactFeel {
   /// Force that alternates from tick to tick, N. If kAlternations successive changes of a component
   /// of the wanted force have alternating signs, the smallest of these changes counts.
   Peak alternation;
-  double wanted_least_N = 0;  ///< smallest wanted force along z
+  double wanted_least_N = 0;  ///< smallest wanted force along z; 0: never below 0
   Peak wanted_most;           ///< largest wanted force along z, N
   /// First and last time with a wanted force above 0.5 N; -1: none.
   double contact_from_s = -1, contact_to_s = -1;

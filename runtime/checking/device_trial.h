@@ -63,9 +63,9 @@ struct DeviceTrial {
   /// missed a deadline.
   Histogram without_state;
   std::uint64_t lost_ticks = 0;  ///< ticks in which the link was lost or the device had a fault
-  FaultDetail fault;             ///< the first fault of the device's own checks
+  FaultDetail fault;             ///< the first fault that the device's own checks found
   double fault_t_s = 0;          ///< time of this fault, from the start of the trial
-  double value_noise = 0;        ///< largest noise of a measured value, in its own unit
+  double value_noise = 0;        ///< largest noise of a measured value, in the value's unit
   double smallest_step = 0;      ///< smallest change of a measured value; 0: no value changed
   double position_noise_m = 0;   ///< largest noise of the plate's position along an axis
   std::optional<Pose> last_T_device_plate;  ///< the last pose that the device's own checks accepted

@@ -82,9 +82,10 @@ inline constexpr int kLetGoMoments = 10;
 inline constexpr double kLetGoAfter_s = 0.4;
 /// Does kLetGoMoments dry runs in which the hand lets go during the contact that `dry_run` had. In
 /// the first run the hand lets go at the largest force along z. In the other runs the hand lets go
-/// at evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go.
-/// Returns none if `dry_run` has no contact, or a fault. Errors: those of run_dry_run(); kRefused
-/// if SessionOptions::stop was set.
+/// at evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go, or
+/// at the session's end if that is earlier. Returns none if `dry_run` has a fault, or no contact
+/// while the scene's hand holds the tool. Errors: those of run_dry_run(); kRefused if
+/// SessionOptions::stop was set.
 Result<std::optional<LetGoTrial>> try_letting_go(
     const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,

@@ -34,8 +34,8 @@ struct EntryColumn {
   std::vector<std::uint8_t> has_material;
 };
 
-/// Returns the column with the thickest bone. A column is at most `height_mm` high and within
-/// kMaxSceneSlices slices, and its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
+/// Returns the column with the thickest bone. A column is at most `height_mm` high, and spans at
+/// most kMaxSceneSlices slices. Its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
 /// the radius of the tool. `levels`: sorted, the topmost first. Among equally thick columns, the
 /// one with the thickest bone for a tool of three times the radius is chosen. If there are still
 /// several, the one nearest to the middle of the material is chosen. None: the bone is nowhere as
@@ -45,7 +45,7 @@ std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vect
 
 /// Returns the thickness that each level stands for: from half-way to the level above to half-way
 /// to the level below. The topmost and the lowest level are assumed to have a second neighbour at
-/// the same distance as their only neighbour. A single slice counts as a millimetre. A distance of
+/// the same distance as their only neighbour. A single slice counts as 1 mm thick. A distance of
 /// more than `max_gap_mm` counts as `max_gap_mm`.
 std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm);
 

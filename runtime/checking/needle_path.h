@@ -44,10 +44,10 @@ struct NeedlePath {
 NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& levels);
 
 /// Plans a path through chosen points. `levels`: sorted, the topmost first.
-///  - Entry: the path enters the bone in which the chosen entry lies, or else the first bone below
-///    that point. If the chosen entry lies between the topmost level of this bone and half a slice
-///    spacing above that level, NeedlePath::entry_mm is the chosen entry. Otherwise entry_mm is the
-///    path's point at that level.
+///  - Entry: the path enters the bone in which the chosen entry lies. If the chosen entry lies in
+///    no bone, the path enters the first bone below that point. If the chosen entry lies between
+///    the topmost level of this bone and half a slice spacing above it, NeedlePath::entry_mm is the
+///    chosen entry. Otherwise entry_mm is the path's point at that level.
 ///  - End without a target: the path ends at the lowest level with material that is at
 ///    most `height_mm` below the first level, with no gap of more than `max_gap_mm`
 ///    between these levels.

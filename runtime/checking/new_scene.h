@@ -47,10 +47,11 @@ struct NewSceneChoices {
 ///    scripted, the lowest height of the tip must be within 1.5 mm of the target's height. If every
 ///    candidate has a warning, the one with the fewest warnings is returned.
 /// Errors: kRefused if no slice of the asset has material, if two slices are less than 0.1 mm
-/// apart, if the bone is nowhere as wide as the tool, if the tip reaches no height, or if
-/// `options.stop` was set. Without chosen points, also if every candidate has a warning. With
-/// chosen points, also if no needle can take the path (needle_path.h), if the device cannot turn or
-/// move as far as the path requires, or if no candidate runs.
+/// apart, if the bone is nowhere as wide as the tool, if the device reaches no height, or if
+/// `options.stop` was set. Without chosen points, also if every candidate is refused, has a warning
+/// or punctures no slice. With chosen points, also if no needle can take the path (needle_path.h),
+/// if the device cannot turn or move as far as the path requires, or if every candidate is refused,
+/// punctures no slice or leaves the tip too far from the target.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices = {});

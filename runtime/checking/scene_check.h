@@ -19,8 +19,8 @@
 //  7. With the law `cutting`, the rendered stiffness is known to be passive (device_coupling.h).
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
-// is then no warning if and only if a session can start, the height of every slice is within the
-// hand's box, and items 4, 5 and 7 hold.
+// is then no warning if and only if a session can start, the live hand can reach the height of
+// every slice (LiveHandLimits), and items 4, 5 and 7 hold.
 //
 // If the session has more than kMaxDryRunTicks ticks, the dry run ends after that number of ticks
 // (dry_run.h). For later times only the path of the hand is evaluated, as if the tool followed the

@@ -28,8 +28,8 @@ class SceneDraft {
  public:
   /// `levels`: the levels of the asset, the topmost first. `is_chosen`: a person has chosen the
   /// path. The scene then has goals for the path, and its bone volume includes connected slices
-  /// above and below. `heights`: heights of the tip in {B} that the draft may use. Levels and path
-  /// must outlive the draft.
+  /// above and below the path. `heights`: heights of the tip in {B} that the draft may use. Levels
+  /// and path must outlive the draft.
   SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
              WorkspaceHeights heights);
 
@@ -46,8 +46,9 @@ class SceneDraft {
   /// Returns a scene with one bone volume, made of the levels along the path, with a strength
   /// computed from HU, and with a hand that goes in and out.
   std::string cutting(double force_scale) const;
-  /// Returns a scene with a single sheet at each of separable_levels(). `share`: the fraction of
-  /// `threshold_N` that the device can render. A value below 1 becomes the scene's force scale.
+  /// Returns a scene with a single sheet at each of separable_levels(). `threshold_N`: puncture
+  /// threshold of the tissue. `share`: the fraction of this force that the device can render. A
+  /// share below 1 becomes the scene's force scale.
   std::string sheets(double threshold_N, double share) const;
   bool has_target() const { return path_.has_target; }
   /// Returns the height of the target in {B}, in m. Precondition: the path has a target.

@@ -27,15 +27,15 @@ enum class Miss : std::uint8_t {
   kHeld,         ///< the tool does not follow the path down to the slice
 };
 
-/// One sheet and the hand's path.
+/// The crossing of the hand's path with one sheet, and the reason why the tool does not touch it.
 struct SheetView {
-  /// The first crossing with enough material under the tool before the hand lets go, or else the
-  /// first crossing. None: the path does not cross the sheet.
+  /// The first crossing before the hand lets go that has enough material under the tool. If there
+  /// is no such crossing, the first of all crossings. None: the path does not cross the sheet.
   std::optional<SheetCrossing> crossing;
   Miss miss = Miss::kTouched;
 };
 
-/// Everything from which the text and the warnings are made.
+/// Everything from which the text and the warnings of a check are made.
 struct SceneEvaluation {
   const Scene& scene;
   const DeviceSpecification& device;

@@ -43,8 +43,9 @@ Result<SceneRequirements> describe_requirements(
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options);
 
-/// Returns the number of bytes kept for a sheet during the session: for its mesh and its grid, which
-/// the replicas share (runtime/workers/remesher.h), but not for what holes change.
+/// Returns the number of bytes that a sheet's mesh and its two grids need during the session. The
+/// sheet's replicas (runtime/workers/remesher.h) share this memory. The bytes that a replica needs
+/// in addition, because holes change the mesh, are not counted.
 std::uint64_t kept_bytes(const Sheet& sheet) noexcept;
 
 }  // namespace trocar::runtime

@@ -32,7 +32,7 @@ namespace trocar::runtime {
 /// A failure is a request for which the solver failed.
 struct PrefetchReport {
   std::uint64_t answers = 0, failures = 0;
-  std::uint32_t calibrations = 0;  ///< number of distinct stiffnesses among the sheets
+  std::uint32_t calibrations = 0;  ///< number of distinct stiffnesses of the sheets' tissues
   Histogram prepare;               ///< wall times that the answers took
   /// Number of nodes that the solver could move: maximum of all answers, and last answer.
   std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
@@ -46,8 +46,8 @@ class NetworkPrefetch final : public PrefetchWorker {
  public:
   /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
   /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate() once for
-  /// each distinct stiffness. One call takes tens of milliseconds, or hundreds if the tool has many
-  /// corners. Errors: those of calibrate() (runtime/deformation/calibration.h).
+  /// each distinct stiffness of the tissues. One call takes tens of milliseconds, or hundreds if
+  /// the tool has many corners. Errors: those of calibrate() (runtime/deformation/calibration.h).
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);

@@ -6,11 +6,12 @@
 // Contract (tests/runtime/bone_cutting/contact/admissible_region_test.cpp):
 //  1. The distance from the region to material is at least the tool's radius. If the tool presses on a wall,
 //     the axis lies outside the region by the depth to which tool and wall overlap.
-//  2. The region is bounded by a square of half-diagonal kSight_m and by at most kMaxWalls lines.
-//     Each line is perpendicular to the shortest segment from the axis to the material that the
-//     previous lines do not keep away. If kMaxWalls lines do not suffice to keep all material away,
-//     lines are moved inwards. The region does not contain all admissible positions near the axis,
-//     so the caller must compute it again when the axis has moved.
+//  2. The region is bounded by a square around the axis, whose corners are kSight_m away, and by at
+//     most kMaxWalls lines. Each line keeps away the nearest material that the previous lines do
+//     not keep away. The line is perpendicular to the shortest segment from the axis to this
+//     material. If kMaxWalls lines do not suffice to keep all material away, lines are moved
+//     inwards. The region does not contain all admissible positions near the axis, so the caller
+//     must compute it again when the axis has moved.
 //  3. If the axis is inside material or in a gap narrower than the tool, the region is only the
 //     present position of the axis.
 #pragma once

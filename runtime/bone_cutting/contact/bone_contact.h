@@ -39,16 +39,16 @@ struct SheetInContact {
   bool is_beside = false;            ///< the sheet's edges act as walls (contract 3)
   bool is_presented = false;  ///< at least half of the tool lies over material of the uncut sheet
   double share = 1;           ///< coverage: fraction of the outline over material not yet cut
-  double uncut_coverage = 1;  ///< coverage of the uncut sheet; factor on friction
+  double uncut_coverage = 1;  ///< coverage of the uncut sheet; multiplies the friction
   double hu = 0;              ///< mean HU of the material under the tool
   double strength_N = 0;      ///< strength before multiplication by `share`
   Eigen::Vector2d free_at_m =
       Eigen::Vector2d::Zero();  ///< axis position for which `free` was computed
   Eigen::Vector2d cut_at_m = Eigen::Vector2d::Zero();  ///< axis position of the last requested hole
-  /// Outlines of the first holes that were requested in this sheet. SheetTrack::cuts_requested says
-  /// how many there are; if there are more than kMaxPendingHoles, the others are not kept.
+  /// Outlines of the first holes that were requested in this sheet. SheetTrack::cuts_requested is
+  /// the number of all requested holes. Only the first kMaxPendingHoles outlines are kept.
   std::array<LatticeOutline, kMaxPendingHoles> holes;
-  bool has_cut = false;  ///< in the hole that the tool is in, the front has passed this sheet
+  bool has_cut = false;  ///< the front has passed this sheet in the tool's present hole
   Slot free;             ///< admissible region (CuttingSlab::free)
 };
 
@@ -59,7 +59,7 @@ struct BoneEnergyAccount {
   /// SceneForceLaw::force_scale.
   double absorbed_J = 0;
   double stored_J = 0;  ///< energy that tissue and coupling store now
-  /// Largest value of -absorbed_J so far, which is the net energy that the hand has received.
+  /// Largest net energy that the hand has received up to any tick: the maximum of -absorbed_J.
   double released_max_J = 0;
 };
 
@@ -68,13 +68,13 @@ struct BoneContactState {
   CuttingState law;
   std::vector<CuttingSlab> slabs;
   std::vector<SheetInContact> sheets;
-  std::vector<CutRequest> cuts;  ///< requests of the last tick; capacity for every sheet
-  CuttingOptions options;        ///< tip_N_per_m is that of the sheet at the tip
+  std::vector<CutRequest> cuts;  ///< hole requests of the last tick; capacity: two per sheet
+  CuttingOptions options;        ///< `tip_N_per_m` comes from the sheet at the tip
   CuttingResult result;
   BoneEnergyAccount energy;
   double twist_rad_per_s = 0,
          feed_m_per_s = 0;        ///< velocities of the tool about and along its axis
-  double front_HU = 0;            ///< RecordingRow::Cutting::front_HU
+  double front_HU = 0;            ///< HU at the front (RecordingRow::Cutting::front_HU)
   double front_m = 0;             ///< depth of the front after the last tick
   double retract_to_depth_m = 0;  ///< if must_retract: depth to which the tip must be raised
   bool must_retract = false;      ///< the tip was under load when reset_motion() was called

@@ -26,11 +26,11 @@
 //     exceed one of them, the tool gets a coupling even if the scene declares it rigid.
 //  4. The stiffness of a rigid tool is not limited by 0.5 M / T^2, but `inertia_share` takes
 //     it into account.
-//  5. With prediction, a motion of the frequency f gets energy from the loop if f is above a sixth of
-//     the rate. A pose that is predicted from the last two poses leads a sinusoidal motion by the
-//     angle atan(sin a / (2 - cos a)), where a = 2 pi f T. Holding the force for a tick makes it lag
-//     by a / 2. Both angles are equal at a = pi / 3. stability_warning() says so if motions of a
-//     hand, which have up to kHandMotion_Hz, are faster.
+//  5. With prediction, the loop gives energy to a motion if the motion's frequency f is above a
+//     sixth of the loop's rate. A pose that is predicted from the last two poses leads a sinusoidal
+//     motion by the angle atan(sin a / (2 - cos a)), where a = 2 pi f T. The force is held for a
+//     tick and therefore lags by a / 2. Both angles are equal at a = pi / 3, where f is a sixth of
+//     the rate. stability_warning() warns if the rate is below kMinPredictedRate_Hz.
 //  6. The coupling's largest force is the one that the device can render along the tool at its peak
 //     torques, divided by the force scale.
 #pragma once
@@ -48,7 +48,8 @@ inline constexpr double kMaxInertiaShare = 0.5;
 /// Highest frequency of a hand's tremor, taps and shaking that a session must be passive for.
 inline constexpr double kHandMotion_Hz = 60;
 /// Lowest rate of the loop at which a law that predicts the pose counts as passive for motions of a
-/// hand: six times kHandMotion_Hz and a margin of a ninth, because such motions have harmonics.
+/// hand. It is six times kHandMotion_Hz, plus a ninth of this product, because such motions have
+/// harmonics.
 inline constexpr double kMinPredictedRate_Hz = 400;
 
 struct DeviceCoupling {
@@ -56,8 +57,9 @@ struct DeviceCoupling {
   bool predicts_pose = false;  ///< the law is evaluated at the pose predicted one tick ahead
   double rate_Hz = 0;          ///< rate of the loop
   double damping_share = 0;    ///< contract 2; at least 1: the device's own damping suffices
-  /// The rendered stiffness divided by M / T^2: the larger of the values for translation and for
-  /// rotation. With prediction, tests show passivity only up to inertia_limit.
+  /// The rendered stiffness in translation divided by M / T^2, or in rotation divided by I / T^2,
+  /// whichever is larger. I is the plate's smallest moment of inertia. With prediction, tests show
+  /// passivity only up to inertia_limit.
   double inertia_share = 0;
   double inertia_limit = kMaxInertiaShare;  ///< kMaxInertiaShare divided by StiffnessLimits::margin
   /// Largest tissue force along the tool that the device can render; 0: the device cannot be at the

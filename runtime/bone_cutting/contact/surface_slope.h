@@ -6,10 +6,10 @@
 // smooth, although the slices form steps.
 //
 // Contract (tests/runtime/bone_cutting/contact/surface_slope_test.cpp):
-//  1. For a plane the slope is exact up to kMaxSlope. In a segmentation the outline moves by whole
-//     pixels from slice to slice. Therefore the slope is fitted to all slices within kSlopeWindow_m
-//     of the surface. The fitted slope is at most kMostSteeper times as steep as the slope between
-//     the two slices nearest to the surface.
+//  1. On a plane surface the slope is exact up to kMaxSlope. In a segmentation the outline moves by
+//     whole pixels from slice to slice. Therefore the slope is fitted to all slices within
+//     kSlopeWindow_m of the surface. The fitted slope is at most kMostSteeper times as steep as the
+//     slope between the two slices nearest to the surface.
 //  2. The slope is 0 at the top of a bone volume and on a step wider than EdgeDistance::kReach_mm.
 //  3. If there is no surface close below the tip, a face of the tip touches an edge of the bone.
 //     The slope is then that of the tip's face, and the gradient points away from the material.

@@ -68,7 +68,7 @@ namespace trocar::runtime {
 struct CuttingTool {
   Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d inward_plate =
-      -Eigen::Vector3d::UnitZ();  ///< unit vector along the shaft to the tip
+      -Eigen::Vector3d::UnitZ();  ///< unit vector along the shaft towards the tip
   double radius_m = 1e-3;         ///< radius at which friction around the shaft acts
   /// Bevel of the tip: a vector perpendicular to `inward_plate` that points to the side to which the
   /// bevel's face looks. Its length is the ratio of the tip's lateral force to its force along the
@@ -121,9 +121,9 @@ struct CuttingOptions {
   /// its friction coefficient mu, and the ratio kappa of the pressure across the core to that
   /// along the core.
   double core_fraction = 0, core_growth_per_m = 0;
-  /// Moment about the axis at which the tip turns in the material. The resistance acts while the
-  /// tip is under load. The resistance reaches this moment after a rotation that moves the outline
-  /// by tip_presliding_m.
+  /// Moment about the axis at which the tip turns in the material. The material resists rotation
+  /// only while the tip is under load. The resistance reaches this moment after a rotation that
+  /// moves the outline by tip_presliding_m.
   double torsion_Nm = 0;
   /// The tool enters a hole if its axis is at most this far from the hole's slot (slot.h).
   double same_hole_m = 5e-5;
@@ -186,11 +186,11 @@ struct CuttingHoleSlab {
   /// Vertical length of the slab that the shaft fills, or CuttingSlab::hole_m if the shaft passes a
   /// slab of thickness 0.
   double embedded_m = 0;
-  /// Stiffness of the wall at one Gauss point, and force at which it yields there, in the last
-  /// tick.
+  /// Stiffness of the wall at one Gauss point, and force at which the wall yields there. Both are
+  /// those of the last tick.
   double wall_N_per_m = 0, wall_most_N = 0;
   std::array<double, kMaxWallPoints> depth_m{};  ///< depths of the Gauss points
-  std::uint32_t free_version = 0;  ///< CuttingSlab::free_version that `walls` come from; 0: none
+  std::uint32_t free_version = 0;  ///< CuttingSlab::free_version of the region in `walls`; 0: none
   std::array<Slot, kMaxWallPoints> walls;  ///< slot of the hole at each Gauss point
 };
 
@@ -223,7 +223,7 @@ struct CuttingState {
   /// Largest recent force of the tip on the bone. It decays towards the present force while the
   /// front advances by about a diameter of the tool.
   double hold_tip_N = 0;
-  double hold_depth_m = 0;  ///< largest depth of the tip while hold_tip_N has been positive
+  double hold_depth_m = 0;  ///< largest depth of the tip since hold_tip_N became positive
   double hold_N_per_m = 0;  ///< stiffness of the hold in the last tick
   /// Elastic slip of the hold along the shaft: negative while the hold resists withdrawal, else 0.
   double hold_slip_m = 0;

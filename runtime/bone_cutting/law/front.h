@@ -24,7 +24,7 @@ struct Advance {
 /// before the advance and falls by `per_m` (N per metre of advance).
 Advance scan(const Tick& tick, double tip_N, double per_m) noexcept;
 
-/// Returns the index of the slab of no thickness on which the tip rests at the end of this tick, or
+/// Returns the index of the slab of thickness 0 on which the tip rests at the end of this tick, or
 /// -1 (CuttingState::bearing).
 int bearing_slab(const Tick& tick) noexcept;
 

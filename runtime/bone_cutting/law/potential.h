@@ -31,7 +31,9 @@ struct Evaluation {
   Vector6 coupling = Vector6::Zero();  ///< derivative of coupling_J; also the wrench on the plate
   Vector6 g = Vector6::Zero();         ///< first derivative of V
   Matrix6 H = Matrix6::Zero();         ///< second derivative of V
-  bool walls_yield = false, is_saturated = false;  ///< is_saturated: the coupling is at its limits
+  /// `walls_yield`: a wall is loaded beyond its strength. `is_saturated`: the coupling is at its
+  /// largest force or moment.
+  bool walls_yield = false, is_saturated = false;
 };
 
 /// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is the second derivative

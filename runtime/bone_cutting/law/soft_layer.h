@@ -42,9 +42,9 @@ namespace trocar::runtime {
 inline constexpr int kMaxLayerAdvances = 12;
 
 struct SoftLayer {
-  double top_m = 0, bottom_m = 0;  ///< depths of the unstretched layer
+  double top_m = 0, bottom_m = 0;  ///< depths while the layer is unstretched
   double stiffness_N_per_m = 0;    ///< a1, the stiffness of the unstretched layer
-  double stiffening_N_per_m2 = 0;  ///< a2
+  double stiffening_N_per_m2 = 0;  ///< a2, which makes the layer stiffer when stretched
   /// The layer is punctured when the total force of this layer and all lower tissue exceeds this
   /// force.
   double puncture_N = 0;

@@ -27,7 +27,7 @@ struct LayerAdvance {
   double stiffness_N_per_m = 0;     ///< stiffness of the layer before the advance
   bool ends_layer = false;          ///< the front reaches the bottom of the layer
 };
-/// Punctures the layer that the tip presses on if the total force suffices. The total force is
+/// If the total force suffices, punctures the layer that the tip presses on. The total force is
 /// `bone_N` plus the force of all layers. If the layer is punctured, computes the advance after
 /// which the total force equals the layer's cutting force. Per metre of advance the force falls by
 /// `falling` times the layer's stiffness. `falling` is 1 if the tip keeps its position, and less

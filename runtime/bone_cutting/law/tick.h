@@ -39,7 +39,7 @@ struct Tick {
   double embedded_m = 0;         ///< embedded length of the shaft in all slabs
   double friction_N = 0;         ///< friction force at which the shaft slides
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft
-  double tip_friction_N = 0;     ///< friction force at which the tip slides across its axis
+  double tip_friction_N = 0;     ///< force at which the tip slides perpendicular to `normal`
   double hold_N = 0;             ///< force at which the tip slides back out of crushed bone
   double torsion_N = 0;          ///< force, acting at the tool's radius, at which the tip turns
   mutable WallModel walls{};     ///< cached sums; call forget() when a wall changes

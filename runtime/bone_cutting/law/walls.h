@@ -108,7 +108,9 @@ class WallModel {
 
   bool is_known_ = false;
   ShaftLine line_;
-  double reach_m_ = 0, top_m_ = 0, bottom_m_ = 0;  // depths of the first and the last point
+  // reach_m_: the radius for which the sums hold. top_m_, bottom_m_: depths of the first and the
+  // last point.
+  double reach_m_ = 0, top_m_ = 0, bottom_m_ = 0;
   WallSums sums_;
   std::size_t others_ = 0;
 };

@@ -21,7 +21,7 @@
 //    density.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
-//  1. Values are those of the published formulas, but never negative: below its root a linear law is 0.
+//  1. Values are those of the published formulas. Where a formula is negative, the value is 0.
 //  2. If the calibration gives another kind of density than the law needs, and a conversion is not
 //     allowed or not known, estimate() returns no value. If a conversion was applied, the result
 //     names the conversion.
@@ -39,11 +39,11 @@ std::string_view name_of(DensityKind kind) noexcept;
 /// density = at_0_HU + per_HU * HU. The default is typical of scanners at 120 kV (0.8 mg/cm^3 of
 /// K2HPO4 per HU). The default is not a measurement. `is_assumed`: no calibration was given.
 struct HuCalibration {
-  double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
+  double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3 per HU, g/cm^3
   DensityKind kind = DensityKind::kQct;
   bool is_assumed = true;
 };
-/// Returns the density, at least 0, of the kind that the calibration names.
+/// Returns the density, which is at least 0. Its kind is the one that the calibration names.
 double density_of(const HuCalibration& calibration, double HU) noexcept;
 
 /// value = constant + factor * density^exponent
@@ -64,7 +64,7 @@ std::span<const BoneLaw> bone_laws() noexcept;
 /// The law of that name, or null.
 const BoneLaw* find_bone_law(std::string_view name) noexcept;
 
-/// The law's value at a density in g/cm^3, at least 0.
+/// Returns the law's value at a density in g/cm^3. The value is at least 0.
 double value_of(const DensityLaw& law, double density) noexcept;
 
 /// to = factor * from

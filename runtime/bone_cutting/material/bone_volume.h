@@ -14,19 +14,21 @@
 //  2. If a tissue has a CutTissue (strength per area and so on), tool_in_tissue.h computes the
 //     values for the tool. A tissue without CutTissue states the forces on the scene's tool. Its
 //     threshold and stiffness are those of the tip, whatever the tip's shape. If such a tissue
-//     states no rim stiffness and its slab is not of thickness 0, threshold and stiffness divided
-//     by the tool's area are also the strength and the stiffness of the walls per area.
-//  3. Relative to the tool, the direction in which a bevelled tip is pushed is the same during a
-//     session. It follows from the lateral force and the strength in the uppermost tissue with
+//     states no rim stiffness and its slab is not of thickness 0, the slab's walls get their values
+//     per area from the tip. The walls' strength is the threshold, and the walls' stiffness is the
+//     tip's stiffness, both divided by the tool's area.
+//  3. During a session a bevelled tip is always pushed in the same direction relative to the tool.
+//     This direction follows from the lateral force and the strength in the uppermost tissue with
 //     CutTissue and a strength above 0, at its mean HU. Without such a tissue, a bevelled tip is
 //     not pushed to one side.
 //  4. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
 //     divided into slabs at the depths at which a shell can end, so that the slabs stay the same
 //     during a session.
-//  5. Where the tool enters the bone and where it leaves the bone, cortical_wall.h finds the wall in
-//     the slab there, if the tissue takes its strength from HU. SceneBody::cortex_HU says how dense
-//     the wall is. A scene without a `body` has no such walls.
+//  5. If a tissue takes its strength from HU, cortical_wall.h finds the wall in the slab where the
+//     tool enters the bone, and in the slab where the tool leaves the bone. SceneBody::cortex_HU
+//     states the HU of the wall. A scene without a `body` has no such walls, nor does a scene that
+//     states a shell and no cortex_HU.
 #pragma once
 
 #include <cstdint>
@@ -44,7 +46,8 @@
 namespace trocar::runtime {
 
 inline constexpr double kMaxSlabGap_m = 3e-3;
-inline constexpr double kSlabGapRounding_m = 1e-9;  ///< added to kMaxSlabGap_m
+/// Added to kMaxSlabGap_m, so that rounding does not separate slices at exactly this distance.
+inline constexpr double kSlabGapRounding_m = 1e-9;
 /// Number of holes that the law `cutting` remembers during a session.
 inline constexpr std::size_t kMaxRememberedHoles = 32;
 
@@ -62,14 +65,14 @@ struct BoneSheet {
   const BoneLaw* law = nullptr;
   HuCalibration calibration;
   double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
-  /// Change of the shaft's friction per embedded length if pressure_Pa() changes by 1 Pa.
+  /// If pressure_Pa() rises by 1 Pa, the shaft's friction per embedded length rises by this value.
   double friction_N_per_m_Pa = 0;
-  double cortex_HU = 0;  ///< HU of cortical walls (contract 5); 0: no walls are looked for
+  double cortex_HU = 0;  ///< HU of cortical walls (contract 5); 0: there are no such walls
   CutMaterial material;  ///< values at the slice's mean HU
   bool states_tool_forces = false;  ///< the tissue states the tool's forces (contract 2)
   int first_slab = 0, slabs = 0;    ///< index of the sheet's first slab, and number of its slabs
   double top_m = 0, bottom_m = 0;   ///< depths of the top and the bottom of the sheet's slabs
-  bool meets_above = false, meets_below = false;  ///< the slice has a neighbour there (contract 1)
+  bool meets_above = false, meets_below = false;  ///< a neighbour exists above, below (contract 1)
 
   /// Pressure at which bone of this HU fails under a flat tip. Precondition: `law` is not null.
   double pressure_Pa(double hu) const noexcept;
@@ -77,7 +80,7 @@ struct BoneSheet {
   /// Friction of the shaft per embedded length in bone of this HU. `nominal_N_per_m`: this friction
   /// in bone of the slice's mean HU.
   double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
-  /// Strength of the shell over bone of this HU, if the strength of this bone is `strength_N`.
+  /// Strength of the shell over bone of this HU. `strength_N`: strength of that bone.
   /// Where nothing supports the shell, its strength is at most that of a thin wall (thin_wall.h).
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: result of slice_push().
@@ -92,10 +95,10 @@ struct BoneVolume {
   double radius_m = 0;  ///< radius of the disc that has the area of the tool's cross-section
   ToolShape shape;
   bool twists = false;             ///< SceneForceLaw::twist
-  CuttingOptions options;          ///< contains the scene's coupling, not limited by the device
+  CuttingOptions options;          ///< the coupling is the scene's, before the device's limits
   double shell_m = 0;              ///< thickness of the cortical shell; 0: there is none
   std::vector<BoneSheet> sheets;   ///< in the order of the session's sheets: topmost first
-  std::vector<CuttingSlab> slabs;  ///< strength: BoneSheet::nominal_N
+  std::vector<CuttingSlab> slabs;  ///< their strength is BoneSheet::nominal_N
   std::vector<int> sheet_of_slab;  ///< index of each slab's sheet
   std::vector<SoftLayer> layers;   ///< uppermost first
   /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction), and

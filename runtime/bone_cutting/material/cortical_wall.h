@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A wall of cortical bone in a slice that is thicker than the wall. The HU of such a slice are the
+// Finds a wall of cortical bone that is thinner than its slice. The HU of such a slice are the
 // mean of the wall and of the bone behind it, so a strength from these HU would be too low in the
 // wall and too high behind it. If the HU of cortical bone are known, the wall's thickness follows
 // from the mean (cortical bone mapping, after G. Treece et al., Med. Image Anal. 14, 2010, but
@@ -8,20 +8,21 @@
 // Contract (tests/runtime/bone_cutting/material/cortical_wall_test.cpp):
 //  1. A wall of `cortex_HU` and of the returned thickness, with bone of `inside_HU` in the rest of
 //     the slab, has the mean `slab_HU`.
-//  2. A slab with a higher mean than `cortex_HU` is all wall.
-//  3. There is no wall (thickness 0) unless the slab's mean exceeds the inside by kMinContrast_HU
-//     and the wall is at least kMinWall_m thick. The HU of cancellous bone vary from slice to slice
-//     by less than this.
+//  2. If the slab's mean is above `cortex_HU`, the wall fills the slab.
+//  3. There is no wall (thickness 0) unless the slab's mean exceeds `inside_HU` by at least
+//     kMinContrast_HU and the wall is at least kMinWall_m thick. From slice to slice, the HU of
+//     cancellous bone vary by less than kMinContrast_HU.
 #pragma once
 
 namespace trocar::runtime {
 
-/// HU of cortical bone in a scene that does not state it. Assumed: 1,000 to 1,500 HU are usual.
+/// HU that are assumed for cortical bone if the scene states neither these HU nor a shell. Usual
+/// values are 1,000 to 1,500 HU.
 inline constexpr double kAssumedCortex_HU = 1200;
 inline constexpr double kMinContrast_HU = 200, kMinWall_m = 0.4e-3;
 
-/// Returns the thickness of the wall at a face of a slab of bone. `slab_HU`: mean of the slab;
-/// `inside_HU`: HU of the bone behind the wall, that is of the next slab.
+/// Returns the thickness of the wall at a face of a slab of bone. `slab_HU`: mean HU of the slab.
+/// `inside_HU`: HU of the bone behind the wall, which is the bone of the next slab.
 double wall_thickness_m(double slab_HU, double inside_HU, double cortex_HU,
                         double slab_thickness_m) noexcept;
 

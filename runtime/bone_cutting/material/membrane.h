@@ -2,7 +2,7 @@
 // The force with which a tool breaks through a layer of soft tissue, computed from the tissue's
 // fracture toughness. A pointed tip opens a crack. The length of the crack is the width of the tip
 // at one layer thickness behind its point, but at most the length of the crack that the whole tool
-// opens (torn_length_m()). Tearing accounts for 61 % of the force of the tool, and spreading and
+// opens (torn_length_m()). Tearing accounts for 61 % of the force on the tool, and spreading and
 // friction account for the rest (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
 //
 // Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):

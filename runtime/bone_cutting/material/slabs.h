@@ -12,8 +12,8 @@
 //     that of the straight line through the values of the two neighbouring slices, unless a slope
 //     limiter reduces the slope (B. van Leer, J. Comput. Phys. 23, 1977). At each end of the slab,
 //     the limiter allows the range from the slab's own value to the value of the neighbour on that
-//     side. The strength at that end leaves this range by at most 5 % of the own value, and is
-//     never negative. The range prevents overshoot at a jump, such as a thin cortex next to soft
+//     side. The strength at that end leaves this range by at most 5 % of the slab's own value, and
+//     is never negative. The range prevents overshoot at a jump, such as a thin cortex next to soft
 //     bone. Because of the 5 %, a strength that varies smoothly keeps its maxima.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
@@ -28,7 +28,7 @@
 
 namespace trocar::runtime {
 
-/// Values at one slice. The last three are those of CuttingSlab.
+/// Values at one slice. The last three mean the same as in CuttingSlab.
 struct BodySlice {
   double depth_m = 0;
   double strength_N = 0;  ///< force on the tip at which the cutting front advances

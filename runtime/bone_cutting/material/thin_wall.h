@@ -12,8 +12,8 @@
 //     members of ThinWall.
 //       bending = clamping * pi * (flow * t^2 / 4) / (1 - 2 min(a, R) / (3 R))
 //       punching = 2 pi a t * shear
-//  2. The flow stress of cortex is 100 MPa at 1.9 g/cm^3. It is proportional to the square of the
-//     apparent density.
+//  2. The flow stress of cortex is proportional to the square of the apparent density. At
+//     1.9 g/cm^3 the flow stress is 100 MPa.
 #pragma once
 
 namespace trocar::runtime {
@@ -23,7 +23,7 @@ struct ThinWall {
   double flow_Pa = 100e6;  ///< flow stress in bending
   double shear_Pa =
       51.6e6;           ///< shear strength of cortex (C. Turner et al., J. Orthop. Res. 19, 2001)
-  double clamping = 3;  ///< 2: the wall is simply supported; 4: it is clamped
+  double clamping = 3;  ///< 2: simply supported wall; 4: clamped wall; 3: in between
 };
 
 /// Flow stress of cortical bone of this apparent density (contract 2).
@@ -31,7 +31,7 @@ double cortex_flow_Pa(double apparent_g_per_cm3) noexcept;
 
 double bending_N(const ThinWall& wall, double tip_radius_m) noexcept;
 double punching_N(const ThinWall& wall, double tip_radius_m) noexcept;
-/// The smaller of bending and punching.
+/// Returns the smaller of bending_N() and punching_N().
 double break_N(const ThinWall& wall, double tip_radius_m) noexcept;
 
 }  // namespace trocar::runtime

@@ -16,7 +16,7 @@
 //     cone or bevel, and a radius for each edge of a pyramid.
 //  3. A tool of radius R that turns at the rate `twist` and advances at the speed `feed` has the
 //     slice-push ratio xi = twist * R / feed, at most kMaxSlicePush. Twisting multiplies the
-//     tearing force by 1 / (1 + xi^2). The necessary moment is R times xi / (1 + xi^2) times the
+//     tearing force by 1 / (1 + xi^2). Tearing needs a moment of R times xi / (1 + xi^2) times the
 //     tearing force without twist (Atkins, Xu and Jeronimidis, J. Mater. Sci. 39, 2004). Friction
 //     on the faces acts along the direction of slip, so its component along the axis is multiplied
 //     by 1 / sqrt(1 + xi^2). Its component around the axis has the mean lever of a disc or ring,
@@ -29,8 +29,8 @@
 //  5. Friction acts on the outer surface of the shaft and, in a hollow tool, on the surface of the
 //     bore too. Walls press on the tool's projected width, 2 R.
 //  6. A bevel has one face. Pressure and friction of this face push the tip to the side with the
-//     force pressure * A * (cot(half angle) - mu), or with no force if mu is larger. On the other
-//     tips these forces cancel. Tearing has no lateral force.
+//     force pressure * A * (cot(half angle) - mu). If mu is larger than cot(half angle), there is
+//     no such force. On the other tips these forces cancel. Tearing has no lateral force.
 #pragma once
 
 #include <optional>
@@ -62,7 +62,7 @@ struct CutMaterial {
   double face_friction = 0;    ///< friction coefficient of the tip's faces
   double modulus_Pa = 0, poisson = 0.3;
   double friction_Pa = 0;          ///< shear stress at which the wall slides along the shaft
-  double presliding_Pa_per_m = 0;  ///< stiffness of the friction before it slides
+  double presliding_Pa_per_m = 0;  ///< the friction's stiffness per area before sliding
   double wall_Pa_per_m = 0;        ///< lateral stiffness of the wall (Winkler foundation)
   double lateral_strength_Pa = 0;  ///< pressure at which the wall yields
 };
