@@ -17,7 +17,8 @@ std::string text_of(double value, int digits = 7);
 std::string number_ranges(const std::set<int>& numbers, const std::string& separator = ", ",
                           int max_runs = 20);
 
-/// The ranges after a name, which gets an s unless there is one number: "slice 3", "slices 0-46".
+/// A name, followed by the ranges: "slice 3", "slices 0-46". The name gets an s unless there is
+/// exactly one number.
 std::string named_ranges(const std::string& name, const std::set<int>& numbers, int max_runs = 20);
 
 }  // namespace trocar::pipeline

@@ -23,14 +23,14 @@ namespace trocar::pipeline {
 /// `tolerance` is in lattice steps. O(n log n) typically.
 ///
 /// If is_open[i] is true, contour i is a line. Its first and last vertex stay, are not joined, and
-/// may belong to other lines too. The area between the line and any fixed path that joins its ends
-/// stays the same.
+/// may belong to other lines too. The area between the line and any fixed path between the line's
+/// ends stays the same.
 SimplifiedOutline collapse_segments(const Pslg& contours, double tolerance,
                                     const std::vector<bool>& is_open = {});
 
 /// The part of the tolerance that is reserved for refinement, which rounds new points of an edge to
 /// the lattice. The result and `tolerance` are in lattice steps. The part is a tenth of the
-/// tolerance, but at least half a step. If the tolerance is below one step, the part is half of it.
+/// tolerance, but at least half a step. For a tolerance below one step, it is half the tolerance.
 double left_for_refinement(double tolerance);
 
 /// The rest of the tolerance, which collapse_segments() uses.

@@ -23,14 +23,14 @@ struct BorderEnds {
 
 /// Moves the crossings of a border along their grid lines onto a smooth curve. Crossings that are
 /// `fixed` do not move. They divide the border into sections, each of which is smoothed by itself;
-/// a section of fewer than 6 crossings stays as it is. All other crossings are at first half-way
-/// between two pixels.
+/// a section of fewer than 6 crossings stays as it is. Precondition: every crossing that is not
+/// fixed lies half-way between its two pixels.
 ///
 /// The curve is the section convolved with the kernel 2 G(s) - G(sqrt(2) s), which keeps curvature.
 /// G(s) is a Gaussian with standard deviation s along the section. Lengths are counted in
 /// crossings: s is a fourteenth of the section's length, but at most 3 crossings. Each crossing
 /// stays between its two pixels, so borders cannot cross. If this limit allows it, the areas on
-/// both sides of the border stay the same. `ends` has no value if the border is closed; such a
+/// both sides of the border stay the same. If the border is closed, `ends` has no value, and the
 /// border may afterwards start at another of its crossings. O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 

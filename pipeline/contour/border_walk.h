@@ -98,7 +98,8 @@ class BorderWalk {
   }
 
   const LabelBorders& borders_;
-  std::vector<Head> heads_;  // by directed chain: node where it arrives, and index in `ends` there
+  // Directed chain d arrives at node heads_[d].node, where it is entry heads_[d].end of `ends`.
+  std::vector<Head> heads_;
 };
 
 }  // namespace trocar::pipeline

@@ -21,10 +21,10 @@
 namespace trocar::pipeline::collapse {
 
 // Special values of a displacement (see Ideal): kNever if the collapse is not possible, kUnknown if
-// it has not been evaluated yet.
+// the displacement has not been computed yet.
 inline constexpr double kNever = std::numeric_limits<double>::infinity(), kUnknown = -1;
 
-// Largest number of edges that one step replaces by two.
+// Largest number of edges that one step replaces by two new edges.
 inline constexpr std::size_t kMaxRun = 8;
 
 // The edge bc of the outline with the vertex a before it and the vertex d after it. ia to id are
@@ -39,7 +39,7 @@ struct Span {
 };
 
 // A point that keeps the area if it replaces the edge bc. `displacement` is the area that would
-// change from one side of the outline to the other. If there is no such point, it is kNever.
+// change from one side of the outline to the other; it is kNever if no point keeps the area.
 struct Ideal {
   Point at;
   double displacement = kNever;
@@ -77,7 +77,7 @@ inline std::array<Ideal, 2> ideals(const Span& s, double area) {
   return {on_ab, on_dc};
 }
 
-// A path along a ring. A step is to replace the path's inner nodes by the point e. `points` has the
+// A path along a ring. The step replaces the path's inner nodes by the point e. `points` has the
 // points of the path, followed by e.
 struct Path {
   std::array<std::uint32_t, kMaxRun + 1> nodes;
@@ -225,12 +225,14 @@ inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n)
 }
 
 // Returns the position nearest to e on `part`, the part of a contour that the edges a-e and e-d are
-// to replace. The position divides the part in two. Returns no value unless the edge a-e and the
-// first piece are within the tolerance of each other, and also the edge e-d and the second piece.
-// `tolerance2` is the squared tolerance. The function checks only that e is near its position, and
-// that each vertex of the contour is near the edge that replaces it. This suffices: while a point
-// runs along the contour, its nearest point on the edge runs along the whole edge, except near the
-// edge's ends, and the ends are near their own positions.
+// to replace. The position divides the part into two pieces. The first piece and the edge a-e must
+// be within the tolerance of each other, and so must the second piece and the edge e-d. Otherwise
+// the function returns no value. `tolerance2` is the squared tolerance.
+//
+// The function checks only that e is near its position, and that each vertex of the contour is near
+// the edge that replaces it. This suffices: while a point runs along the contour, its nearest point
+// on the edge runs along the whole edge, except perhaps near the edge's ends. Each end is near its
+// own position on the contour.
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {

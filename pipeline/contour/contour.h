@@ -20,7 +20,7 @@ struct PixelGrid {
   Lattice lattice;
 };
 
-/// Smallest width of a pixel, in lattice steps, with which contours() keeps what it promises.
+/// Smallest width of a pixel, in lattice steps, for which the properties stated at contours() hold.
 inline constexpr int kMinStepsPerPixel = 8;
 
 /// Traces the outline with material on the left: outer rings are counter-clockwise in (u, v), holes

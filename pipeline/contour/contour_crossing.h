@@ -32,7 +32,7 @@ double crossing(const GridLine& line);
 struct Crossing {
   int x = 0, y = 0;
   bool along_v = false;
-  bool fixed = false;  ///< true if it must not move, for example at the image's border
+  bool fixed = false;  ///< true if the crossing must not move, as at the image's border
   double t = 0;
 };
 

@@ -22,7 +22,8 @@ class ContourGrid {
     std::uint32_t first, last, next_in_cell;
   };
 
-  /// Makes an empty grid over the box, with about as many cells as there will be edges.
+  /// Makes an empty grid over the box. `edges` is the number of edges that will be added; the grid
+  /// has about as many cells.
   ContourGrid(const LatticeBox& box, std::size_t edges) : cells_(box, static_cast<double>(edges)) {
     heads_.assign(cells_.count(), kNone);
     runs_.reserve(edges);

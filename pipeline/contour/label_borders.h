@@ -18,7 +18,8 @@ namespace trocar::pipeline {
 /// ring without nodes, or its first and last point are nodes. The two may be the same node.
 struct BorderChain {
   std::vector<LatticePoint> points;
-  MaterialNumber left = kNoMaterial, right = kNoMaterial;  ///< not equal; kNoMaterial: background
+  /// The materials on the two sides, which are different. kNoMaterial stands for the background.
+  MaterialNumber left = kNoMaterial, right = kNoMaterial;
   bool is_closed = false;
 };
 
@@ -78,7 +79,7 @@ LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options);
 
 /// Two-sided Hausdorff distance between a chain of `full` and the chain of the same index in
-/// `simple`, mm. Returns the largest of all chains.
+/// `simple`, in mm. Returns the largest distance of all chains.
 double hausdorff_mm(const LabelBorders& full, const LabelBorders& simple, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

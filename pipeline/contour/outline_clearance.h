@@ -9,16 +9,16 @@
 //    less than c (tight_spots.h).
 //  - The scan forces a tight spot if every change that clear_outline() tries there would leave the
 //    tolerance, change the topology or leave at least as many tight spots as before.
-//  - A small input angle is an angle below 60 degrees of the outline itself. A free angle is an
-//    angle of a triangle that does not lie at a small input angle (see MeshQuality in
-//    triangulation/mesh_quality.h).
+//  - A small input angle is an angle below 60 degrees of the outline itself. A free angle is any
+//    angle of a triangle that lies at no small input angle. (SharpTriangle in
+//    triangulation/mesh_quality.h says which triangles lie at an input angle.)
 //
 // Effect: with rare exceptions, the mesh of an outline without tight spots has no free angle below
 // 30 degrees. The reason is that refinement makes no edge much shorter than the clearance, while
 // rounding to the lattice moves a point by only one or two lattice steps. The test bounds how often
 // an exception occurs.
 //
-// Not changed are:
+// The following are not changed:
 //  - Sharp corners: two neighbouring edges may meet at any angle.
 //  - Tight spots of an outline that has many more tight spots than vertices. Such an outline is a
 //    figure at the scale of the lattice.
@@ -34,7 +34,7 @@
 
 namespace trocar::pipeline {
 
-inline constexpr double kClearance_steps = 12;  ///< lattice steps
+inline constexpr double kClearance_steps = 12;  ///< largest clearance, in lattice steps
 
 /// A simplified outline, with the data that later steps need to stay within the tolerance and to
 /// keep the areas.
@@ -44,8 +44,8 @@ struct SimplifiedOutline {
   /// within the tolerance of the vertex. The positions of successive vertices follow each other
   /// along the contour.
   std::vector<std::vector<collapse::ContourPosition>> positions;
-  /// A number for each ring: twice the area of its contour minus twice its own area, in squared
-  /// lattice steps. It is 0 if the method does not keep areas.
+  /// A number for each ring: twice the area of the ring's contour minus twice the area of the ring,
+  /// in squared lattice steps. It is 0 if the method does not keep areas.
   std::vector<std::int64_t> area_errors;
 };
 

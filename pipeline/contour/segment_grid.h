@@ -25,8 +25,8 @@ struct LatticeSegment {
 class SegmentGrid {
  public:
   SegmentGrid() = default;
-  /// If two segments have points whose x and y differ by at most `max_distance` lattice steps, the
-  /// segments have a common cell.
+  /// If a point of one segment and a point of another differ by at most `max_distance` lattice
+  /// steps in x and in y, the two segments have a common cell.
   SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance);
 
   /// Calls visit(i, j), with i > j, for each pair of segments that have a common cell: once for
@@ -79,7 +79,8 @@ class SegmentGrid {
     std::uint32_t segment, older;  // older: the next entry of the same cell, or kNone
   };
 
-  // Visits, in each row of cells, those that the segment widened by the margin passes through.
+  // Widens the segment by the margin and calls visit(cell) for the cells that it then passes
+  // through, row by row.
   template <typename Visit>
   void for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
     const auto [a, b] = segment;
@@ -103,7 +104,7 @@ class SegmentGrid {
   std::int64_t margin_ = 0, columns_ = 1;
   int shift_ = 0;                      // the cells are squares of 2^shift_ lattice steps
   LatticePoint low_;                   // the lower left corner of the grid
-  std::vector<std::uint32_t> newest_;  // for each cell: its newest entry, or kNone
+  std::vector<std::uint32_t> newest_;  // for each cell: index of its newest entry, or kNone
   std::vector<Entry> entries_;
 };
 

@@ -26,8 +26,9 @@ std::string material_name(const LabelNames& names, const Labels& wanted, int fir
 std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels& wanted,
                                            const MaterialIndices& indices);
 
-/// Returns one segmentation for each entry of `indices`, in the same order; it selects only the
-/// pixels of that material. If `segmentation` is not Labels, returns `segmentation` alone.
+/// Returns one segmentation for each entry of `indices`, in the same order. Each segmentation
+/// selects only the pixels of its material. If `segmentation` is not Labels, returns `segmentation`
+/// alone.
 std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
                                                  const MaterialIndices& indices);
 

@@ -14,8 +14,8 @@ namespace trocar::pipeline {
 /// averages noise over nine pixels). Two rules modify the bound. First, the bound is at least
 /// kMinArea_px2 times the area of a pixel. Second, the edge length at a pixel exceeds the edge
 /// length at any of the eight pixels around it by at most half of the distance between the two.
-/// Therefore a large triangle is also refined if HU change in only a part of it, and not at its
-/// centroid, where refinement evaluates the bound.
+/// Refinement evaluates the bound at a triangle's centroid. Because of the second rule, a large
+/// triangle is refined even if HU change only in a part of it that is away from the centroid.
 class GradedArea {
  public:
   static constexpr double kMinArea_px2 = 1;
@@ -24,6 +24,7 @@ class GradedArea {
   GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edge);
   /// The bound at the pixel nearest to p.
   double mm2_at(LatticePoint p) const;
+  /// The smallest bound at any position.
   double min_mm2() const { return min_mm2_; }
 
  private:

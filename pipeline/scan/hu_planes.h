@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). Every pixel is
-// a sample if pixels are wider than about 0.57 mm. If they are narrower, every second, third, ...
+// Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). If pixels are
+// wider than about 0.57 mm, every pixel is a sample. If they are narrower, every second, third, ...
 // pixel is a sample, so that samples are about 1 mm apart.
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
@@ -15,7 +15,7 @@
 namespace trocar::pipeline {
 
 /// The positions of samples in an image: sample (i, j) is at pixel (i * columns_each, j *
-/// rows_each). The last column and the last row may lie outside the image.
+/// rows_each). The last column and the last row of samples may lie outside the image.
 struct HuSampling {
   HuGrid grid;
   int columns_each = 1, rows_each = 1;

@@ -80,6 +80,7 @@ struct MeshedSlice {
   std::set<int> labels;         ///< the wanted labels that occur in the slice
   std::size_t not_numbers = 0;  ///< number of NaN pixels in the slice and in the label map's CT
   ValueTally values;            ///< statistics of HU or labels; empty for other input
+  /// The wanted bound on the area of triangles. The bound that was used is Refined::max_area_mm2.
   double max_area_bound_mm2 = 0;
   std::optional<Image> hu;  ///< HU of all pixels in the crop, for MeshOptions::hu_volume
   StageTimes times;

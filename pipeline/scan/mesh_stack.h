@@ -28,8 +28,8 @@ struct StackOptions {
   std::optional<std::pair<int, int>> slices;  ///< first and last index; no value: all
   int threads = 0;                            ///< 0: all cores
   std::vector<std::uint8_t> input_key;        ///< key for the input's digest; empty: no digest
-  bool lines = false;                         ///< Asset::lines
-  bool colours = false;                       ///< Asset::colours
+  bool lines = false;                         ///< value for Asset::lines
+  bool colours = false;                       ///< value for Asset::colours
   /// Pitch of Asset::context, mm. 0: default_context_mm(); no value: the asset gets no context.
   std::optional<double> context_mm;
   std::optional<int> dump_slice;  ///< slice whose StackResult::stages are wanted
@@ -59,8 +59,9 @@ Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 /// `parameters` is stored in asset and report, which also state the modality if values are
 /// uncalibrated (formats/asset/asset.md). warnings.h describes the warnings in the report. If a
 /// slice fails, there is no asset. If several slices fail, the error of the one with the lowest
-/// index is returned. Errors: those of check_ranges() and mesh_slice(); kRefused if no slice has
-/// any material; kUnwritable if StackOptions::stop has interrupted the run.
+/// index is returned. Errors: those of check_ranges(), SolidBone::make(), encoding_grid(),
+/// mesh_slice() and add_surfaces(); kRefused if no slice has any material, or if there are more
+/// than kMaxMaterials; kUnwritable if StackOptions::stop has interrupted the run.
 Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
                                const nlohmann::json& parameters);
 

@@ -19,7 +19,7 @@ nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& materi
                             double max_area_bound_mm2);
 nlohmann::json stage_times(const StageTimes& times);
 
-/// Makes the part of an entry of `slices[]` that the asset stores, too.
+/// Makes the part of an entry of `slices[]` that is also stored in the asset.
 nlohmann::json slice_measures(const MeshedMaterial& material);
 
 /// Lists contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm.

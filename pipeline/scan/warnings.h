@@ -26,7 +26,8 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
 /// Makes `warnings[]` of the report, with one entry for each code, in the order in which the codes
 /// first occur. An entry has `code`, `where` and `sentence`. It also has `slices` (numbers) if the
 /// warnings concern slices, and `places` (the texts of Warning::where) if they concern the scan. If
-/// SliceWarning::value differs between slices, the sentence states the lowest and the highest.
+/// Warning::shared is not empty, the entry has it as `shared`. If SliceWarning::value differs
+/// between slices, the sentence states the lowest and the highest value.
 nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
                              const std::vector<SliceWarning>& of_slices);
 

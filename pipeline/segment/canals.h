@@ -38,7 +38,7 @@ inline constexpr double kMaxCanal_HU = 75;
 /// Flags of a voxel. The caller of find_canals() sets the inputs, the function the results.
 enum CanalFlag : std::uint8_t {
   kEnclosed = 4,    ///< input: enclosed within its plane
-  kWide = 8,        ///< input: the nearest material in its plane is beyond kCanalDisc_mm
+  kWide = 8,        ///< input: all material in its plane is farther away than kCanalDisc_mm
   kInCanal = 16,    ///< result: in a canal
   kInSection = 32,  ///< result: in the middle of a canal (step 1 or 3)
 };

@@ -20,7 +20,7 @@ namespace trocar::pipeline {
 struct ValueTally {
   double low = 0, high = 0;
   std::int64_t pixels = 0;
-  bool has_fractions = false;  ///< whether a value is not a whole number
+  bool has_fractions = false;  ///< whether some value is not a whole number
   std::set<int> values;        ///< the different whole numbers, at most kMaxLabels + 1
   std::int64_t equal = 0;      ///< number of pairs of equal values
   std::int64_t steps = 0;      ///< number of pairs that differ, but by at most 1
@@ -64,8 +64,8 @@ ValueTally tally_values(const Image& image, bool as_labels);
 ///
 /// Rule 3, looks_offset, applies to a scan in HU whose material is chosen by a threshold. All of
 /// these conditions must hold: no value is negative, more than 256 are different, and at least 15 %
-/// of the pixels are 964 to 1,124, which is soft tissue with 1,024 added. (In a CT about 1 % of the
-/// pixels are bone with such values.)
+/// of the pixels have values from 964 to 1,124. These are the HU of soft tissue with 1,024 added.
+/// (In a CT about 1 % of the pixels are bone with such values.)
 ///
 /// If the values are not HU, only rule 2 applies, because pictures with few grey levels are usual.
 std::optional<Warning> value_warning(const ValueTally& tally, PixelUnit unit,

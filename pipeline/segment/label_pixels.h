@@ -45,8 +45,8 @@ struct LabelMaterials {
 /// materials occur. O(pixels + m log m) for m materials.
 Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted);
 
-/// The diagonal along which a cell of four pixels a, b, c, d (counter-clockwise) is connected. In
-/// the cell, two pixels that share an edge always have different materials.
+/// The diagonal along which a cell of four pixels a, b, c, d (counter-clockwise) is connected. This
+/// concerns only cells in which any two pixels that share an edge have different materials.
 enum class Diagonal : std::uint8_t {
   kNone,  ///< no diagonal is connected
   kAC,
@@ -55,8 +55,8 @@ enum class Diagonal : std::uint8_t {
 
 /// A diagonal is connected if both of its pixels have the same material. If this holds for both
 /// diagonals, only the diagonal of the material with the lower number is connected. Background is
-/// never connected. If it is on one diagonal and two different materials are on the other, these
-/// materials touch in a point.
+/// never connected. If background is on one diagonal and two different materials are on the other,
+/// these materials touch in a point.
 inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialNumber c,
                                    MaterialNumber d) {
   const bool ac = a == c && a != kNoMaterial, bd = b == d && b != kNoMaterial;

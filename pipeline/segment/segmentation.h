@@ -12,7 +12,7 @@
 namespace trocar::pipeline {
 
 struct Threshold {
-  double value = 226;  ///< HU on calibrated input, grey level 0..255 on images
+  double value = 226;  ///< HU of calibrated input, or a grey level from 0 to 255 of images
 };
 /// The paper's method: histogram equalisation and then a threshold on the equalised levels. Values
 /// that are not grey levels are first mapped from the slice's own range to 0..255.

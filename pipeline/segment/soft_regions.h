@@ -60,7 +60,7 @@ struct SoftRegions {
   int count = 0;                   ///< number of soft regions
   double volume_mm3 = 0;           ///< volume of the blocks of all soft regions
   double low_HU = 0, high_HU = 0;  ///< least and largest mean among the soft regions
-  bool touches_bone = false;       ///< a soft region is connected with over 1 ml of bone
+  bool touches_bone = false;       ///< a soft region is connected with more than 1 ml of bone
 };
 
 /// Finds the soft regions, given the threshold of bone. O(blocks + n), where n is the number of

@@ -46,7 +46,8 @@ inline constexpr double kMaxSeedDistance_mm = 10;
 struct SolidOptions {
   /// Radius of the disc of find_enclosed(). A gap of up to twice this radius counts as closed.
   double close_mm = 0;
-  std::optional<double> fill_mm2;  ///< largest area that is filled in a plane, or infinite
+  /// Largest area that is filled in a plane, or infinite. No value: nothing is filled.
+  std::optional<double> fill_mm2;
   double min_volume_mm3 = 0;
   bool column = false;                        ///< keep the spinal column alone; needs fill_mm2
   int largest = 0;                            ///< number of components that are kept; 0: all
@@ -64,13 +65,13 @@ class SolidBone {
  public:
   /// Reads all slices on several threads. Errors: those of reading; kRefused if the slices are not
   /// parallel or not in ascending order, the mask is unusable or on another grid, a seed is not
-  /// near any material, there is no canal with `column`, or nothing is left. O(voxels log voxels)
-  /// with seeds, otherwise O(voxels).
+  /// near any material, `column` is set but there is no canal, or nothing is left. O(voxels log
+  /// voxels) with seeds, otherwise O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
                                 std::optional<SliceAxis> axis, const SolidOptions& options,
                                 const ScannerTable* table = nullptr);
 
-  /// Is pixel (x, y) of the whole, uncropped slice material?
+  /// Returns true if pixel (x, y) of the uncropped slice is material.
   bool inside(int slice, int x, int y) const {
     return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
   }

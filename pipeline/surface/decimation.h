@@ -29,7 +29,7 @@ class Decimation {
   };
 
   /// Precondition: the surface has passed check_triangle_surface() and outlives this object. If
-  /// `stop` is set, collapses end early.
+  /// `*stop` becomes true, decimated() ends early, with more triangles.
   explicit Decimation(const TriangleSurface& fine, const std::atomic<bool>* stop = nullptr);
 
   /// Returns the surface with at most this number of triangles, or with more if no further collapse
@@ -48,7 +48,7 @@ class Decimation {
   const TriangleSurface& fine_;
   const std::atomic<bool>* stop_;
   std::vector<Collapse> collapses_;
-  std::vector<bool> locked_;
+  std::vector<bool> locked_;  // for each vertex of fine_: true if it must stay
   // The triangles of the last result, with the vertices of fine_.
   std::vector<std::array<std::uint32_t, 3>> triangles_;
 };

@@ -40,7 +40,7 @@ struct DisplaySurface {
   SurfaceDistance left_out;
   /// Wanted bound of distance.p99_mm and left_out.p99_mm: half of the mean side of a voxel.
   double bound_mm = 0;
-  std::size_t parts = 0;                  ///< connected parts, each of them closed
+  std::size_t parts = 0;                  ///< number of connected parts, each of them closed
   std::size_t mesher_triangles = 0;       ///< number of triangles of the isosurface
   std::array<int, 3> coarsened{1, 1, 1};  ///< voxels averaged along each axis; 1: no averaging
   double mesher_ms = 0, decimate_ms = 0, check_ms = 0;

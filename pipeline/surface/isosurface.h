@@ -12,9 +12,9 @@ namespace trocar::pipeline {
 
 /// Makes the surface of the material, in the patient's frame (LPS). The surface is closed, manifold
 /// and oriented by construction. At a slice's height it follows the slice's contour. On each edge
-/// of the grid between material and outside, the surface has one vertex. The vertex lies where the
-/// linear interpolation is zero, but at least a 16th of the edge away from the ends of the edge. A
-/// few ambiguous cells also have a vertex in their middle. The vertices are in the order of the
+/// of the grid that joins a material voxel to an outside voxel, the surface has one vertex. It lies
+/// where the linear interpolation is zero, but at least a 16th of the edge away from either end.
+/// A few ambiguous cells also have a vertex in their middle. The vertices are in the order of the
 /// voxels. The step of their lattice is at most a 64th of a voxel's shortest side, but not below
 /// 2^-14 mm. Errors: kRefused if a coordinate exceeds kMaxSpaceCoordinate. O(voxels).
 Result<TriangleSurface> isosurface(const SurfaceVolume& volume);

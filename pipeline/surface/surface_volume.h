@@ -16,8 +16,8 @@
 
 namespace trocar::pipeline {
 
-/// Small components that were left out of the surface: of the material (specks) and of the
-/// outside (holes).
+/// Small components that were left out of the surface. Specks are components of the material, and
+/// holes are components of the outside.
 struct DroppedComponents {
   std::size_t specks = 0, holes = 0;
   double largest_mm3 = 0;  ///< volume of the largest speck or hole
@@ -28,7 +28,7 @@ struct DroppedComponents {
 /// layer of voxels is an added border outside the material. The surface is therefore closed: at the
 /// border of the scan it lies half a voxel beyond the voxels that were read.
 struct SurfaceVolume {
-  std::array<int, 3> size{};               ///< voxels along a row, along a column, slices
+  std::array<int, 3> size{};               ///< numbers of columns, of rows and of slices
   double u_mm = 0, v_mm = 0;               ///< distances between voxels
   std::vector<Eigen::Vector3d> origin_mm;  ///< position of each slice's first voxel; z ascending
   std::vector<float> values;               ///< row by row, slice by slice; values >= 0 are material
@@ -40,7 +40,7 @@ struct SurfaceVolume {
   float value(int x, int y, int z) const {
     return values[(static_cast<std::size_t>(z) * size[1] + y) * size[0] + x];
   }
-  /// Index of the slice at this height or the next one below. It is -1 below the first slice, and
+  /// Index of the highest slice that is not above this height. It is -1 below the first slice, and
   /// size[2] - 1 at and above the last slice.
   int slice_below(double z_mm) const;
   /// Trilinear interpolation; negative outside the volume.
@@ -53,8 +53,8 @@ struct SurfaceVolume {
     return position(static_cast<int>(voxel % row), static_cast<int>(voxel % slice / row),
                     static_cast<int>(voxel / slice));
   }
-  /// Unit vector along the gradient, by central differences. If these are zero, it is the
-  /// slices' normal.
+  /// Unit vector along the gradient, by central differences. If all differences are zero, the
+  /// result is the slices' normal.
   Eigen::Vector3d gradient(const Eigen::Vector3d& p_mm, double step_mm) const;
   /// The sides of a voxel. Along z it is the mean distance of neighbouring slices.
   std::array<double, 3> voxel_mm() const {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The triangles between a new point and the edges of the boundary of its cavity. (A cavity is the
 // set of triangles that the insertion of the point replaces.) The triangles are evaluated four at a
-// time and without branches, because a processor cannot predict whether one of them
-// violates the limits of shape (is bad). Refinement spends most of its time here. Nearly always, the whole boundary lies within kMaxBoundaryOffset of
-// the point for which the cavity was found. Coordinates relative to this point then fit into 16
-// bits, and one instruction multiplies two pairs of coordinates.
+// time and without branches, because a processor cannot predict whether a triangle violates the
+// limits of shape (is bad). Refinement spends most of its time here. Nearly always, the whole
+// boundary lies within kMaxBoundaryOffset of the point for which the cavity was found. Coordinates
+// relative to this point then fit into 16 bits, and one instruction computes four dot products.
 #pragma once
 
 #include <algorithm>
@@ -92,8 +92,8 @@ inline int count_of(Four mask) {
   return (__builtin_shufflevector(p, p, 1, 0, 3, 2, 5, 4, 7, 6) ^ sign) - sign;
 }
 
-/// Bound on the distance of a point from its origin along each axis, in lattice steps. Sums of two
-/// products of differences of such points stay below 2^30.
+/// Bound on the distance of a point from the origin along each axis, in lattice steps. Coordinates
+/// of two such points differ by at most 2^14, so dot products of their differences are below 2^30.
 inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
 
 /// Returns a mask of the points that are farther than kMaxBoundaryOffset from the origin
@@ -118,7 +118,7 @@ struct BoundaryQuad {
   /// Used if the new point splits an edge of the outline. `is_before` marks the edge that ends
   /// where the split edge starts, and `is_after` the edge that starts where the split edge ends.
   Four is_before, is_after;
-  Four is_bad;  ///< the edge's triangle with the new point is bad; set by InsertionTrial
+  Four is_bad;  ///< the triangle of the edge and the new point is bad; set by InsertionTrial
   /// Set by InsertionTrial. If the new point lies in the material: this edge is on the outline, and
   /// the point encroaches upon it or lies beyond it. If the new point splits an edge: after the
   /// split, this edge is on the outline and encroached upon, or the half of the split edge next to
@@ -130,7 +130,7 @@ struct BoundaryQuad {
 /// measures are exact, because the points are within kMaxBoundaryOffset of their origin.
 struct BoundaryTriangles {
   Four doubled_area, pa2, pb2;  ///< pa2 and pb2 are the squared lengths of the edges pa and pb
-  Four at_p, at_a, at_b;        ///< dot product of the two edges at the corner; negative if obtuse
+  Four at_p, at_a, at_b;        ///< dot product of a corner's two edges; negative: obtuse angle
 
   Four ab2() const { return at_a + at_b; }
 };
@@ -149,7 +149,7 @@ struct QuickShapeLimits {
         doubled_area(four_of(static_cast<std::int32_t>(std::min(largest_doubled_area, 0x1p30)))) {}
 
  private:
-  // More than the error of eight rounded float operations.
+  // Upper bound on the relative error of eight rounded float operations.
   static constexpr double kRounding = 0x1p-20;
 };
 

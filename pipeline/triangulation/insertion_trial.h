@@ -40,7 +40,7 @@ class InsertionTrial {
   /// Results for all triangles between a cavity's boundary and a point.
   struct Tally {
     int flaws = 0;            ///< see Candidate::flaws
-    bool is_turned = false;   ///< some edge does not have the point on its left
+    bool is_turned = false;   ///< some edge of the boundary does not have the point on its left
     bool is_near = false;     ///< the point is too near to a vertex of the boundary
     bool is_blocked = false;  ///< an edge is blocked (BoundaryQuad::is_blocked)
   };
@@ -96,10 +96,10 @@ class InsertionTrial {
   /// would be unpredictable.)
   using Positions = std::array<LatticePoint, 4>;
 
-  /// Returns Candidate::flaws for each position, if the point were inserted there into this
-  /// cavity. The result is at least kManyFlaws if the cavity is impossible for the position, if
-  /// the position is too near to a vertex or, for a point in the material, if it encroaches
-  /// upon the outline.
+  /// Returns for each position the Candidate::flaws of an insertion there into this cavity. The
+  /// result is at least kManyFlaws if some edge of the boundary does not have the position on its
+  /// left, if the position is too near to a vertex or, for a point in the material, if it
+  /// encroaches upon the outline.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,

@@ -12,7 +12,7 @@
 namespace trocar::pipeline {
 
 /// One entry for each triangle and each of its edges (triangle_edge.h): the number of the same edge
-/// in the triangle beyond it, or kNoEdge at the boundary.
+/// in the neighbouring triangle, or kNoEdge if the edge is on the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 
 /// Finds the neighbours in a mesh. Precondition: the mesh is valid. O(n).

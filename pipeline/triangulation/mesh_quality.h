@@ -12,7 +12,7 @@ namespace trocar::pipeline {
 
 /// A triangle with an angle below the wanted one. It lies at an input angle below 60 degrees if the
 /// vertex of that angle is a corner of the triangle, or if the triangle's shortest edge joins the
-/// two segments that meet there.
+/// two segments of that angle.
 struct SharpTriangle {
   std::uint32_t triangle = 0;
   double angle_deg = 0;
@@ -24,7 +24,7 @@ struct SharpTriangle {
 struct MeshQuality {
   double min_angle_deg = 0;  ///< 0 for an empty mesh
   double max_area_mm2 = 0;
-  std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
+  std::uint32_t below_min_angle = 0;  ///< number of triangles with an angle below the wanted one
   /// Number of triangles below the wanted angle that lie at an input angle below 60 degrees (see
   /// SharpTriangle). Avoiding them would create more of them elsewhere.
   std::uint32_t below_at_small_input_angle = 0;

@@ -5,10 +5,11 @@
 //  - concentric shells at small input angles (Ruppert; Shewchuk);
 //  - the rule that a triangle's angles are not improved if its shortest edge joins the two segments
 //    of a small input angle (Miller, Pav and Walkington 2003).
-// Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
-// of several allowed positions that leaves the fewest bad triangles (similar to Erten and Uengoer's
-// locally optimal Steiner points, 2009). If the bound on the area requires many triangles, a
-// lattice of equilateral triangles fills the inside first.
+// A triangle is bad if it violates the bound on the angle or on the area. Steiner points lie on the
+// lattice, so every decision is exact. Each point is inserted at the one of several allowed
+// positions that leaves the fewest bad triangles (similar to Erten and Uengoer's locally optimal
+// Steiner points, 2009). If the bound on the area requires many triangles, a grid of equilateral
+// triangles fills the inside first.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -41,8 +42,9 @@ struct RefinementOptions {
   double min_angle_deg = 30;
   double max_area_mm2 = 50;  ///< raised if it requires more than kMaxTrianglesByArea triangles
   /// Refinement stops, and keeps the mesh that it has, when the mesh would grow beyond this many
-  /// vertices. 0: the limit is derived from input and area or, for angles above kSafeAngle_deg,
-  /// from the size of the mesh refined to kSafeAngle_deg.
+  /// vertices. 0: the limit is derived from the input and the area bound. If the wanted angle is
+  /// above kSafeAngle_deg, the mesh is first refined to kSafeAngle_deg within this limit. The limit
+  /// for larger angles is then four times the number of vertices of that mesh.
   std::uint32_t max_vertices = 0;
   /// Rounds each point on a boundary edge to the side that better keeps the area within the closed
   /// boundary. If this is false, such points are rounded to the material's side, except on edges
@@ -55,8 +57,8 @@ struct RefinementOptions {
   /// steps, is this large or larger.
   double max_distance_steps = kMaxDistanceFromOutline_steps;
   /// Largest area of a triangle with its centroid at the given point, mm^2. It applies in addition
-  /// to max_area_mm2. Values below min_area_mm2 > 0 are raised to min_area_mm2, so that refinement
-  /// terminates as it does with that area everywhere.
+  /// to max_area_mm2. Values below min_area_mm2 are raised to min_area_mm2, which must be positive.
+  /// Refinement therefore terminates as it does with the bound min_area_mm2 everywhere.
   std::function<double(LatticePoint)> area_mm2_at = {};
   double min_area_mm2 = 0;
 };
@@ -77,7 +79,7 @@ enum class RefinementOutcome {
 struct VertexOrigin {
   static constexpr std::int32_t kFree = -1;    ///< a Steiner point in the material
   static constexpr std::int32_t kCorner = -2;  ///< a vertex of the input
-  std::int32_t segment = kFree;  ///< the input segment that it splits, kFree or kCorner
+  std::int32_t segment = kFree;  ///< the input segment that the vertex splits, kFree or kCorner
 };
 
 struct Refined {
@@ -92,9 +94,10 @@ struct Refined {
   };
   std::vector<Segment> segments;
   RefinementOutcome outcome = RefinementOutcome::kRefined;
-  double angle_deg = 0;                   ///< the bound on the smallest angle that was used
-  double max_area_mm2 = 0;                ///< the bound on the area that was used
-  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles that no lattice point improves
+  double angle_deg = 0;     ///< the bound that was used for the smallest angle
+  double max_area_mm2 = 0;  ///< the bound that was used for the area
+  /// Number of bad triangles that no lattice point improves.
+  std::uint32_t bad_at_lattice_step = 0;
 };
 
 /// Returns true if the smallest angle of the triangle is below the angle whose squared sine is
@@ -107,9 +110,9 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 /// the chain lie on the edge or on its material side, less than `max_distance_steps` away. (A split
 /// rounds by less than 1.5 steps and inherits a part of the deviation of the edge that is split.)
 ///
-/// With keep_area, the inner vertices may also lie up to one step on the void's side if there is
-/// enough void next to the edge. In this way each loop of the boundary keeps its area except for
-/// about one rounding.
+/// The void is the area without material. With keep_area, the inner vertices may also lie up to one
+/// step on the void's side if there is enough void next to the edge. In this way each loop of the
+/// boundary keeps its area. Only the rounding of about one point remains as an error.
 ///
 /// If the outline is moved by lattice steps or rotated by right angles, the mesh moves and rotates
 /// with it, unless a rotation maps the outline onto itself.

@@ -57,8 +57,8 @@ class Circumcircle {
   }
 
  private:
-  // If differences are below M: |x|, |y| < 4 M^3, area2 < 2 M^2, so all sums stay below 12 M^4 <
-  // 2^63.
+  // If differences are below M, then |x_| and |y_| are below 4 M^3 and area2_ is below 2 M^2. All
+  // sums therefore stay below 12 M^4 < 2^63.
   static constexpr std::int64_t kMaxDifference = 1 << 14;
   static bool is_near_origin(std::int64_t x, std::int64_t y) {
     return (static_cast<std::uint64_t>(x + kMaxDifference) |
@@ -66,8 +66,8 @@ class Circumcircle {
   }
 
   std::int64_t x_ = 0, y_ = 0, area2_ = 0;
-  // The default is far outside the lattice, so that no point is near the circle of a triangle that
-  // is too large.
+  // The default is far outside the lattice, so that is_near() is false for every point if the
+  // triangle is too large for 64 bits.
   LatticePoint origin_{std::numeric_limits<std::int32_t>::max(),
                        std::numeric_limits<std::int32_t>::max()};
 };
@@ -75,7 +75,7 @@ class Circumcircle {
 /// A triangle, in one cache line.
 struct alignas(64) WorkingTriangle {
   Circumcircle circle;
-  std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
+  std::array<std::uint32_t, 3> v{};       ///< vertices, counter-clockwise
   std::array<std::uint32_t, 3> beyond{};  ///< see kOutline
   std::uint32_t visit = 0;                ///< number of the last search that visited this triangle
   std::uint32_t generation : 31 = 0;      ///< incremented when the triangle is replaced
@@ -113,8 +113,8 @@ class InsertionCavity {
   friend class RefinementMesh;
 
   std::size_t capacity() const { return capacity_; }
-  // Grows the arrays. They have a few more elements than capacity_, because one step may write that
-  // many.
+  // Grows the arrays, with space for three more edges than capacity_. list_boundary() needs this
+  // space to fill up the last group of four edges.
   [[gnu::noinline]] void grow() {
     capacity_ = 2 * capacity_ + 64;
     entries_.resize(capacity_ + 3), sides_.resize(capacity_ + 3), boundary_.resize(capacity_ + 3);
@@ -142,8 +142,8 @@ class RefinementMesh {
   /// number of the input segment for the outline's edge from a to b.
   template <typename Segment>
   void assign(const Triangulation& from, Segment segment) {
-    // Long outlines grow to about this multiple. Reserving it avoids copies; unused pages cost
-    // nothing.
+    // Meshes of long outlines grow to about this multiple. Reserving this memory avoids copies, and
+    // pages that stay unused cost nothing.
     constexpr std::size_t kGrowth = 2;
     points.reserve(kGrowth * from.mesh.vertices.size());
     star_.reserve(kGrowth * from.mesh.vertices.size());
@@ -192,8 +192,8 @@ class RefinementMesh {
   }
 
   static constexpr std::uint32_t kNone = 0xffffffff;
-  /// Returns the triangle that contains p, found by a walk from `start`, or kNone if the outline
-  /// blocks the walk.
+  /// Returns the triangle that contains p, found by a walk from `start`. Returns kNone if the
+  /// outline blocks the walk, or if p has not been found after 64 triangles.
   std::uint32_t find(std::uint32_t start, LatticePoint p) const {
     std::uint32_t t = start;
     for (int step = 0; step < 64; ++step) {
@@ -235,7 +235,8 @@ class RefinementMesh {
   [[gnu::noinline]] void find(std::uint32_t start, EdgeId split, LatticePoint p,
                               InsertionCavity& cavity) {
     // Each edge is written before it is known whether it counts, so the arrays always have space
-    // for the edges of one more triangle. (There are at most two more boundary edges than triangles.)
+    // for the edges of one more triangle. (A cavity has at most two more boundary edges than
+    // triangles.)
     constexpr std::uint32_t kMargin = 6;
     if (cavity.capacity() < kMargin) cavity.grow();
     const std::uint32_t visit = ++visits_;
@@ -258,7 +259,7 @@ class RefinementMesh {
       sides[edges] = std::uint64_t{beyond} << 32 | edge_id(t, i);
       reached += is_in & static_cast<std::uint32_t>(next.visit != visit);
       edges += (is_in ^ 1) | is_outline;
-      next.visit = visit;  // a triangle outside the cavity is marked too; its test is then repeated
+      next.visit = visit;  // has no effect on a triangle outside the cavity, for which is_in is 0
     };
     all[start].visit = visit;
     entries[0] = kIsSplit ? split : edge_id(start, 0);
@@ -400,7 +401,8 @@ class RefinementMesh {
   }
 
   std::uint32_t visits_ = 0;
-  std::vector<std::uint32_t> star_;  // for each vertex: the new triangle that starts there
+  // One entry for each vertex, used by fill(): the new triangle whose boundary edge starts there.
+  std::vector<std::uint32_t> star_;
 };
 
 }  // namespace trocar::pipeline

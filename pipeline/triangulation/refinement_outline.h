@@ -33,8 +33,8 @@ class RefinementOutline {
   }
 
   /// Finds the loops that the segments form. If regions share borders, a loop is divided where the
-  /// region on its other side changes. On the other side of each part then lies one region, or the
-  /// void alone.
+  /// region on its other side changes. Each part then has only one region, or only the void (no
+  /// material), on its other side.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
@@ -62,16 +62,16 @@ class RefinementOutline {
     return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
   }
 
-  /// Returns true if a segment starts or ends in an acute corner (kAcuteCorner_deg), so that its
-  /// splits must lie on shells. If two regions share the segment, a corner that is acute in one of
-  /// them suffices.
+  /// Returns true if a segment starts or ends in an acute corner (below kAcuteCorner_deg of
+  /// segment_split.h), so that its splits must lie on shells. If two regions share the segment, a
+  /// corner that is acute in one of them suffices.
   bool has_shells(std::uint32_t segment) const {
     return is_acute_from(segment) || is_acute_to(segment);
   }
   /// The position at which to split the edge ab of a segment that has shells, as a fraction of the
-  /// way from a to b. It lies on a shell of the segment's acute corner; if both ends are acute, of
-  /// the one nearer to the edge. The edges of the two segments that meet in this corner then end at
-  /// equal distances from it.
+  /// way from a to b. It lies on a shell of the segment's acute corner. If both ends of the segment
+  /// are acute corners, the one nearer to the edge is chosen. The edges of the two segments that
+  /// meet in this corner then end at equal distances from it.
   double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                         const std::vector<LatticePoint>& points) const;
 

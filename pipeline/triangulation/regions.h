@@ -20,9 +20,9 @@ Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> reg
 
 /// Refines all regions together, like refine(). An edge that two regions share is split in both at
 /// the same lattice point, or in neither. That point lies less than three steps from the segment,
-/// on either side. Both regions keep their area along each border except for about one rounding,
-/// even without options.keep_area. The results of refined_rings() for the regions pass
-/// check_shared_borders() with the regions' outlines.
+/// on either side. Both regions keep their area along each border, even without options.keep_area.
+/// Only the rounding of about one point remains as an error. The results of refined_rings() for the
+/// regions pass check_shared_borders() with the regions' outlines.
 ///
 /// Each result has the properties stated at refine(). `outcome`, the bounds that were used
 /// and `bad_at_lattice_step` are those of all regions together. options.max_vertices limits

@@ -15,12 +15,12 @@ namespace trocar::pipeline {
 ///    overlap.
 ///  - CGAL's triangulation of the outline, with the mesh's vertices, has the same area and the same
 ///    number of triangles as the mesh.
-///  - The mesh's triangles are counter-clockwise, meet edge to edge, end only at the outline and
-///    use every vertex.
+///  - The mesh's triangles are counter-clockwise, meet edge to edge and use every vertex. Only an
+///    edge of the outline has a triangle on one side alone.
 ///  - The mesh's triangles are CGAL's triangles, or differ from them only where four or more
 ///    vertices lie on one circle, so that there are several constrained Delaunay triangulations.
 ///  - The outlines of the slice's materials neither cross nor overlap. All edges around a region
-///    between outlines agree on the material of the region, or that it has none.
+///    between outlines agree on the region's material, or agree that the region has none.
 /// Also confirms that a surface for display does not intersect itself (surface_proof.h).
 /// Precondition: verify_asset() has proved that the surface is closed and manifold. Coordinates are
 /// integers of the lattice, so nothing is rounded. `name` stands for the file in messages. Errors:
