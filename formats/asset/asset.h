@@ -27,7 +27,7 @@
 
 namespace trocar {
 
-inline constexpr int kAssetSchema = 2;  ///< version of the layout that is written; 1 is read, too
+inline constexpr int kAssetSchema = 2;  ///< layout version that is written; version 1 is read, too
 /// The statement of intended use in every asset.
 inline constexpr const char* kAssetUse = "for training, not for planning";
 /// The largest |x|, |y| or |z| of a vertex of an asset, in lattice steps. A float32 holds all whole
@@ -42,7 +42,7 @@ inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 /// index and plane.
 struct AssetSlice {
   int index = 0;    ///< number of the slice in the scan; ascends along the slice normal
-  double z_mm = 0;  ///< coordinate of the plane's origin (LPS) along the first slice's normal
+  double z_mm = 0;  ///< position of the plane's origin along the first slice's normal (LPS)
   /// Maps the slice plane (u along a row, v along a column, origin at the centre of the first
   /// pixel, mm) to the patient (DICOM LPS, mm). Column 2 is the normal u x v.
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
@@ -75,16 +75,16 @@ struct Asset {
   std::vector<AssetSlice> slices;      ///< ascending by index and, within a slice, by material
   std::string generator;               ///< program and version
   std::string parameters_json = "{}";  ///< parameters of the meshing: a JSON object as text
-  /// Digest of the input, hexadecimal; empty if unknown. This digest identifies the scan, so only
-  /// files of schema 1 have it.
+  /// Digest of the input, hexadecimal; empty if unknown. Schema 2 does not store this digest,
+  /// because it would identify the scan.
   std::string input_digest = {};
   std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
-  /// Digest of the input with the user's key, hexadecimal; empty without a key. The digest is that
-  /// of digest_input() in pipeline/read.
+  /// Digest of the input with the user's key, hexadecimal; empty without a key. digest_input() in
+  /// pipeline/read computes it.
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
-  HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if unknown
-  HuVolume context = {};      ///< HU of everything on a coarser grid; no planes if there are none
+  HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if absent
+  HuVolume context = {};      ///< HU of everything, on a coarser grid; no planes if absent
   bool lines = false;         ///< the file holds the outlines as lines, for viewers
   bool colours = false;       ///< the file holds the HU as vertex colours, for viewers
   int schema = kAssetSchema;  ///< schema of the file that the asset was read from
@@ -146,7 +146,7 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& 
 
 /// One plane of a volume of HU, compressed (hu_codec.h).
 struct EncodedHuPlane {
-  int index = 0;  ///< AssetSlice::index
+  int index = 0;  ///< AssetSlice::index of the plane's slice
   std::vector<std::uint8_t> bytes;
 };
 /// A volume of HU with its planes compressed, ready for the file.
@@ -185,7 +185,7 @@ Result<Asset> read_asset(const std::filesystem::path& file);
 
 /// Some slices of a file.
 struct AssetPart {
-  Asset asset;                   ///< has only the requested slices; its generator may be empty
+  Asset asset;                   ///< only the requested slices; `generator` may be left empty
   std::size_t asset_slices = 0;  ///< slice_count() of the complete asset
   std::uint64_t file_bytes = 0, read_bytes = 0;
 };

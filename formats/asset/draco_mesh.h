@@ -6,8 +6,8 @@
 // The range of quantisation is 2^quantization_bits - 1 steps, so the quantum is one step. Draco
 // computes q = x - origin when it encodes, and x = q + origin when it decodes. This float
 // arithmetic is exact as long as all numbers fit into a float's 24 bits. All vertices have the same
-// z, which the payload states as the third number of its origin. HU are stored as integers in units of kHuStep, so
-// they need no quantisation.
+// z, which the payload states as the third number of its origin. HU are stored as integers in units
+// of kHuStep, so they need no quantisation.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -32,7 +32,8 @@ struct DracoGrid {
 inline constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
 /// Draco id of the attribute for positions in every payload of an asset.
 inline constexpr std::uint32_t kDracoPositionId = 0;
-/// Draco id of the HU at vertices, if there are any: a GENERIC int16 scalar in steps of kHuStep.
+/// Draco id of the attribute for HU at vertices, if there are any. The attribute is a GENERIC int16
+/// scalar, whose unit is kHuStep HU.
 inline constexpr std::uint32_t kDracoHuId = 1;
 inline constexpr const char* kHuAttribute = "_HU";  ///< name of the HU attribute in glTF
 /// HU at vertices are multiples of kHuStep from kMinHu to kMaxHu. This range is wider than that of
@@ -41,8 +42,9 @@ inline constexpr int kMinHu = -8192, kMaxHu = 24568, kHuStep = 8;
 /// The multiple of kHuStep from kMinHu to kMaxHu nearest to `hu`. Precondition: `hu` is finite.
 float stored_hu(float hu);
 
-/// Draco id of the vertex colours, which are stored on request for viewers: a COLOR of three
-/// bytes, of which 0 to 255 mean 0 to 1 in linear light (without gamma correction).
+/// Draco id of the attribute for vertex colours, which are stored on request for viewers. The
+/// attribute is a COLOR of three bytes. The bytes 0 to 255 mean 0 to 1 in linear light (without
+/// gamma correction).
 inline constexpr std::uint32_t kDracoColourId = 2;
 inline constexpr const char* kColourAttribute = "COLOR_0";  ///< name of the colours in glTF
 using HuColour = std::array<std::uint8_t, 3>;               ///< red, green, blue
@@ -65,12 +67,12 @@ struct DracoSlice {
   std::int32_t z = 0;     ///< height of all vertices, steps
   bool has_colours = false;
 };
-/// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. The unit of
-/// the stored coordinates is 2^bits lattice steps: pass 0 for schema 2, which stores steps, and
-/// lattice.bits for schema 1, which stores mm. Errors: those of check_draco_counts(), which is
-/// called before Draco allocates memory; kRefused if bytes are corrupted, a coordinate is off the
-/// lattice, vertices differ in z, an index or a HU is out of range, or colours do not match the HU.
-/// Messages do not contain the file's name.
+/// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. `bits` states
+/// the unit of the stored coordinates, 2^bits lattice steps: it is 0 for schema 2, which stores
+/// steps, and lattice.bits for schema 1, which stores mm. Errors: those of check_draco_counts(),
+/// which is called before Draco allocates memory; kRefused if bytes are corrupted, a coordinate is
+/// off the lattice, vertices differ in z, an index or a HU is out of range, or colours do not match
+/// the HU. Messages do not contain the file's name.
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles, int bits = 0);
 

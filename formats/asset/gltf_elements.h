@@ -17,8 +17,9 @@ inline constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
 /// A number for the JSON text. A whole number is written without ".0", which is shorter.
 nlohmann::json number(double value);
-/// Writes a transform into `node`, as `matrix` or, if it only moves, as `translation`. The identity
-/// is not written. Lengths are in mm in `T_mm` and in lattice steps in the node.
+/// Writes a transform into `node`: a pure translation as `translation`, any other transform as
+/// `matrix`. The identity is not written. Lengths are in mm in `T_mm` and in lattice steps in the
+/// node's JSON.
 void put_transform(const Eigen::Affine3d& T_mm, const Lattice& lattice, nlohmann::json& node);
 
 /// Returns the primitive of a slice's triangles, all at the height of z steps. Adds the Draco

@@ -7,9 +7,9 @@
 //  1. A sample is stored if its distance from the material is at most the margin. This is decided
 //     exactly, on the lattice. Without a margin, all samples of the grid are stored.
 //  2. decode_hu_plane() restores what encode_hu_plane() stored. It refuses bytes with fewer or more
-//     samples than the outlines require, and values out of range. Memory and time are bounded by
-//     the number of edges and of samples in the box around the outlines and the margin; there are
-//     at most kMaxHuSamples such samples.
+//     samples than the outlines require, and values out of range. Two numbers bound its memory and
+//     time: the number of edges, and the number of samples in the box around outlines and margin.
+//     The latter is at most kMaxHuSamples.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -43,10 +43,11 @@ using Outlines = std::span<const Pslg* const>;
 /// The set of samples that are stored: a box of the grid, and a flag for each sample in the box.
 struct HuMask {
   int first_column = 0, first_row = 0, columns = 0, rows = 0;
-  std::vector<char> is_stored;  ///< not 0: the sample is stored; row by row
+  std::vector<char> is_stored;  ///< one flag for each sample, row by row; not 0: stored
 };
 /// Determines the samples of a slice that are stored. Errors: kRefused if the box has more than
-/// kMaxHuSamples samples, or if the edges lie closer together than edges of outlines can.
+/// kMaxHuSamples samples, or if so many edges are close together that the work exceeds 1024 steps
+/// for each edge plus 1024 for each sample.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
 /// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of

@@ -14,7 +14,7 @@ namespace trocar {
 
 /// The grid of samples, the same in all planes of a volume.
 struct HuGrid {
-  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< sample (0, 0) in the slice plane
+  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< position of sample (0, 0) in the plane
   Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distance between columns, between rows
   int columns = 0, rows = 0;
   int step_hu = 8;  ///< stored HU are multiples of this step
@@ -28,11 +28,11 @@ struct HuGrid {
 /// The samples of one slice.
 class HuPlane {
  public:
-  int index = 0;                                              ///< AssetSlice::index
+  int index = 0;                                              ///< AssetSlice::index of the slice
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< AssetSlice::T_lps_plane
-  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();        ///< first sample of `hu` in the plane
+  Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();        ///< position of the first sample
   Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();
-  int first_column = 0, first_row = 0;  ///< column and row of this sample in the volume's grid
+  int first_column = 0, first_row = 0;  ///< the first sample's column and row in the grid
   int columns = 0, rows = 0;
   std::vector<float> hu;  ///< HU row by row; NaN where no sample is stored
 

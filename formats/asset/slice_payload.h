@@ -54,7 +54,7 @@ struct EntryNode {
   /// AssetSlice::index of the node's first entry. If absent, the index is one more than that of the
   /// previous entry in the file, or 0 for the first entry in the file.
   std::optional<int> index;
-  std::optional<double> z_mm;   ///< AssetSlice::z_mm; if absent, it is z_of_plane()
+  std::optional<double> z_mm;   ///< AssetSlice::z_mm; if absent, z_of_plane() gives it
   std::vector<double> mean_hu;  ///< one value for each entry, or empty
   Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< the node's transform; lengths in mm
 };

@@ -19,7 +19,7 @@ namespace trocar {
 /// Becomes true on SIGINT, SIGTERM or SIGHUP, if stop_on_signals() has been called before. Programs
 /// check this flag between two steps of their work, and end without partial output.
 extern std::atomic<bool> stop_requested;
-static_assert(std::atomic<bool>::is_always_lock_free);  // set in a signal handler
+static_assert(std::atomic<bool>::is_always_lock_free);  // a signal handler sets the flag
 
 /// Makes SIGINT, SIGTERM and SIGHUP set stop_requested instead of ending the process.
 void stop_on_signals();
@@ -51,14 +51,14 @@ Result<void> parse_words(CLI::App& app, int argc, const char* const* argv);
 /// shell) is refused, because CLI11 would treat its option as not given.
 std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv);
 
-/// Checks the value of an option; called by option_range(). Returns a message if `text` is not a
+/// Checks the value of an option, for option_range(). Returns a message if `text` is not a
 /// number from `low` to `high`, or if `is_whole` is set and the number is not whole. Otherwise
 /// returns an empty text.
 std::string why_not_within(const std::string& text, double low, double high, bool is_whole);
 
 /// Does the complete work of main(): runs `body`, which returns an exit code, and passes this code
-/// to finish_output(). SIGPIPE and SIGXFSZ are ignored, so that writing to a closed pipe, or beyond
-/// the user's limit of file size, makes write() fail and does not end the process. If `body` throws
+/// to finish_output(). SIGPIPE and SIGXFSZ are ignored. So a write() to a closed pipe, or beyond
+/// the user's limit of file size, returns an error and does not end the process. If `body` throws
 /// an exception, the exception is reported as a bug (exit code 1).
 int run_program(const std::string& program, const std::function<int()>& body);
 

@@ -22,7 +22,7 @@ enum class ExitCode : int {
 
 struct Error {
   ExitCode code = ExitCode::kBug;
-  std::string message;  ///< one line: the reason; file, slice, position if they apply
+  std::string message;  ///< one line with the reason and, if they apply, file, slice, position
   /// True if the cause lies outside the input, for example in a lack of memory. Another try with
   /// the same input may succeed.
   bool is_temporary = false;
@@ -63,7 +63,8 @@ class [[nodiscard]] Result<void> {
   std::optional<Error> error_;
 };
 
-// Makers of the errors that many files return; refused_for_now() also sets is_temporary.
+// Each of these functions makes an Error with one exit code. refused_for_now() also sets
+// is_temporary.
 
 inline Error refused(std::string message) {
   return {ExitCode::kRefused, std::move(message)};

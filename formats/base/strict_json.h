@@ -67,8 +67,8 @@ class StrictObject {
   /// Returns the array under `key`. If the key is missing, or the value is not an array with
   /// `shortest` to `longest` elements, adds an error and returns null.
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
-  /// Returns the value under `key` unchecked, or null if the key is missing. The key counts as read
-  /// in finish().
+  /// Returns the value under `key` unchecked, or null if the key is missing. finish() does not
+  /// report the key as unknown.
   const nlohmann::json* optional_value(const char* key);
   /// Makes a StrictObject of the object under `key`, and calls read(object), followed by
   /// object.finish(). Returns false if the key is missing.

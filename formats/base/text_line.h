@@ -21,7 +21,7 @@ std::string text_line(const char* format, Values... values) {
 }
 
 /// Returns `value` with `decimals` digits after the decimal point. If `limit` would be printed as
-/// the same text, the result has more digits, until the two texts differ, but at most 9.
+/// the same text, digits are added until the two texts differ, up to 9 digits.
 inline std::string apart_from(double value, double limit, int decimals) {
   for (; decimals < 9; ++decimals) {
     if (text_line("%.*f", decimals, value) != text_line("%.*f", decimals, limit)) break;

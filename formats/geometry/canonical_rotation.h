@@ -31,7 +31,7 @@ class CanonicalRotation {
   LatticePoint operator()(LatticePoint p) const noexcept { return rotated(p, quarters_); }
   /// The inverse rotation.
   LatticePoint back(LatticePoint p) const noexcept { return rotated(p, 4 - quarters_); }
-  /// The inverse rotation of a vector, whose x() and y() need not be on the lattice.
+  /// The inverse rotation of a vector, whose x() and y() need not be whole numbers.
   template <typename Vector>
   Vector back(const Vector& v) const noexcept {
     Vector out = v;
@@ -107,8 +107,8 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
 /// all points takes its place, with x and y relative to the centre of the box. If this vector is
 /// zero too, the vector (sum of x y^2, sum of y x^2) is used. If all three vectors are zero, the
 /// result is the identity. Apart from sets of points that a rotation maps onto themselves, this is
-/// rare. Exact. `for_each(visit)` must call visit(point) for all points; the function may call
-/// `for_each` twice, and both calls must visit the same points.
+/// rare. Exact. `for_each(visit)` must call visit(point) for all points. rotation_by_moments() may
+/// call `for_each` twice; both calls must visit the same points.
 template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   CentroidOffset offset;

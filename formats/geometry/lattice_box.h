@@ -42,7 +42,7 @@ inline bool contains(const LatticeBox& outer, const LatticeBox& inner) noexcept 
 
 /// Returns true if the boxes have no point in common.
 inline bool apart(const LatticeBox& a, const LatticeBox& b) noexcept {
-  // This is free of branches because the result cannot be predicted.
+  // This is free of branches because a processor cannot predict the result.
   return (a.low.x > b.high.x) | (a.high.x < b.low.x) | (a.low.y > b.high.y) | (a.high.y < b.low.y);
 }
 

@@ -18,8 +18,8 @@ struct LatticeCells {
   std::int32_t columns = 1, rows = 1;
 
   LatticeCells() = default;
-  /// Divides the box into about `count` cells, also if the box has no area. Precondition: `count`
-  /// is at least 1.
+  /// Divides the box into about `count` cells. The box may have no area. Precondition: `count` is
+  /// at least 1.
   LatticeCells(const LatticeBox& box, double count) : low(box.low) {
     const double width = 1.0 + static_cast<double>(box.high.x) - box.low.x,
                  height = 1.0 + static_cast<double>(box.high.y) - box.low.y;

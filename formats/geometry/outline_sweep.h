@@ -57,8 +57,9 @@ std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring
 
 /// `swept` must be the result of a sweep over all edges. Errors: if two edges cross, kRefused with
 /// the message "`what` cross near lattice point (x, y)". To choose this point, the function sorts
-/// the edges by their smallest x, then by start, then by end. The point is the start of the first
-/// edge in this order that crosses an earlier edge. O(n log^2 n) if two edges cross, else O(1).
+/// the edges by their smallest x, then by start point, then by end point. In this order, it finds
+/// the first edge that crosses an earlier edge; the point is the start of this edge. O(n log^2 n)
+/// if two edges cross, else O(1).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

@@ -104,14 +104,14 @@ struct SplitAim {
   bool on_shell_of_a, on_shell_of_b;
 };
 
-/// Returns the lattice point nearest to the aim among those exactly on ab, other than a and b.
-/// Returns std::nullopt if there are no such points.
+/// Considers the lattice points that lie exactly on ab, without a and b, and returns the one
+/// nearest to the aim. Returns std::nullopt if there are no such points.
 std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
 
 /// Returns a lattice point near the aim, less than a step from the edge ab of the triangle abc, at
-/// which this edge may be split (may_split()). If there are several such points, the result is the
-/// point nearest to the shell if the aim has a shell, otherwise the point nearest to the edge. (If
-/// the aim is the midpoint, the point nearest to the edge is at most half a step from the edge.)
+/// which this edge may be split (may_split()). If there are several such points and the aim has a
+/// shell, the result is the point nearest to the shell. Without a shell, it is the point nearest to
+/// the edge. (If the aim is the midpoint, this point is at most half a step from the edge.)
 /// Returns std::nullopt if there is no such point.
 std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, LatticePoint c,
                                               SplitAim aim) noexcept;

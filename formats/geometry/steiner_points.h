@@ -50,15 +50,14 @@ inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept
           p.y + static_cast<std::int32_t>(std::lround(y))};
 }
 
-/// The lattice point nearest to the position that `offset` describes for the edge pq, by
-/// round_half_up().
+/// The position that `offset` describes for the edge pq, rounded to the lattice by round_half_up().
 inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset) noexcept {
   const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
   return round_half_up(p, 0.5 * dx + (offset.along * dx - offset.away * dy),
                        0.5 * dy + (offset.along * dy + offset.away * dx));
 }
 
-/// The circumcentre of the triangle pqr, by round_half_up(). The circumcentre lies on the
+/// The circumcentre of the triangle pqr, rounded by round_half_up(). The circumcentre lies on the
 /// perpendicular bisector of pq. If it is farther from pq than `max_away` times the length of pq,
 /// the result is the point of the bisector at this largest distance.
 inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
@@ -72,12 +71,11 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
   return round_half_up(p, 0.5 * qx - away * qy, 0.5 * qy + away * qx);
 }
 
-/// The circle of an inscribed angle over an edge of length 1. The circle passes through the ends
-/// of the edge. Seen from any point of the circle on the left of the edge, the edge subtends the
-/// given angle.
+/// A circle through the ends of an edge of length 1. Seen from any point of the circle on the left
+/// of the edge, the edge subtends a given angle.
 struct AngleCircle {
   double radius = 0;
-  double centre = 0;  ///< distance of the circle's centre from the edge, on its left
+  double centre = 0;  ///< distance of the circle's centre from the edge; > 0: left of the edge
 
   AngleCircle() = default;
   explicit AngleCircle(double angle_rad)

@@ -54,14 +54,14 @@ struct DeviceDescription {
   double motor_peak_torque_Nm = 0;            ///< torque at the joint, the same for every motor
   double motor_continuous_torque_Nm = 0;      ///< torque at the joint; not above the peak
   double motor_torque_constant_Nm_per_A = 0;  ///< torque at the rotor per ampere
-  double motor_gear_ratio = 0;      ///< revolutions of the rotor for one revolution of the joint
-  double upper_bevel_ratio = 0;     ///< ratio of theta1's bevel gears, in series with the
-                                    ///< motor gear
-  double motor_peak_current_A = 0;  ///< limit of the drive
-  /// The limit of the motor or of the drive, whichever is lower; not above the peak current.
+  double motor_gear_ratio = 0;   ///< revolutions of the rotor for one of the gear's output shaft
+  double upper_bevel_ratio = 0;  ///< ratio of theta1's bevel gears; it multiplies motor_gear_ratio
+  double motor_peak_current_A = 0;  ///< largest current that the drive supplies
+  /// Largest continuous current of the motor or of the drive, whichever is lower. It is not above
+  /// the peak current.
   double motor_continuous_current_A = 0;
   double motor_peak_time_s = 0;          ///< longest time at the peak current for a cold motor
-  double joint_coulomb_friction_Nm = 0;  ///< at each of the eight motor joints
+  double joint_coulomb_friction_Nm = 0;  ///< friction at each of the eight motor joints
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
   double plate_mass_kg = 0;                           ///< mass of plate, sensor and grip together
   /// Principal moments of inertia about the origin and the axes of {T}, the plate's frame.
@@ -69,7 +69,8 @@ struct DeviceDescription {
   double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
 
   // The members below describe the simulated device. The haptic loop, too, uses the first three:
-  // for the device's damping, the velocity filter, and the compensation of friction and weight.
+  // the friction gives the device's damping and is compensated; the encoder counts determine the
+  // velocity filter; gravity gives the weight to be compensated.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// Counts per revolution of a joint; 0: exact encoders.
   int encoder_counts_per_revolution = 0;

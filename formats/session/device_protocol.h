@@ -112,7 +112,8 @@ struct StatePacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   DriveMode mode = DriveMode::kReady;
-  std::uint8_t motor_faults = 0;    ///< bit i: motor i's current does not follow its command
+  /// Bit i is set if motor i's current did not follow its command at some time in this session.
+  std::uint8_t motor_faults = 0;
   std::uint64_t command_taken = 0;  ///< sequence number of the newest accepted command
   std::array<double, kLinkEncoders> encoder_rad{};  ///< leg by leg: th1..th4 of leg 1, ...
   friend bool operator==(const StatePacket&, const StatePacket&) = default;
@@ -122,7 +123,7 @@ struct WrenchCommandPacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   CommandMode mode = CommandMode::kHold;
-  std::uint64_t state_seen = 0;  ///< CommandPacket::state_seen
+  std::uint64_t state_seen = 0;  ///< same meaning as CommandPacket::state_seen
   /// The force on the hand, which acts at the point PoseStatePacket::p_m of the handle, and the
   /// moment about this point, in the device's frame.
   std::array<double, 3> force_N{}, moment_Nm{};
@@ -132,10 +133,11 @@ struct PoseStatePacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   DriveMode mode = DriveMode::kReady;
-  std::uint8_t faults = 0;    ///< not 0: the device reports a fault; its maker defines the bits
-  std::uint32_t buttons = 0;  ///< bit i: button i is pressed
-  std::uint64_t command_taken = 0;  ///< StatePacket::command_taken
-  std::array<double, 3> p_m{};      ///< one point of the handle, in the device's frame
+  /// Not 0: the device has reported a fault in this session. Its maker defines the bits.
+  std::uint8_t faults = 0;
+  std::uint32_t buttons = 0;        ///< bit i: button i is pressed
+  std::uint64_t command_taken = 0;  ///< same meaning as StatePacket::command_taken
+  std::array<double, 3> p_m{};      ///< position of one point of the handle, in the device's frame
   /// Quaternion w x y z that maps coordinates in the handle's frame to the device's frame.
   std::array<double, 4> q{1, 0, 0, 0};
   friend bool operator==(const PoseStatePacket&, const PoseStatePacket&) = default;
@@ -160,9 +162,9 @@ struct DenialPacket {
 /// order, except that the size of the expected kind is checked after the kind.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
-  kSize,      ///< not the size of the expected kind, or not the size in its own header
+  kSize,      ///< the size is not that of the expected kind, or not that in the packet's header
   kMagic,     ///< a packet of another protocol or version
-  kKind,      ///< a packet of another kind, such as the receiver's own one sent back
+  kKind,      ///< a packet of another kind, such as one that the receiver itself has sent
   kSession,   ///< a packet of another link session
   kMac,       ///< made without the key, or corrupted
   kSequence,  ///< repeated, or overtaken by a newer packet

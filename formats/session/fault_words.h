@@ -66,7 +66,7 @@ struct FaultDetail {
   /// (0..5); -1: none.
   std::int8_t index = -1;
   double value = 0;  ///< in the quantity's unit
-  double limit = 0;  ///< largest or smallest value allowed; nan: any finite value
+  double limit = 0;  ///< largest or smallest value allowed; nan: any finite value is allowed
 };
 
 struct FaultWords {

@@ -38,15 +38,15 @@ enum class Fault : std::uint8_t {
   kWriteFailed,       ///< the device did not accept the torques
   kEncoderNotFinite,  ///< an encoder angle is nan or infinite
   kEncoderJump,       ///< an encoder moved faster than the mechanism can
-  kJointLimit,        ///< a motor angle is outside its limits
+  kJointLimit,        ///< a measured joint angle is outside its limits
   kPoseResidual,      ///< the encoders contradict each other, or give no pose
   kSingularity,       ///< the inverse condition number of the Jacobian, or a leg's distance to the
                       ///< edge of its workspace, is too small
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
-  kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
+  kDeadlineMissed,    ///< two ticks were too far apart, or too many in a row were late
   kRemeshBacklog,     ///< more holes wait for a new mesh than the queue can hold
   kToolTilt,          ///< the tool's axis is too far from upright
-  kEmergencyStop,     ///< the device's emergency stop is pressed, or the operator's
+  kEmergencyStop,     ///< the emergency stop of the device or of the operator is pressed
   kMotorFault,        ///< the device reports a motor that does not produce its torque
   kWorkspace,         ///< the plate is outside its box, or tilted too far
   kSpeed,             ///< the plate moves or rotates too fast
@@ -55,7 +55,7 @@ enum class Fault : std::uint8_t {
   kMotorOverload,     ///< a motor exceeded its i2t limit, or too little of the wanted wrench
                       ///< was rendered for too long
   kEnergyLimit,       ///< the hand received more energy than the energy limit allows
-  kPaused,            ///< the operator pauses the session
+  kPaused,            ///< the operator has paused the session
   kForcesOff,         ///< the operator has turned the forces off
 };
 inline constexpr int kFaults = 23;
@@ -86,11 +86,11 @@ struct RecordingRow {
   double t_s = 0;                       ///< number of the tick, divided by the loop rate
   std::array<double, 3> p_m{};          ///< position of the plate's origin
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
-  /// Tip of the tool. With the force law `cutting`, this is the tip of the tool in the tissue. If
-  /// springs (the coupling) connect tool and plate, this tip differs from the tip of a tool that is
-  /// fixed to the plate.
+  /// Position of the tool's tip. With the force law `cutting`, this is the tip of the tool in the
+  /// tissue. If springs (the coupling) connect this tool to the plate, its tip is displaced from
+  /// where a tool fixed to the plate would have its tip.
   std::array<double, 3> tool_m{};
-  std::array<double, 6> wrench_wanted{};     ///< N, N*m
+  std::array<double, 6> wrench_wanted{};     ///< wrench before motor limits, N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
   std::array<double, 8> tau_Nm{};            ///< leg by leg: th1, th4 of leg 1, ...
   std::array<double, 16> encoder_rad{};      ///< leg by leg: th1, th2, th3, th4 of leg 1, ...
@@ -121,7 +121,7 @@ struct RecordingRow {
   std::uint8_t xray = 0;
   // Results of the tick.
   SafetyState safety = SafetyState::kIdle;
-  double authority = 1;    ///< factor on the wanted wrench; rises from 0 to 1 after a recovery
+  double authority = 1;    ///< factor on the force law's wrench; rises from 0 to 1 after a recovery
   double passivity_J = 0;  ///< energy of the passivity observer; < 0: the hand received more energy
                            ///< than it gave
   double passivity_N_s_per_m = 0;  ///< damping added by the passivity controller
@@ -140,7 +140,7 @@ struct RecordingRow {
     double embedded_m = 0;   ///< length of the shaft inside the bone volume
     double cut_J = 0;        ///< work of cutting since the session began
     double absorbed_J = 0;   ///< work of the hand on the tissue since the session began
-    double stored_J = 0;     ///< elastic energy stored in this tick
+    double stored_J = 0;     ///< elastic energy that tissue and coupling store
     std::int32_t steps = 0;  ///< number of Newton steps in this tick
   } cutting;
   /// Measured pose and commanded wrench of a device that measures its own pose, in the device's

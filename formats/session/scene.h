@@ -81,8 +81,8 @@ struct Tissue {
   /// The sheet is punctured in the tick in which the force would exceed threshold_N times the
   /// tool's coverage, which is the fraction of the tool's outline that lies over material.
   double threshold_N = 35;
-  /// The damping b in the force K dx + b dx', which is never below 0. K is the stiffness, dx the
-  /// penetration and dx' the rate of the penetration.
+  /// The damping b in the force K dx + b dx'. The force is never below 0. K is the stiffness, dx
+  /// the penetration and dx' the rate of the penetration.
   double damping_N_s_per_m = 0;
   ShaftTissue shaft;
   /// Resistance to cutting. If absent, the law `cutting` uses stiffness_N_per_m as the stiffness
@@ -130,8 +130,8 @@ enum class ToolAxis : std::uint8_t {
   kRigid,    ///< the tool is fixed to the plate
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
-/// Whether the law `cutting` is evaluated at the pose that is predicted for the next tick, and not
-/// at the measured pose.
+/// The pose at which the law `cutting` is evaluated. kOn: the pose predicted for the next tick.
+/// kOff: the measured pose.
 enum class PosePrediction : std::uint8_t {
   kAuto,  ///< predicted pose only if the device's damping is too small for the coupling
   kOn,
@@ -183,9 +183,10 @@ struct SceneBody {
   /// thin wall (runtime/bone_cutting/material/thin_wall.h) if breaking needs less force than
   /// cutting. 0: bone supports the shell everywhere.
   double shell_free_radius_m = 0;
-  /// HU of cortical bone, by which a slice that is thicker than a wall gets the wall back
-  /// (runtime/bone_cutting/material/cortical_wall.h). 0: the strength follows the HU of each slice.
-  /// Absent: kAssumedCortex_HU, or 0 if there is a shell.
+  /// HU of cortical bone. If a slice is thicker than a cortical wall, its HU are the mean of the
+  /// wall and of the bone behind it. From cortex_HU and this mean, the law computes the thickness
+  /// of the wall (runtime/bone_cutting/material/cortical_wall.h). 0: no walls are computed, so the
+  /// strength follows the HU of each slice. Absent: kAssumedCortex_HU, or 0 if there is a shell.
   std::optional<double> cortex_HU = std::nullopt;
 };
 
@@ -204,7 +205,7 @@ struct SceneTool {
   /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
   std::string kind;
   double half_angle_deg = 30;  ///< angle between axis and faces of a tip that is not flat
-  double inner_radius_m = 0;   ///< bore of a hollow tool
+  double inner_radius_m = 0;   ///< radius of the bore of a hollow tool
   int sides = 6;
   double radius_m = 0.003;  ///< radius of the circumscribed circle
   /// If not empty, a simple polygon, counter-clockwise seen from +z, that replaces `sides` and

@@ -89,15 +89,15 @@ struct TelemetryEvent {
   TelemetryEnd end = TelemetryEnd::kDone;
   double t_s = 0;           ///< session time
   std::int32_t sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
-  std::int32_t slice = -1;  ///< AssetSlice::index
+  std::int32_t slice = -1;  ///< AssetSlice::index of the sheet's slice; -1: none
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
-  /// kPuncture. force_N is the force at the tip in the tick before. trial_force_N is the force that
-  /// exceeded the threshold (glossary: trial force). With the force law `cutting`, trial_force_N is
-  /// the largest strength of the slabs that were passed in this tick.
+  /// kPuncture. force_N is the force at the tip in the tick before the puncture. trial_force_N is
+  /// the force that exceeded the threshold (glossary: trial force). With the force law `cutting`,
+  /// trial_force_N is the largest strength of the slabs that were passed in this tick.
   double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
-  double hand_N = 0;              ///< kPuncture: force on the hand in the tick before
-  FaultDetail found;              ///< used by the kinds that name it above
-  double retract_distance_m = 0;  ///< kNotRecovered: distance to retract the tool
+  double hand_N = 0;              ///< kPuncture: force on the hand in the tick before the puncture
+  FaultDetail found;              ///< fault and measured value, for the kinds that name `found`
+  double retract_distance_m = 0;  ///< kNotRecovered: distance by which to retract the tool
 };
 
 /// The mesh of one sheet in {B}.
@@ -201,7 +201,7 @@ class TelemetryWriter {
   using Word = std::atomic<std::uint64_t>;
   struct Region {
     Word* words = nullptr;
-    std::size_t data_words = 0;  ///< capacity
+    std::size_t data_words = 0;  ///< capacity of the region, words
     std::uint64_t sequence = 0;  ///< never read back from the memory
   };
   struct MeshHead {
@@ -227,7 +227,7 @@ class TelemetryWriter {
   std::uint64_t events_ = 0;
 };
 
-/// The side of another process. Only one thread may use a reader.
+/// Access to the memory for another process. Only one thread may use a reader.
 class TelemetryReader {
  public:
   /// Opens the memory to which the link `file` leads. Errors: kRefused if there is no link, if its

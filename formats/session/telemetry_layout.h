@@ -63,7 +63,7 @@ enum Hand : std::size_t {
   kHandPose,
   kHandWords = kHandPose + 6
 };
-inline constexpr std::size_t kHandInPage = 64;  ///< offset of this region in the page, in bytes
+inline constexpr std::size_t kHandInPage = 64;  ///< offset of the hand's region in the page, bytes
 
 /// Number of words of an event, and of the head that precedes the first event.
 inline constexpr std::size_t kEventWords = 16, kEventsHead = 8;
