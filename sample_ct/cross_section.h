@@ -41,7 +41,9 @@ struct CrossSection {
   double z_mm = 0;
   double tolerance_mm = 0;
   std::vector<std::vector<Vec2>> rings;
-  double area_mm2 = 0;        ///< area within the curve: polygon and parabolic segments
+  /// Area within the curve, computed as that of the rings' polygons plus a parabolic segment over
+  /// each chord.
+  double area_mm2 = 0;
   double area_error_mm2 = 0;  ///< bound on area_mm2's error: perimeter * tolerance / 4
 };
 
@@ -53,9 +55,9 @@ struct PlaneField {
 };
 
 /// Traces the level set 0 of the field in the rectangle from `lower` to `upper` (mm). Evaluates the
-/// field O(n) times for n crossed cells. Errors: kRefused if the curve leaves the rectangle; kUsage
-/// if an option is not positive, or if the rectangle is empty or wider than 1024 cells; kBug if the
-/// outline bends too sharply for the smallest cells.
+/// field O(n) times if the curve crosses n cells. Errors: kRefused if the curve leaves the
+/// rectangle; kUsage if an option is not positive, or if the rectangle is empty or wider than 1024
+/// cells; kBug if the outline bends too sharply for the smallest cells.
 Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
                                    const SectionOptions& options);
 

@@ -40,7 +40,7 @@ struct TissueHu {
 struct PhantomOptions {
   std::uint64_t seed = 1;  ///< seed of the textures
   TissueHu tissue;
-  double edge_sigma_mm = 0.4;   ///< in-plane point spread; 0 gives sharp edges
+  double edge_sigma_mm = 0.4;   ///< standard deviation of the in-plane blur; 0 gives sharp edges
   double rotation_rad = 0.045;  ///< rotation of the anatomy about z in the scan frame
   Vec2 shift_mm{1.7, -1.2};     ///< shift of the anatomy in the scan frame
 };
@@ -67,12 +67,12 @@ struct BoneFractions {
 };
 BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone);
 
-/// Beyond this distance from a surface, each of the blurred_fractions() may be set to 0 or 1: it
-/// differs from 0 or 1 by less than 4e-4, which is less than 0.5 HU.
+/// At a point farther than this from a surface, blurred_fractions() differ from 0 or 1 by less than
+/// 4e-4 (less than 0.5 HU), so they may be set to 0 or 1.
 double blur_radius_mm(const PhantomOptions& phantom);
 
-/// soft_tissue_hu() returns the HU at a point of the scan frame if there were no bone,
-/// cancellous_hu() the HU if the point were in the cancellous core.
+/// soft_tissue_hu() returns the HU that a point of the scan frame would have if there were no bone.
+/// cancellous_hu() returns the HU that it would have if it were in the cancellous core.
 double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan);
 double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan);
 

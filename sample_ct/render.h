@@ -7,8 +7,8 @@
 // sampled at the pixel's centre. Last, noise is added, and the sum is rounded to an integer. The
 // noise is mildly correlated in the plane, like the noise of a reconstruction kernel.
 //
-// Results are a pure function of the arguments: they do not depend on the number of
-// threads or the order of the slices.
+// Results are a pure function of the arguments: they do not depend on the number of threads or the
+// order of the slices.
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -53,8 +53,8 @@ Vec3 pixel_centre_mm(const ScanGeometry& scan, double i, double j, double k);
 /// scan frame. Near the bone's surface the HU are a smooth function of `centre`.
 double scanner_hu(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre);
 
-/// Radius of the ball around a pixel's centre that contains the pixel's aperture. The aperture is
-/// the box of the pixel's area and the slice's thickness.
+/// Radius of the smallest ball around a pixel's centre that contains the pixel's aperture. The
+/// aperture is a box with the pixel's area and the slice's thickness.
 double aperture_radius_mm(const ScanGeometry& scan);
 
 /// One slice of noiseless, unrounded HU, rows * columns values, row by row.
@@ -78,8 +78,8 @@ struct Scan {
 };
 inline constexpr int kMinHu = -1024, kMaxHu = 3071;
 
-/// Renders the whole scan; phantom.seed is the seed of the noise, too. threads <= 0: all cores. If
-/// `*stop` becomes true during the work, the scan may be incomplete.
+/// Renders the whole scan; phantom.seed is also the seed of the noise. If `threads` is 0 or less,
+/// all cores are used. If `*stop` becomes true during the work, the scan may be incomplete.
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
                  int threads = 0, const std::atomic<bool>* stop = nullptr);
 

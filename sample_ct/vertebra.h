@@ -36,7 +36,7 @@ double bone_distance_mm(Vec3 p);
 double canal_distance_mm(Vec3 p);
 
 /// Signed distance from the column of vertebral bodies and discs, positive outside. At every
-/// height, the column has the outline of the body, grown by 1 mm, by which the discs bulge.
+/// height, the column has the outline of the body, grown by 1 mm, because the discs bulge.
 double disc_column_distance_mm(Vec3 p);
 
 }  // namespace trocar::sample

@@ -12,8 +12,8 @@
 
 namespace trocar::sample {
 
-/// The range of HU that the grey levels show. In the default range one grey level is 5 HU, bone is
-/// well inside the range, and air is below the range and gets the lowest grey level.
+/// The range of HU that the grey levels show. In the default range, one grey level stands for 5
+/// HU. Bone lies well inside this range. Air lies below it and gets the lowest grey level.
 /// grey = round(clamp((HU - low_hu) / (high_hu - low_hu) * 255, 0, 255)).
 struct GreyWindow {
   double low_hu = -250;

@@ -15,7 +15,7 @@ struct ArchiveLimits {
   std::size_t study_instances = 20'000;  ///< largest number of instances in a study
   int max_pdu_bytes = 16'384;  ///< largest protocol data unit (PDU) that the sender may send
   int acse_timeout_s = 30;     ///< longest time until an association is established
-  int dimse_timeout_s = 300;   ///< longest time for one instance; only the receiver checks it
+  int dimse_timeout_s = 300;   ///< longest time to receive an instance; used by the receiver only
   int idle_timeout_s = 60;     ///< longest wait for the next request or the next bytes
 };
 

@@ -22,11 +22,11 @@ namespace trocar::archive {
 /// Adds the usable scans of a study, except localisers, to a collection and returns the new
 /// collection. `text` is the old collection as JSON, or empty if there is none. `list` is the
 /// result of list_scans() for `folder`, the study's folder. `study` is the study's UID. The paths
-/// of the added scans are relative to `base`. A scan's name consists of the study's UID and a
-/// digest of the UID of its series; if the scan is a single file, of the file's name. If the
-/// collection has a scan of this name, that scan is replaced, but its `parameters` are kept. All
-/// other scans and the collection's `defaults` stay as they are. The names of the study's scans are
-/// appended to `names`. Errors: kUsage if `text` is not a collection; the message names `file`.
+/// of the added scans are relative to `base`. The names of these scans are appended to `names`. A
+/// name consists of the study's UID and a digest: that of the series' UID or, if the scan is a
+/// single file, that of the file's name. If the collection has a scan of this name, that scan is
+/// replaced, but its `parameters` are kept. All other scans and the collection's `defaults` stay as
+/// they are. Errors: kUsage if `text` is not a collection; the message names `file`.
 Result<nlohmann::ordered_json> with_study(std::string_view text, const std::filesystem::path& file,
                                           const nlohmann::json& list,
                                           const std::filesystem::path& folder,
@@ -37,7 +37,7 @@ Result<nlohmann::ordered_json> with_study(std::string_view text, const std::file
 struct FollowUpSettings {
   std::filesystem::path collection, store;  ///< absolute paths
   std::filesystem::path studies;            ///< folder of the studies, an absolute path
-  std::filesystem::path marks;  ///< folder with an empty file (a mark) for each study to be meshed
+  std::filesystem::path marks;  ///< folder of the marks: an empty file for each study to mesh
   mode_t umask = 022;           ///< umask with which the collection and the store are written
 };
 

@@ -26,10 +26,12 @@ struct InstanceName {
 /// The status in the answer to a C-STORE request (DICOM PS3.4, table B.2-1).
 enum class StoreStatus : std::uint16_t {
   kStored = 0x0000,
-  kDuplicate = 0x0111,       ///< the association has sent a different instance with this UID
+  kDuplicate = 0x0111,       ///< the association has sent a different instance of the same UID
   kOutOfResources = 0xA700,  ///< a limit is exceeded, or the file cannot be written
-  kMismatch = 0xA900,        ///< UIDs differ from the request's, kind is not read, or no pixels
-  kNotUnderstood = 0xC000,   ///< the dataset is missing or damaged, or lacks a valid UID
+  /// The UIDs differ from those of the request, trocar-mesh does not read this kind of instance, or
+  /// there are no pixels.
+  kMismatch = 0xA900,
+  kNotUnderstood = 0xC000,  ///< the dataset is missing or damaged, or lacks a valid UID
 };
 
 struct StoreOutcome {
@@ -49,7 +51,7 @@ struct StudySize {
 class InstanceStore {
  public:
   /// Precondition: `folder` exists and no other association uses it. The limits apply to a whole
-  /// study, so `present` must return the size that a study has without this association.
+  /// study, so `present` must return the size of the instances that other associations have sent.
   InstanceStore(std::filesystem::path folder, const ArchiveLimits& limits,
                 std::function<StudySize(const std::string& study)> present = {});
   InstanceStore(const InstanceStore&) = delete;
@@ -63,7 +65,7 @@ class InstanceStore {
   /// `instance_bytes` have arrived; the caller must then abort the association.
   bool write(std::span<const std::uint8_t> bytes);
   /// Closes the file and checks it. If the instance is accepted, gives the file its final name;
-  /// otherwise removes it. A copy of a stored instance is accepted, and its file is removed.
+  /// otherwise removes it. A copy of a stored instance is accepted, but the copy's file is removed.
   StoreOutcome finish();
 
   /// Syncs all files to the disk. Errors: kUnwritable; the message names the folder.

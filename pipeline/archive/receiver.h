@@ -20,12 +20,14 @@ struct ReceiverSettings {
   std::string address = "127.0.0.1";  ///< numeric, IPv4 or IPv6
   int port = 0;                       ///< 0: the system chooses a free port
   AssociationSettings association;
-  int max_associations = 16;  ///< at the same time; further connections wait in the system's queue
+  /// Largest number of associations at the same time. Further ones wait in the system's queue.
+  int max_associations = 16;
   /// A study is published after this time without a new instance, unless an open association has
   /// instances of it.
   double settle_s = 10;
-  double keep_hours = 0;  ///< studies that last grew longer ago are removed; 0: never
-  std::optional<FollowUpSettings> then;  ///< the receiver itself sets `studies` and `marks`
+  double keep_hours = 0;  ///< a study is removed this many hours after it last grew; 0: never
+  /// Settings of `--then`; std::nullopt without it. The receiver sets `studies` and `marks` itself.
+  std::optional<FollowUpSettings> then;
 };
 
 /// Receives until `stop` is set. At the end, open associations are dropped, and the instances of

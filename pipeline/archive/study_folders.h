@@ -22,19 +22,20 @@
 
 namespace trocar::archive {
 
-/// Numbers of instances that take() has moved, or left out, for one study of an association.
+/// Numbers of instances of one study that take() has moved or left out.
 struct TakenStudy {
   std::string uid;
   std::size_t added = 0;
-  std::size_t different = 0;  ///< left out, because studies/ has a different instance with the UID
-  std::size_t excess = 0;     ///< left out, because the study has reached a limit
+  std::size_t different = 0;  ///< left out: studies/ has a different instance of the same UID
+  std::size_t excess = 0;     ///< left out: the study has reached a limit of ArchiveLimits
 };
 
 struct PublishedStudy {
   std::size_t instances = 0;  ///< number of all instances of the study after publishing
   std::uint64_t bytes = 0;    ///< total size of all `instances`
   std::size_t added = 0;      ///< number of new instances; if 0, the published study is unchanged
-  std::size_t different = 0;  ///< left out, because a different instance with the UID is published
+  /// Number of instances left out, because a different instance of the same UID is published.
+  std::size_t different = 0;
 };
 
 class StudyFolders {

@@ -25,7 +25,7 @@ std::filesystem::path temporary_name(const std::filesystem::path& folder);
 struct AtomicFile {
   std::filesystem::path target;
   std::filesystem::path tmp;  ///< the folder of temporary files, in the same file system
-  mode_t mode = 0666;         ///< reduced by the process's umask
+  mode_t mode = 0666;         ///< permissions of the file, reduced by the process's umask
   bool is_synced = true;      ///< false if the file may be lost in a power failure
   /// An optional check of the bytes that were read back, in addition to the comparison with the
   /// written bytes. An error of `prove` prevents the rename.

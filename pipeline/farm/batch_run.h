@@ -28,22 +28,22 @@ namespace trocar::farm {
 
 struct BatchSettings {
   std::filesystem::path store;
-  /// {I, N}: of the collection's scans, only each Nth is selected, beginning with scan I (counted
-  /// from 0).
+  /// {I, N}: of the collection, only the scans I, I+N, I+2N and so on are selected, counted from 0.
   std::optional<std::pair<int, int>> shard;
   std::optional<std::set<std::string>> only;  ///< names of the scans to select
-  int jobs = 1;                               ///< number of scans at the same time, at least 1
+  int jobs = 1;  ///< largest number of scans that are worked on at the same time, at least 1
   /// rehash: read all inputs, even those whose state (scan_files.h) is unchanged.
   /// verify: verify the stored outputs of all selected scans.
   bool rehash = false, verify = false;
   bool retry = false;  ///< try known failures (see BatchSummary::known) again
-  /// After this number of failures that are not known, no further scan is started; 0: no limit.
+  /// After this number of failures, no further scan is started; 0: no limit. Known failures are
+  /// not counted.
   std::size_t max_failures = 0;
   /// A flag that a signal handler sets; may be null. Once it is set, no further scan is started,
   /// and the running scans are ended.
   const std::atomic<bool>* stop = nullptr;
-  /// Called after each scan. `done` counts the finished scans, `failed` the failures that are not
-  /// known, and `total` all scans on which this run works.
+  /// Called after each scan. `done` counts the finished scans, `failed` the failures among them
+  /// (without known failures), and `total` all scans on which this run works.
   std::function<void(std::size_t done, std::size_t failed, std::size_t total)> progress;
 };
 
@@ -59,12 +59,12 @@ struct BatchSummary {
   std::size_t unchanged = 0;       ///< done by an earlier run
   std::size_t made = 0;            ///< computed by this run
   std::size_t found = 0;           ///< changed, but the store had the outputs under the new key
-  std::size_t left = 0;            ///< not tried, because of a signal or of `max_failures`
+  std::size_t left = 0;            ///< not finished, because of a signal or of `max_failures`
   std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
   /// Known failures (store.md), in the collection's order: scans that were refused in an earlier
   /// run and have not changed since. They were not tried again.
   std::vector<FailedScan> known;
-  std::uint64_t asset_bytes = 0;  ///< size of the assets of all scans that are done
+  std::uint64_t asset_bytes = 0;  ///< total size of the assets of all scans whose asset is done
   bool has_unrecorded = false;    ///< true: a failure could not be written to the index
   bool has_journal = true;        ///< false: a line of the journal could not be written
   std::size_t products_made = 0;  ///< number of products (product.h) that this run made

@@ -36,8 +36,8 @@ struct Collection {
 /// by letters, digits and . _ + -.
 bool is_scan_name(std::string_view name);
 
-/// Reads a collection from a text or a file. Its folder is the folder of `file`. Errors: kUsage;
-/// the message names the file and the JSON member.
+/// Reads a collection from a text or a file. Collection::folder becomes the folder of `file`.
+/// Errors: kUsage; the message names the file and the JSON member.
 Result<Collection> parse_collection(std::string_view text, const std::filesystem::path& file);
 Result<Collection> read_collection(const std::filesystem::path& file);
 

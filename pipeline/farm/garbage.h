@@ -19,8 +19,9 @@ struct Collected {
 
 /// Removes the files of actions that no index entry refers to, and contents that no remaining
 /// action refers to. Files younger than `grace` and actions whose key is leased (lease.h) are kept.
-/// Batches may run at the same time: a file is first moved away, and is moved back if a batch has
-/// renewed its time before. Errors: kUnwritable if no file can be written in the store.
+/// Batches may run at the same time: a file is first moved away. If a batch renewed the file's time
+/// just before this move, the file is moved back. Errors: kUnwritable if no file can be written in
+/// the store.
 Result<Collected> collect_garbage(const Store& store, std::chrono::nanoseconds grace);
 
 }  // namespace trocar::farm

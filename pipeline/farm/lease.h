@@ -20,10 +20,11 @@ namespace trocar::farm {
 /// A lease that this process holds until the object is destroyed. A thread renews the lease.
 class Lease {
  public:
-  /// Takes the lease of the key. The result is null if a process holds it already. A lease is taken
-  /// over if its process is dead. It is also taken over if it is unknown whether the process is
-  /// alive, and the lease was not renewed for kLeaseDuration (store.h). The file of
-  /// the lease contains the scan's name, for people who look into it. Errors: kUnwritable if the lease cannot be written.
+  /// Takes the lease of the key. If a process holds a valid lease of the key already, the result is
+  /// null. A lease is no longer valid if its process is dead. If it is unknown whether the process
+  /// is alive, the lease is valid for kLeaseDuration (store.h) after its last renewal. The file of
+  /// the lease contains the scan's name, for people who look into the file. Errors: kUnwritable if
+  /// the lease cannot be written.
   static Result<std::unique_ptr<Lease>> take(const Store& store, const std::string& key,
                                              const std::string& scan);
   Lease(const Lease&) = delete;

@@ -13,8 +13,8 @@ namespace trocar::farm {
 struct ProcessIdentity {
   std::string host;
   /// The first 12 digits of a digest of two texts: the kernel's boot id, which changes with each
-  /// start of the system, and the process namespace. Where both are the same, no two processes have
-  /// the same number at a time.
+  /// start of the system, and the process namespace. Of the processes with the same `boot`, no two
+  /// have the same `pid` at the same time.
   std::string boot;
   int pid = 0;
   std::uint64_t start = 0;  ///< start of the process, in kernel ticks since the boot

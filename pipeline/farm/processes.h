@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Tasks that run in separate processes, so that a crash ends only its task, and all memory of a
+// Tasks that run in separate processes. A crash therefore ends only one task, and all memory of a
 // task is returned to the system.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
@@ -22,7 +22,7 @@ struct Ended {
   std::size_t task = 0;
   std::string text;                ///< text that `work` returned in the process
   int signal = 0;                  ///< signal that killed the process; 0: none
-  int exit_code = 0;               ///< exit code if no signal killed it
+  int exit_code = 0;               ///< exit code of the process if no signal killed it
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the process
   double seconds = 0;
 };

@@ -38,7 +38,7 @@ struct ProductWork {
   const ProductPrograms& programs;
   const Store& store;
   bool retry = false;                       ///< try known failures (store.md) again
-  const std::atomic<bool>* stop = nullptr;  ///< a signal handler's flag, as in Work
+  const std::atomic<bool>* stop = nullptr;  ///< the same flag as Work::stop; may be null
 };
 
 /// The result of making the products of a scan.

@@ -17,7 +17,7 @@
 namespace trocar::farm {
 
 struct ScanFile {
-  std::string of;  ///< role of the file, as in NamedFile
+  std::string of;  ///< role of the file, as NamedFile::of
   std::string path;
   std::uint64_t size = 0;
   std::int64_t mtime_ns = 0;
@@ -35,9 +35,9 @@ bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 /// pattern's folders cannot be read.
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
-/// The files of all paths, in the order of the paths. Instead of a folder, its files_below()
-/// (open/scan_folder.h) are listed. No file is read. Errors: kRefused if a path does not exist,
-/// cannot be searched, or is neither a file nor a folder.
+/// The files of all paths, in the order of the paths. For a folder, these are all files that
+/// files_below() (open/scan_folder.h) finds in it. No file is read. Errors: kRefused if a path does
+/// not exist, cannot be searched, or is neither a file nor a folder.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
 /// File systems record times of modification in steps of up to two seconds, so two changes within

@@ -24,7 +24,7 @@ struct NamedFile {
 
 /// The parameters of a scan, checked and completed by the defaults.
 struct Parameters {
-  /// Every option that may change a byte of the outputs, with its value or default.
+  /// Every option that may change a byte of the outputs, with its given value or its default.
   nlohmann::json canonical;
   /// Files and folders that options name, in the order of the options' names.
   std::vector<NamedFile> files;

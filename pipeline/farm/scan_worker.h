@@ -40,7 +40,7 @@ struct Outcome {
   std::string key, reason;
   /// signal: the signal that killed the scan's process; 0 if none did.
   int exit_code = 0, signal = 0;
-  /// Size of the asset, and total size of the input files whose digests are known.
+  /// bytes: size of the asset. input_bytes: total size of the input files whose digests are known.
   std::uint64_t bytes = 0, input_bytes = 0;
   std::size_t products_made = 0;
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process

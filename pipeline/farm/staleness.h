@@ -38,7 +38,7 @@ struct ScanState {
   enum class Kind {
     kDone,          ///< done and unchanged
     kKnownFailure,  ///< failed for a lasting reason, and unchanged
-    kStale,         ///< neither of the two: a run must make it
+    kStale,         ///< neither done nor a known failure: a run must make the scan
   };
   Kind kind = Kind::kStale;
   /// The causes of the state as --json shows them (store.md): changes, and recorded failures of the

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The store of a batch; store.md describes its layout. All its files are written atomically
-// (atomic_file.h).
+// The store of a batch; store.md describes its layout. Its files, except journal and leases, are
+// written atomically (atomic_file.h).
 #pragma once
 
 #include <chrono>
@@ -20,9 +20,9 @@
 
 namespace trocar::farm {
 
-/// Age from which on a file counts as abandoned if it cannot be checked whether the file's process
-/// is alive, for example because the process runs on another host. kStrayAge applies to a temporary
-/// file, kLeaseDuration to a lease.
+/// If it cannot be checked whether a file's process is alive, for example because the process runs
+/// on another host, the file counts as abandoned when it reaches this age. kStrayAge is the age for
+/// a temporary file, kLeaseDuration for a lease.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
 /// A file of the store that is named by its digest.
@@ -38,11 +38,11 @@ struct Outputs {
 
 /// A product of a scan (product.h), as the index has it.
 struct StoredProduct {
-  std::string key;      ///< empty if the product could not be tried, because another one failed
+  std::string key;      ///< empty if the product was not tried, because its scene failed
   std::string program;  ///< digest of the program that makes the product
   nlohmann::json parameters;
   std::optional<Object> file = {};  ///< present if the product is done
-  // If the product failed, as in ScanEntry:
+  // Set if the product failed, with the same meanings as in ScanEntry:
   std::string reason = {};
   int exit_code = 0;
   bool is_lasting = false;
@@ -58,7 +58,7 @@ struct ScanEntry {
   std::vector<ScanFile> files = {};
   std::optional<Outputs> outputs = {};                 ///< present if the scan is done
   std::map<std::string, StoredProduct> products = {};  ///< key: the name of the product
-  // If the scan failed:
+  // Set if the scan failed:
   std::string reason = {};
   int exit_code = 0;
   int signal = 0;  ///< signal that killed the scan's process; 0: none
@@ -98,14 +98,14 @@ class Store {
   /// Returns false if one of these files no longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes an output. If the store has a file with its digest and size, only renews the file's
-  /// time. `prove` checks the bytes that are read back (AtomicFile::prove). Errors: kUnwritable if
-  /// the output cannot be written; those of `prove`.
+  /// Writes an output. If the store has a file with the output's digest and size already, only
+  /// renews the file's time. `prove` checks the bytes that are read back (AtomicFile::prove).
+  /// Errors: kUnwritable if the output cannot be written; those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
-  /// Like find() and put_action(), but for a product and its file. find_product() also sets the
-  /// times of action and file to now.
+  /// find_product() does for a product what find() does for the outputs of a scan, and also sets
+  /// the times of the product's action and file to now. put_product() corresponds to put_action().
   std::optional<Object> find_product(const std::string& key) const;
   Result<void> put_product(const std::string& key, const nlohmann::json& action,
                            const Object& file) const;

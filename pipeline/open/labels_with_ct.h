@@ -17,7 +17,7 @@ struct LabelsWithCt {
 };
 
 /// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
-/// only to the label map. A DICOM segmentation gets the slices of the CT
+/// only to the label map. If the label map is a DICOM segmentation, it gets the slices of the CT
 /// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
 /// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
 /// differs from the label map's grid (same_grid.h).

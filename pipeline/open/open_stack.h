@@ -27,8 +27,8 @@ namespace trocar::pipeline {
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
-/// True if the file may be part of a scan; a program must not overwrite it then. The name of such a
-/// file is that of an image or a NIfTI file, or its first bytes are those of a DICOM file.
+/// True if the file may be part of a scan, so that a program must not overwrite it. Such a file has
+/// the name of an image or a NIfTI file, or it begins like a DICOM file (has_dicom_preamble()).
 bool is_scan_file(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

@@ -28,8 +28,9 @@ namespace trocar::pipeline {
 /// `files`. A segmentation also has `segments` (`label`, `name`); it is usable with --labels.
 /// Values that are not known are null.
 ///
-/// If `folder` is a file, it is listed like the only file of a folder. Errors: kRefused if `folder`
-/// does not exist, cannot be read, or contains no scan.
+/// If `folder` is a file, it is listed like the only file of a folder. If it is a DICOMDIR, the
+/// folder of this file is listed. Errors: kRefused if `folder` does not exist, cannot be read, or
+/// contains no scan.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 

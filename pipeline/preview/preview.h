@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Computes the data of `trocar-mesh preview`: some slices with the outlines that a run with the
-// same options would mesh, the values in them, and the areas that other thresholds would give.
+// same options would mesh, a histogram of their values, and the areas at other thresholds.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
@@ -52,22 +52,22 @@ struct Preview {
   Segmentation segmentation;
   Lattice lattice;
   Crop crop;                              ///< region of each slice that is read
-  int slices = 0, width = 0, height = 0;  ///< size of the scan
+  int slices = 0, width = 0, height = 0;  ///< size of the scan in slices and pixels
   double step_mm = 0;                     ///< mean distance between the scan's slices
   std::vector<PreviewSlice> shown;
   double low = 0, high = 0;  ///< range of the values in the slices shown
-  /// Only with equalisation, where the same level is a different value in each slice. The lowest
-  /// value that is material is computed for each slice shown; these are the smallest and the
-  /// largest of them. If no slice has material, lowest_cut > highest_cut.
+  /// Only with equalisation, where the same level is a different value in each slice. Each slice
+  /// shown has a lowest value that is material. `lowest_cut` is the smallest of these values,
+  /// `highest_cut` the largest. If no slice has material, lowest_cut > highest_cut.
   double lowest_cut = 0, highest_cut = 0;
   Histogram histogram;          ///< empty for labels
-  std::vector<Change> changes;  ///< five, the third with change 0; empty for labels
+  std::vector<Change> changes;  ///< five, of which the third has change 0; empty for labels
   /// Number of voxels of each label in the slices shown: of all wanted labels, and of all others
-  /// that occur, except 0.
+  /// that occur, except 0. In one slice, at most 4096 different labels are counted.
   std::map<int, std::int64_t> label_voxels;
-  bool has_solid = false;  ///< the run would make solid bone (segment/solid_bone.h)
-  bool has_table = false;  ///< a scanner's table was found and left out
-  bool is_filled = false;  ///< the inside of the bone is filled (SolidOptions::fill_mm2)
+  bool has_solid = false;  ///< true: the run would make solid bone (segment/solid_bone.h)
+  bool has_table = false;  ///< true: a scanner's table was found and left out
+  bool is_filled = false;  ///< true: the inside of the bone is filled (SolidOptions::fill_mm2)
   std::vector<Warning> warnings;
 };
 

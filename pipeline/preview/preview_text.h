@@ -30,11 +30,12 @@ std::string size_text(const Preview& preview, const Crop& view);
 /// texts of the input is replaced by one that refers to the messages on the terminal.
 std::vector<Warning> shown_warnings(const Preview& preview);
 
-/// Explains how other thresholds would change areas and outlines (Preview::changes), in one or more
-/// sentences.
+/// Explains the numbers in Preview::changes: over which contours they are summed. If the bone is
+/// filled, also says what fraction of a vertebra or rib filled bone usually covers.
 std::string changes_text(const Preview& preview);
 
-/// A number with up to `digits` significant digits.
+/// A number with up to `digits` significant digits. If its integer part has more digits, the number
+/// is rounded to an integer instead.
 std::string number_text(double value, int digits = 4);
 
 }  // namespace trocar::pipeline

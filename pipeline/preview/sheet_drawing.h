@@ -21,8 +21,8 @@ enum class Align { kLeft, kCentre, kRight };
 /// Width in pixels of an ASCII text. In all functions here, `size` is a font scale.
 int text_width(const std::string& text, double size);
 
-/// Draws a text whose baseline has its left end, middle or right end at (x, y). Characters that are
-/// not ASCII become question marks.
+/// Draws a text with its baseline at height y. Depending on `align`, its left end, middle or right
+/// end is at x. Characters that are not printable ASCII become question marks.
 void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
                const cv::Scalar& colour, Align align = Align::kLeft);
 

@@ -23,8 +23,9 @@ struct BatchArguments {
 void add_batch_options(CLI::App& app, BatchArguments& a);
 
 /// Runs the batch and returns the exit code: 0; 2 for wrong options or a wrong collection; 3 if a
-/// scan failed in this run, or, with --strict, if a failure of an earlier run was not tried again;
-/// 4 if the store or the file of --metrics could not be written, or a signal interrupted the run.
+/// scan failed in this run, if all scans of the collection failed in earlier runs and none has an
+/// asset, or, with --strict, if a failure of an earlier run was not tried again; 4 if the store or
+/// the file of --metrics could not be written, or a signal interrupted the run.
 int run_batch(const BatchArguments& a);
 
 }  // namespace trocar::pipeline

@@ -8,8 +8,8 @@
 namespace trocar::pipeline {
 
 /// Meshes the scan, writes the output and returns the exit code. The ending of `a.output` decides
-/// whether the output is the asset or only its surface. If `a` names files for them, a report
-/// (--report) and the intermediate results of one slice (--dump-stages) are written too.
+/// whether the output is the asset or only its surface. With --report, a report is written too, and
+/// with --dump-stages the intermediate results of one slice.
 int run_mesh(const Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -13,7 +13,7 @@ namespace trocar::pipeline {
 
 inline constexpr const char* kProgram = "trocar-mesh";
 
-/// Prints the error's message to standard error and returns its exit code.
+/// Prints the error's message to standard error and returns the error's exit code.
 int fail(const Error& error);
 
 /// Prints a warning to standard error.

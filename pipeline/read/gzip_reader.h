@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Unpacks a gzip file (RFC 1952) as a stream with Intel's library ISA-L, about twice as fast as
-// zlib would.
+// Unpacks a gzip file (RFC 1952) as a stream. Intel's library ISA-L does this about twice as fast
+// as zlib.
 #pragma once
 
 #include <cstdint>

@@ -11,8 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// Largest allowed shift of any pixel of a slice between the two grids, in fractions of the sides of
-/// a voxel. Differences in spacing, orientation and origin all shift pixels.
+/// Two grids are equal if no pixel is shifted by more than this fraction of a voxel's side from one
+/// to the other. Differences in spacing, orientation and origin all shift pixels.
 inline constexpr double kSameVoxel = 1e-3;
 
 /// Describes how `plane` differs from `other`, for example "spacing is 1 x 1 mm, not 1 x 1.5".

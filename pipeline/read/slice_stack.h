@@ -27,7 +27,8 @@ inline constexpr float kNoData_HU = -1024;
 struct Image {
   int width = 0, height = 0;
   std::vector<float> values;
-  std::size_t not_numbers = 0;  ///< number of NaN pixels; `values` has background in their place
+  /// Number of pixels that are NaN in the file. Their `values` are kNoData_HU or, for labels, 0.
+  std::size_t not_numbers = 0;
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
@@ -97,8 +98,8 @@ class SliceStack {
   std::map<int, std::string> label_names;
 };
 
-/// The anatomical axis along which slices are stacked. It determines the directions in the patient
-/// of u, v and the order of the slices, as is usual in DICOM:
+/// The anatomical axis along which slices are stacked. It determines the directions of u and v in
+/// the patient and the order of the slices, as is usual in DICOM:
 ///  - Axial: u points to the left, v to the back; slices are ordered from the feet to the head.
 ///  - Coronal: u points to the left, v to the feet; slices are ordered from front to back.
 ///  - Sagittal: u points to the back, v to the feet; slices are ordered from left to right.

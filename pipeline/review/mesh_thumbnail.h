@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// AssetSlice::index of the middle slice of those that have triangles; std::nullopt if no slice has
-/// any.
+/// The AssetSlice::index of the middle one of the slices with triangles; std::nullopt if there is
+/// no such slice.
 std::optional<int> middle_slice(const Asset& asset);
 
 struct Thumbnail {
@@ -19,10 +19,10 @@ struct Thumbnail {
   double width_mm = 0, height_mm = 0;  ///< size of the material's bounding box in the slice
 };
 
-/// Draws the slice with AssetSlice::index `slice` into a square of size_px x size_px pixels: its
-/// triangles, their edges, and the outline. Materials have different colours, which repeat after
-/// six. If the asset has HU, triangles with higher HU are brighter. Precondition: the slice has
-/// triangles.
+/// Draws the slice whose AssetSlice::index is `slice` into a square of size_px x size_px pixels.
+/// The picture shows the triangles, their edges, and the outline. Materials have different colours,
+/// which repeat after six. If the asset has HU, triangles with higher HU are brighter.
+/// Precondition: the slice has triangles.
 Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px);
 
 }  // namespace trocar::pipeline

@@ -10,9 +10,9 @@ namespace trocar::pipeline {
 
 /// Links are relative if possible, so that page and store can be moved together. A browser resolves
 /// `..` in a link by the text of the page's address, and does not know which folders are symbolic
-/// links. Links are therefore relative only if they lead to the store both from the page's path as
-/// it was given and from that path with symbolic links resolved. Otherwise links are absolute
-/// (`file:///...`).
+/// links. Links are therefore relative only if they lead to the store from both forms of the page's
+/// path: the path as it was given, and the path with symbolic links resolved. Otherwise links are
+/// absolute (`file:///...`).
 class PageLinks {
  public:
   PageLinks(const std::filesystem::path& page, const std::filesystem::path& store);
@@ -20,7 +20,8 @@ class PageLinks {
   std::string to(const std::filesystem::path& file) const;
 
  private:
-  std::string store_;  // the URL of the store with a slash at its end; empty for the page's folder
+  // The URL of the store with a slash at its end; empty if the store is the page's folder.
+  std::string store_;
 };
 
 }  // namespace trocar::pipeline

@@ -17,10 +17,10 @@ inline constexpr std::size_t kScansPerPage = 240;  ///< largest number of cards 
 
 struct ReviewOptions {
   std::filesystem::path store;
-  std::filesystem::path against;            ///< store to compare with; empty: no comparison
-  std::filesystem::path page;               ///< NAME.html; further pages are NAME-2.html and so on
+  std::filesystem::path against;  ///< store to compare with; empty: no comparison
+  std::filesystem::path page;     ///< first page, NAME.html; the others are NAME-2.html and so on
   const std::atomic<bool>* stop = nullptr;  ///< the caller sets it to end the review early
-  /// Called after each page with the number of scans on the pages written so far.
+  /// Called after each page. `done` counts the scans on the pages written so far, `total` all.
   std::function<void(std::size_t done, std::size_t total)> progress = {};
 };
 

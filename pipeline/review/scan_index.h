@@ -19,9 +19,9 @@ inline constexpr std::size_t kMaxIndexed = 100'000;
 class ScanIndex {
  public:
   struct Row {
-    /// kDone: the asset could be read. kDamaged: the asset, or the scan's entry in the store's
-    /// index, cannot be read. kDifferent: the scan differs from that of the store to compare with.
-    /// kFailedProduct: a product of the scan failed.
+    /// kDone: the asset could be read. kFailed: the scan failed. kDamaged: the asset, or the scan's
+    /// entry in the store's index, cannot be read. kDifferent: the scan differs from that of the
+    /// store to compare with. kFailedProduct: a product of the scan failed.
     enum Flag : std::uint8_t {
       kDone = 1,
       kFailed = 2,

@@ -26,7 +26,7 @@ struct AssetDifference {
   /// planes of two slices differ, the outline of `before` is projected onto the plane of `now`, and
   /// its largest distance from that plane counts too. Accurate to 0.001 mm.
   double hausdorff_mm = 0;
-  int worst_slice = -1;    ///< slice with this distance; -1 if no slices correspond
+  int worst_slice = -1;    ///< index of the slice with hausdorff_mm; -1 if no slices correspond
   int slices_changed = 0;  ///< corresponding slices whose outlines or numbers of triangles differ
   Both<int> slices_alone;  ///< slices with material that have no corresponding slice
   Both<double> area_mm2;

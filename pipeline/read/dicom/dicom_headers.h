@@ -21,7 +21,7 @@ namespace trocar::pipeline {
 /// One slice: a file, or one frame of a multi-frame file.
 struct DicomFrame {
   std::filesystem::path file;
-  int frame = 0, frames = 1;  ///< index of the frame from 0, and number of frames in the file
+  int frame = 0, frames = 1;  ///< index of the frame, from 0; number of the file's frames
   std::string sop_uid, frame_of_reference;
   /// The centre of the first pixel in LPS, mm, and the unit vectors along a row (u) and along a
   /// column (v), which are at right angles.
@@ -38,7 +38,7 @@ struct DicomFrame {
   /// PixelPaddingRangeLimit). std::nullopt if the file states none, and for segmentations and
   /// images of kind ImageContent::Kind::kOther.
   std::optional<std::array<int, 2>> padding;
-  std::optional<double> stated_tilt_deg;  ///< GantryDetectorTilt
+  std::optional<double> stated_tilt_deg;  ///< the gantry's tilt according to GantryDetectorTilt
 
   double hu(int stored) const { return stored * slope + intercept; }
   /// Does padding have positive HU, so that it would be taken for tissue?
@@ -57,7 +57,8 @@ SlicePlane plane_of(const DicomFrame& frame, const Eigen::Vector3d& position);
 struct DicomSegments {
   std::map<int, std::string> names;  ///< key: Segment Number; value: name in UTF-8, may be empty
   double step_mm = 0;                ///< distance between slices; 0 if not stated
-  int max_fraction = 0;              ///< MaximumFractionalValue if FRACTIONAL; 0 if BINARY
+  /// MaximumFractionalValue of a FRACTIONAL segmentation; 0 for a BINARY one.
+  int max_fraction = 0;
 };
 
 struct DicomFile {
@@ -74,7 +75,7 @@ struct DicomFile {
   /// Why the file is unusable, or why a localiser or segmentation is not meshed as a CT: one line
   /// with the file's name. Otherwise empty.
   std::string problem;
-  bool is_capture = false;  ///< true: it can never be a slice, like a picture of a screen
+  bool is_capture = false;  ///< true: the file, such as a picture of a screen, cannot be a slice
   ImageContent content;
   std::vector<DicomFrame> frames;
   DicomSegments segments;  ///< kSegmentation only
@@ -100,8 +101,8 @@ enum class DicomExtent {
 /// Reads the header of a file. The function never fails: `kind` and `problem` of the result say
 /// what is wrong with the file. Frames that state no pixel spacing get x and y of `spacing_mm`; if
 /// `spacing_mm` is missing too, the file cannot be used. Unless `any_modality` is set, images of
-/// kind ImageContent::Kind::kOther are kUnusable, except segmentations, and localisers have no
-/// frames.
+/// kind ImageContent::Kind::kOther that are not segmentations are kUnusable, and localisers have
+/// no frames.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
                              bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);

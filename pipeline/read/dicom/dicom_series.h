@@ -19,9 +19,9 @@ struct DicomSeries {
   SeriesInfo info;       ///< attributes of the first slice's file; the UID is never empty
   ImageContent content;  ///< content of the first slice's file
   std::vector<DicomFrame> slices;
-  std::vector<std::filesystem::path> files;  ///< slices, localisers and unusable files
-  std::string problem;                       ///< message about the first unusable file
-  std::size_t unusable = 0;                  ///< number of unusable files and segmentations
+  std::vector<std::filesystem::path> files;  ///< all files: slices, localisers, unusable files
+  std::string problem;                       ///< message about the first of the `unusable` files
+  std::size_t unusable = 0;  ///< number of unusable files, counting segmentations as unusable
   /// Number of unusable files that should have been slices (broken slices).
   std::size_t broken = 0;
   std::size_t localisers = 0;  ///< number of localiser files

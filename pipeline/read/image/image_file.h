@@ -11,7 +11,7 @@
 namespace trocar::pipeline {
 
 enum class Levels {
-  kTo255,   ///< grey levels of 0..255; levels of 16 bits are divided by 257, and not rounded
+  kTo255,   ///< grey levels of 0..255; levels of 16 bits are divided by 257 without rounding
   kStored,  ///< the stored numbers of 1 to 16 bits, or the indices of a palette; used for labels
 };
 

@@ -17,9 +17,9 @@ struct Jpeg2000 {
   bool is_signed = false;
 };
 
-/// Decodes a codestream with one component of up to 16 bits. Messages name `name`. Errors: kRefused
-/// if the bytes are not such a codestream without a file header, if the size is not width x height,
-/// or if the codestream is damaged.
+/// Decodes a codestream with one component of up to 16 bits. It must not have the header of a JP2
+/// file. Messages name `name`. Errors: kRefused if the bytes are not such a codestream, if the size
+/// is not width x height, or if the codestream is damaged.
 Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
                                  const std::string& name);
 

@@ -22,7 +22,7 @@ struct NiftiHeader {
   /// Number of voxels along each axis of the array. The first index varies fastest in the file.
   std::array<std::int64_t, 3> n{};
   std::int64_t volumes = 1;  ///< number of volumes in the file
-  int datatype = 0;          ///< NIFTI_TYPE_... code of a real number
+  int datatype = 0;          ///< one of the codes NIFTI_TYPE_... for real numbers
   int bytes_per_voxel = 0;
   bool swapped = false;             ///< true: voxels do not have the host's byte order
   std::int64_t data_start = 0;      ///< offset of the wanted volume in the (unpacked) file, bytes
@@ -31,8 +31,8 @@ struct NiftiHeader {
   /// three columns of T_lps_voxel, whose lengths are meaningless.
   bool has_voxel_size = true;
   Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< maps voxel indices to LPS, mm
-  /// If T_lps_voxel comes from the sform: the sides of a voxel according to pixdim in mm, without
-  /// signs. A side that the file does not state is zero or not finite.
+  /// The sides of a voxel according to pixdim in mm, without signs. A side that the file does not
+  /// state is zero or not finite. std::nullopt if T_lps_voxel does not come from the sform.
   std::optional<std::array<double, 3>> pixdim_beside_sform_mm;
 
   std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }
@@ -43,10 +43,10 @@ struct NiftiHeader {
 /// from 0 in the order of the file, and `volume` is the number of the wanted volume.
 ///
 /// Errors: kRefused if the file is not NIfTI or is one of a pair of files (.hdr and .img), if the
-/// voxels are not real scalars, if sides or offset are out of range, if the unit of length is
-/// unknown, or if the matrix from voxels to the patient is not finite or out of range; kUsage if
-/// the file has several volumes and `volume` is missing, or if there is no volume of that number.
-/// Warnings: no_orientation.
+/// voxels are not real scalars, if a side or the voxels' offset is out of range, if the unit of
+/// length is unknown, or if the matrix from voxels to the patient is not finite or out of range;
+/// kUsage if the file has several volumes and `volume` is missing, or if there is no volume of that
+/// number. Warnings: no_orientation.
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
                                        const std::string& file, std::optional<int> volume,
                                        std::vector<Warning>& warnings);
