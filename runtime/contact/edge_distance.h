@@ -23,26 +23,26 @@ namespace trocar::runtime {
 
 class EdgeDistance {
  public:
-  /// Distance between neighbouring nodes. This distance is larger if the raster would otherwise
-  /// have more than about kMaxNodes nodes.
+  /// Distance between neighbouring nodes. If a raster with this distance would have more than about
+  /// kMaxNodes nodes, the distance is larger.
   static constexpr double kSpacing_mm = 0.5;
   static constexpr double kMaxNodes = 250'000;
   static constexpr double kReach_mm = 4;
 
   EdgeDistance() = default;
-  /// `outline`: the rings of a slice, with the material on their left. The time is proportional to
-  /// the number of nodes of the raster, plus the sum, over all edges of the outline, of the number
-  /// of nodes within kReach_mm of the edge's bounding box.
+  /// `outline`: the rings of a slice, with the material on their left. The constructor visits every
+  /// node of the raster. For each edge of the outline, it also visits every node within kReach_mm
+  /// of the edge's bounding box.
   EdgeDistance(const Pslg& outline, const Lattice& lattice);
 
-  /// A positive distance is nowhere too large by more than this: a distance changes by at most the
-  /// length of the way between two points, and no point is farther from the nodes of its cell than
-  /// the cell's diagonal.
+  /// Bound on how much at() can overstate a positive distance: the diagonal of a cell. No point is
+  /// farther than this from the nodes of its cell, and between two points the true distance changes
+  /// by no more than their separation.
   double max_error_m() const noexcept { return 1e-3 * 1.4143 * spacing_mm_; }
 
   struct Sample {
     double distance_m = -1e-3 * kReach_mm;
-    Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< in {B}
+    Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< gradient of the distance, in {B}
   };
   /// Returns the distance and its gradient at a point of {B}. No allocation.
   Sample at(const PlanarTransform& transform, const Eigen::Vector2d& at_m) const noexcept;

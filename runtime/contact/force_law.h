@@ -88,11 +88,11 @@ class ForceLaw {
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
   /// The loop calls this at the end of every tick. The function writes the law's own columns of the
-  /// recording, if the law has any. The law `cutting` also adds the offset of the tool in the
-  /// tissue from the tool on the plate to RecordingRow::tool_m.
+  /// recording, if the law has any. With the law `cutting`, the tool in the tissue is displaced
+  /// from the tool on the plate. The function adds this displacement to RecordingRow::tool_m.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
-  /// Height by which the tip must be raised before the state `running` can begin, so that the
-  /// tissue does not push the tool as soon as the session runs. 0: the tip need not be raised.
+  /// Height by which the tip must be raised before the state `running` can begin. Without this, the
+  /// tissue would push the tool as soon as the session runs. 0: the tip need not be raised.
   virtual double retract_distance_m(std::span<const Sheet* const> sheets,
                                     const Pose& T_device_plate) const noexcept = 0;
   /// True if the law itself guarantees passivity. The loop then only observes the energy, and the

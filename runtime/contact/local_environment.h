@@ -12,7 +12,8 @@ namespace trocar::runtime {
 /// tool moves by the vector m without turning, the length of the shaft below each hole grows by
 /// -m_z / axis_z.
 struct LocalEnvironment {
-  // The sheet in contact acts along z with a spring and a damper. Their total force never pulls.
+  // The sheet in contact acts along z with a spring and a damper. Together they never pull
+  // the tool down.
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
   // Friction acts along `axis` on the shaft, in all holes that the shaft is in. Dry friction is a

@@ -18,10 +18,10 @@
 //     so that the next new pose causes no force spike. The stiffness k depends on the force law:
 //      - `hooke`: k = c K, where K is the tissue's stiffness. F acts at the centroid of the covered
 //        area.
-//      - `network`: k and the point of action are a prefetched stiffness, which a worker computed
-//        for a tool position near the present one. A new prefetched stiffness replaces the old one
-//        gradually, with the time constant kBlend_s. Until the first one is ready, k and the point
-//        of action are those of `hooke`.
+//      - `network`: k and the point of action come from a prefetched stiffness, which a worker has
+//        computed for a tool position near the present one. A new prefetched stiffness replaces the
+//        old one gradually, with the time constant kBlend_s. Until the first one is ready, k and
+//        the point of action are those of `hooke`.
 //  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force
 //     is zero, and a hole with the tool's outline is requested. In later ticks, until the tip
 //     has been above the sheet, the sheet exerts only the force of its hole on the shaft
@@ -104,8 +104,8 @@ struct SheetTrack {
   double last_penetration_m = 0;     ///< penetration in the previous tick; meaningful in kContact
   bool has_last = false;             ///< last_penetration_m can be used
   double rate_m_per_s = 0;           ///< dx' in the previous tick; meaningful in kContact
-  PrefetchedStiffness blended;       ///< present stiffness of the law `network`; only in kContact
-  ShaftState shaft;                  ///< in_hole can be true only in kPunctured and kMissed
+  PrefetchedStiffness blended;       ///< stiffness in use with the law `network`; only in kContact
+  ShaftState shaft;                  ///< the shaft is in a hole only in kPunctured or kMissed
   double hole_coverage = 0;          ///< RememberedHole::coverage of the hole that the shaft is in
   std::uint32_t cuts_requested = 0;  ///< number of holes requested so far
   /// Hole k (the first hole of the sheet is hole 0) has the index k % kMaxHoles.
@@ -125,7 +125,8 @@ struct CutRequest {
   std::int32_t sheet = -1;
   std::uint32_t cut = 0;
   LatticeOutline outline;
-  bool is_puncture = true;  ///< false: the shaft has pushed a wall aside (law `cutting`)
+  /// False, with the law `cutting` only: the shaft has pushed aside the wall of an edge or a hole.
+  bool is_puncture = true;
 };
 
 /// Request for a prefetched stiffness: the sheet, and the position of the tool above or in it.
@@ -157,14 +158,14 @@ struct ContactOutput {
   std::int32_t active_sheet = -1;
   ContactPhase phase = ContactPhase::kFree;
   bool punctured_now = false;  ///< a sheet is punctured in this tick
-  /// In the tick of a puncture: the force F that exceeded the threshold. It is not applied. Law
+  /// In the tick of a puncture: the force F that would exceed the threshold; it is not applied. Law
   /// `cutting`: the largest strength of the slabs that the front passed in this tick.
   double trial_force_N = 0;
   CutRequest cut;  ///< hole of the puncture, unless `cut_list` is used
   /// Holes of this tick, if the law can request several holes in one tick.
   std::span<const CutRequest> cut_list;
   bool backlog = false;  ///< more than kMaxPendingHoles holes wait for one sheet; `cut` is invalid
-  /// The tool is tilted by more than kMaxTilt_deg. If true, no other member is valid.
+  /// If true, the tool is tilted by more than kMaxTilt_deg, and no other member is valid.
   bool not_upright = false;
   PrefetchRequest prefetch;  ///< next request for the law's prefetch worker
   /// Springs, dampers and friction whose forces add up to wrench_device. The law `cutting` sets
@@ -181,8 +182,8 @@ struct ContactOutput {
   bool is_released = false;  ///< stored energy was released on purpose, as at a puncture
   /// In the tick of a puncture: the rendered force on the tip one tick earlier.
   double force_before_N = 0;
-  /// The rendered force on the tip that a break took away in this tick; 0: there was no break. Law
-  /// `cutting` only.
+  /// Law `cutting` only: how far the rendered force on the tip fell in this tick because bone or a
+  /// soft layer broke; 0: nothing broke.
   double lost_force_N = 0;
   std::uint64_t layers_punctured = 0;  ///< bit i: soft layer i was punctured in this tick
 
@@ -214,8 +215,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
 /// Contact states, punctures and requested holes are kept.
 void reset_motion(ContactState& state) noexcept;
 
-/// Call this after the tool has jumped by `shift_m` without a force, as the proxy does at a
-/// puncture. The rates of the next tick then ignore this jump.
+/// Call this after the tool has jumped by `shift_m` although no force moved it, as the proxy does
+/// at a puncture. The rates of the next tick then ignore this jump.
 void shift_tool(const ContactModel& model, const Pose& T_device_plate,
                 const Eigen::Vector3d& shift_m, ContactState& state) noexcept;
 

@@ -24,7 +24,7 @@ namespace trocar::runtime {
 
 /// State kept between ticks.
 struct ShaftState {
-  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< axis position when the shaft entered
+  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< axis position at entry into the hole
   double last_m = 0;                                 ///< inserted length in the last tick
   double spring_m = 0;   ///< deflection of the friction spring, within +-presliding_m
   double viscous_N = 0;  ///< viscous friction along the axis in the last tick
@@ -62,8 +62,8 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& secti
 void add_shaft(const ShaftTissue& tissue, const ShaftSection& section, const ShaftState& state,
                LocalEnvironment& local) noexcept;
 
-/// Call this after the shaft has jumped inwards by `inserted_m` without a force. Friction
-/// ignores this jump.
+/// Call this after the shaft has jumped inwards by `inserted_m` although no force moved it.
+/// Friction then ignores this jump.
 void shift_shaft(double inserted_m, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

@@ -26,7 +26,7 @@ struct Sheet {
   PlanarTransform transform;
   SheetMesh mesh;
   TriangleGrid grid;                         ///< grid over the triangles of `mesh`
-  TriangleGrid boundary_grid;                ///< grid over those of them at the boundary
+  TriangleGrid boundary_grid;                ///< grid over the triangles at its boundary
   std::uint32_t cuts = 0;                    ///< number of holes cut into `mesh` during the session
   std::shared_ptr<const SliceField> field;   ///< only with the force law `cutting`; else null
   std::shared_ptr<const EdgeDistance> edge;  ///< only with the force law `cutting`; else null
@@ -47,8 +47,8 @@ Result<void> place_body(Scene& scene, const Asset& asset, const std::string& nam
 
 /// Places the scene's slices and returns the sheets, topmost first. The function checks every mesh
 /// (formats/geometry/mesh_validity.h), because contact and cuts rely on valid meshes. `name`: the
-/// asset's name, which messages contain. Errors: kRefused if the asset does not have a slice of the
-/// scene, if a slice is empty or has an invalid mesh, if corners of the tool are too close
+/// asset's name, which messages contain. Errors: kRefused if the asset lacks a slice that the scene
+/// names, if a slice is empty or has an invalid mesh, if corners of the tool are too close
 /// together for the lattice, or if the tool has more than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,

@@ -28,7 +28,7 @@ class SliceField {
 
   SliceField() = default;
   /// Precondition: `mesh` is valid. `hu` has one value for each vertex of the mesh, or is empty.
-  /// `plane` is the slice's plane of the asset's HU volume, or null.
+  /// `plane` is that plane of the asset's HU volume which belongs to the slice, or null.
   SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice,
              const HuPlane* plane = nullptr);
 

@@ -47,7 +47,7 @@ Tool make_tool(const SceneTool& scene_tool);
 struct PlanarTransform {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();
-  double cosine = 1, sine = 0;  ///< rotation about z
+  double cosine = 1, sine = 0;  ///< cosine and sine of the rotation about z
   Lattice lattice;
 
   /// to_lattice() converts x, y in {B} to lattice steps, not rounded. to_scene() is the inverse.
@@ -83,7 +83,7 @@ Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m
 /// exceeds kMaxCoordinate / 2, the outline has size 0. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
-inline constexpr double kMinClearance = 1.5;  ///< lattice steps
+inline constexpr double kMinClearance = 1.5;  ///< smallest clearance, in lattice steps
 
 /// Returns the smallest distance between a corner of the cross-section and an edge that does not
 /// end at this corner.

@@ -56,9 +56,9 @@ PreviousPose previous_proxy(double pose_interval_s, const PreviousPose& previous
 
 /// Returns the wrench on the plate. `wrench_device`: wrench of the environment on the proxy.
 /// `environment`: the elements that this wrench consists of. `punctured`: a sheet was punctured in
-/// this tick. In the tick of a puncture, or if no force acts, the function changes
-/// `state.offset_m` to its value at rest, and the proxy jumps by this change. The moment on the
-/// plate is the moment of the environment.
+/// this tick. In the tick of a puncture, or if no force acts, the function sets `state.offset_m` to
+/// the offset at rest under the environment's force, so the proxy jumps. The moment on the plate is
+/// the moment of the environment.
 Wrench coupling_wrench(const CouplingOptions& options, const Wrench& wrench_device,
                        const LocalEnvironment& environment, bool punctured,
                        CouplingState& state) noexcept;

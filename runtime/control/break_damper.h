@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Damps the plunge of the tool after a break. When the tip breaks through bone, nothing carries it
-// any more, and the hand that pressed accelerates the plate into the gap. If the hand lets go at
-// that moment, only the friction of the shaft stops the plate. The damper shortens this way. A hand
-// that holds on hardly feels it: the damper takes a small part of the force that was lost.
+// Damps the plunge of the tool after a break. When the tip breaks through bone, nothing supports
+// the tip any more, and the hand that pressed accelerates the plate inwards. If the hand lets go at
+// that moment, only the friction of the shaft stops the plate. With the damper the plate stops
+// sooner. A hand that holds on hardly feels the damper, because its force is a small part of the
+// force that was lost.
 //
 // Contract (tests/runtime/control/break_damper_test.cpp):
 //  1. The damper only takes energy from the plate. Its force acts at the tip along the shaft,
 //     outwards, and only while the tip moves inwards.
-//  2. Right after a break its coefficient is the lost force divided by kBreakSpeed_m_per_s. The
-//     coefficient falls to 0 within kBreakDamping_s, at the square of the time since the break. A
-//     later break can only raise it. It never exceeds
-//     damping_max() (passivity.h), up to which a sampled damper is stable.
+//  2. Right after a break the damping coefficient is the lost force divided by
+//     kBreakSpeed_m_per_s. At the time t after the break this value is multiplied by
+//     1 - (t / kBreakDamping_s)^2, so it is 0 after kBreakDamping_s. A later break can only raise
+//     the coefficient. The damper never uses a coefficient above damping_max() (passivity.h), up to
+//     which a sampled damper is stable.
 //  3. Without a break the damper has no force.
 #pragma once
 
@@ -20,7 +22,7 @@
 
 namespace trocar::runtime {
 
-/// The damper's force is the force that the break released, at this speed of the tip.
+/// Speed of the tip at which the damper's force right after a break equals the lost force.
 inline constexpr double kBreakSpeed_m_per_s = 1.5;
 inline constexpr double kBreakDamping_s = 0.1;
 
@@ -40,9 +42,9 @@ struct BreakDamperState {
   bool has_last = false;
   Pose T_device_plate;         ///< the last new pose
   double start_N_s_per_m = 0;  ///< coefficient right after the break
-  double left_s = 0;           ///< time until the damper has faded
+  double left_s = 0;           ///< time until the coefficient is 0
   double damping_N_s_per_m =
-      0;               ///< coefficient of this tick; 0 while the tip does not move inwards
+      0;               ///< not used; always 0, because damp_break() stores only the damper's force
   double force_N = 0;  ///< force of this tick, along the shaft outwards
 };
 

@@ -12,10 +12,10 @@
 //     force is zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
 //  4. Four times are measured on the device's clock, as differences of its time stamps: the
-//     interval between two poses, the interval of a velocity, the interval that bounds the step
-//     from one reading to the next, and the time for which a late tick heated the motors. The
-//     differences are rounded to nanoseconds, except in velocity_window.h. In `running`, a device
-//     state is new if its time stamp is finite and later than the previous time stamp. After
+//     interval between two poses, the interval of a velocity, the interval that limits how far a
+//     reading may differ from the one before, and the time for which a late tick heated the motors.
+//     The differences are rounded to nanoseconds, except in velocity_window.h. In `running`, a
+//     device state is new if its time stamp is finite and later than the previous time stamp. After
 //     no_data_max_s without a new device state, the fault kNoData is raised. If a time stamp lies
 //     more than gap_max_s after the previous one, kNoData is raised immediately. In all other
 //     states of the safety state machine, the device's clock may restart, for example after the
@@ -46,9 +46,10 @@ namespace trocar::runtime {
 struct LoopModel {
   Tool tool;
   SafetyLimits limits;
-  /// If the force law is passive, of these options only the damping after a break is applied.
+  /// If the force law is passive, these options affect only the damping after a break
+  /// (break_damper.h).
   PassivityOptions passivity;
-  CompensationOptions compensation;  ///< the device adds it to the wrench, in `running` only
+  CompensationOptions compensation;  ///< forces that the device compensates, in `running`
   double rate_Hz = 1000;
 };
 
@@ -67,8 +68,8 @@ struct LoopState {
   /// pose of this tick is not new, or is the first pose. While no pose is new, the last velocity is
   /// kept, so that the next new pose causes no force spike.
   double pose_interval_s = 0;
-  /// Time by which the device's clock is ahead of the tick count. HandDevice::account_held_time()
-  /// has not received this time yet.
+  /// Time by which the device's clock has advanced more than the counted ticks last, as far as
+  /// HandDevice::account_held_time() has not received it yet.
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;    ///< time of the last reading that was kept
@@ -78,7 +79,8 @@ struct LoopState {
 
 struct TickResult {
   RecordingRow row;
-  /// Result of the force law. The caller of haptic_tick() requests a hole for each of its cuts().
+  /// Result of the force law. The caller of haptic_tick() requests a hole for each
+  /// element of contact.cuts().
   ContactOutput contact;
   DeviceReadout readout;
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row

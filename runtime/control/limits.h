@@ -29,7 +29,7 @@ struct SafetyLimits {
   double plate_tilt_max_rad = 0.6;          ///< angle between the plate's z axis and {B}'s
   double speed_max_m_per_s = 2;             ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 40;  ///< rotation rate of the plate
-  double speed_window_s = 0.004;            ///< time constant of item 2
+  double speed_window_s = 0.004;            ///< time constant of the filter (item 2)
   /// Energy that the hand may receive within 0.1 s, in addition to the energy that was stored at
   /// the beginning of this time (energy_limit.h).
   double energy_limit_J = 0.05;

@@ -39,11 +39,11 @@
 namespace trocar::runtime {
 
 struct PassivityOptions {
-  bool on = true;
+  bool on = true;              ///< if false, the loop adds no damping, not even after a break
   double reserve_J = 0;        ///< damping acts only if the balance is below -reserve_J
-  double credit_max_J = 2e-3;  ///< cap of item 6
+  double credit_max_J = 2e-3;  ///< cap of the balance (item 6)
   /// Bound on damping * interval / plate mass, where the damper's velocity is computed over the
-  /// interval. A sampled damper is stable below 2.
+  /// interval. A sampled damper is stable while this value is below 2.
   double damping_share = 0.25;
   double damping_max_N_s_per_m = 100;  ///< second bound on the damping
   double length_m = 0.05;              ///< lever that converts an angular velocity to a velocity

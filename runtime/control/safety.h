@@ -33,8 +33,8 @@ inline constexpr double kRampMax_s = 0.004;
 
 struct SafetyTiming {
   double ramp_s = kRampMax_s;   ///< duration of the ramp of item 2, at most kRampMax_s
-  double quiet_s = 0.25;        ///< time without fault of item 3
-  double ramp_up_s = 0.25;      ///< rise time of item 4
+  double quiet_s = 0.25;        ///< time without fault and contact (item 3)
+  double ramp_up_s = 0.25;      ///< rise time of the authority (item 4)
   bool ramps_at_start = false;  ///< item 4 applies to the beginning of a session, too
 };
 
@@ -57,7 +57,7 @@ struct Safety {
   Fault fault = Fault::kNone;         ///< latched fault; none except in `fault` and `recovering`
   double fault_t_s = 0;               ///< time at which `fault` was latched
   std::uint64_t faults = 0;           ///< number of faults that were latched
-  std::uint64_t ramp_ticks_done = 0;  ///< ticks since `running` was left; huge: no ramp
+  std::uint64_t ramp_ticks_done = 0;  ///< ticks since `running` ended; huge: there is no ramp
   std::uint64_t quiet_ticks = 0;      ///< ticks that count towards `quiet_s` (item 3)
   bool recovered = false;             ///< the next `running` begins with authority 0 (item 4)
   double authority = 1;               ///< factor on the force in `running` (item 4)

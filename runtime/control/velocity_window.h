@@ -44,10 +44,11 @@ class VelocityWindow {
   void add(const Measurement& measured, const Pose& T_device_plate) noexcept;
   void clear() noexcept { count_ = 0; }
   /// Returns the pose and age of the first state of the window that ends at the newest state. In
-  /// the case of item 4, returns instead a pose from which a steady motion to the newest pose has
-  /// the velocity of item 4. If the result has the age 0, the caller must use the pose of the
-  /// previous state. `resolution`: DeviceSpecification::resolution(), the resolution of the
-  /// measured values. `period_s`: period of the loop.
+  /// the case of item 4, the returned pose is computed instead: the displacement from it to the
+  /// newest pose, divided by the age, is the velocity of item 4. If the result has the age 0, the
+  /// caller must use the pose of the previous state. `resolution`:
+  /// DeviceSpecification::resolution(), the resolution of the measured values. `period_s`: period
+  /// of the loop.
   PreviousPose begin(double resolution, double period_s) const noexcept;
 
  private:

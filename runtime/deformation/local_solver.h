@@ -37,8 +37,8 @@ namespace trocar::runtime {
 struct RingBounds {
   double force = 0;         ///< upper bound of (F_v - F_w) / F_v; in [0, 1]
   double displacement = 0;  ///< upper bound of max |w - v| / depth; in [0, 1]
-  /// If true, no spring at a free node of the region is negative, and both bounds are proved for a
-  /// sheet that has no negative spring beyond the ring either. If false, `force` is proved by law
+  /// True if no spring at a free node of the region is negative. Both bounds are then proved,
+  /// provided that no spring beyond the ring is negative either. If false, `force` is proved by law
   /// 1, and `displacement` is only an estimate.
   bool proved = true;
 };

@@ -48,8 +48,8 @@ struct SheetPart {
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// Converts the part to a sheet mesh with vertices and triangles in the same order, followed by
-/// this many spare slots. O(slots).
+/// Converts the part to a sheet mesh with vertices and triangles in the same order. The given
+/// numbers of spare slots follow them. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

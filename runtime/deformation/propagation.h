@@ -51,7 +51,7 @@ struct PropagationOptions {
 struct PropagationPlan {
   std::vector<std::uint32_t> tool;                ///< nodes of depth 0
   std::vector<std::uint32_t> active;              ///< nodes of depth 1 .. options.depth
-  std::vector<double> inverse_stiffness_m_per_N;  ///< one value per active node
+  std::vector<double> inverse_stiffness_m_per_N;  ///< 1 / k_i of each active node
   PropagationOptions options;
 };
 

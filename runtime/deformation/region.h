@@ -12,10 +12,10 @@
 //  2. The ring is the border between the region and the rest of the sheet. Each boundary edge of
 //     the mesh lies on the tool, on the ring, or on the sheet's outline. Nodes on the tool are
 //     kTool, nodes on the ring are kBorder, and all other nodes are kFree. If a node of the sheet's
-//     outline is nearer to the tool than 2 % of the tool's circumradius, this node is kTool as
-//     well, because the gap between outline and tool is a thin wedge there. No ring node is nearer
-//     to the circle than R. With infinite R there is no ring. Edges on the ring are whole edges of
-//     the sheet, so the region's mesh fits the rest of the sheet.
+//     outline is nearer to the tool than 2 lattice steps or 2 % of the tool's circumradius, this
+//     node is kTool as well, because the gap between outline and tool is a thin wedge there. No
+//     ring node is nearer to the circle than R. With infinite R there is no ring. Edges on the ring
+//     are whole edges of the sheet, so the region's mesh fits the rest of the sheet.
 //  3. `under_tool` is the material under the tool. Its area is exactly the area that was removed
 //     when the tool was cut out.
 //  4. The time is proportional to the size of the region, not to the size of the sheet.
@@ -47,7 +47,7 @@ namespace trocar::runtime {
 /// At the distance d from the tool, the edge length is larger by `grade` times d. If the
 /// membrane is calibrated (calibration.h) and the decay length is at least 1.5 circumradii, the
 /// defaults give about 200 free nodes. The stiffness under a hexagon then differs by at most 1 %
-/// from the exact stiffness, and near edges and holes mostly by at most 1.5 %
+/// from the exact stiffness. Near edges and holes it mostly differs by at most 1.5 %
 /// (deformation_accuracy_test.cpp).
 struct Grading {
   bool graded = true;  ///< if false, no refinement: only the cut changes the sheet's triangles

@@ -27,7 +27,7 @@
 namespace trocar::runtime {
 
 struct UnboundedOptions {
-  int panels_per_side = 16;  ///< 16: a hexagon's stiffness is right to 3e-5
+  int panels_per_side = 16;  ///< relative error of a hexagon's stiffness with 16: 3e-5
 };
 
 /// Returns F / (d f) in m^2, where F is the force on a rigid tool at the depth d. The value is the

@@ -17,8 +17,8 @@
 namespace trocar::runtime {
 
 inline constexpr int kLegs = 4;
-inline constexpr int kMotors = 2 * kLegs;    ///< joints 1 and 4 of leg 1, then of leg 2 and so on
-inline constexpr int kEncoders = 4 * kLegs;  ///< joints 1 to 4 of leg 1, then of leg 2 and so on
+inline constexpr int kMotors = 2 * kLegs;    ///< in this order: joints 1 and 4 of each leg
+inline constexpr int kEncoders = 4 * kLegs;  ///< in this order: joints 1 to 4 of each leg
 
 struct DeviceState {
   double t_s = 0;  ///< time of reading the encoders, on the device's clock; ascends

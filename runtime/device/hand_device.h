@@ -50,8 +50,8 @@ struct Measurement {
 /// the members about joints keep their defaults.
 struct DeviceMargins {
   Fault fault = Fault::kNone;  ///< the fault that the device raises at this pose, or none
-  /// True if the device's geometry allows this pose, within the limits or not. If false, the
-  /// members below keep their defaults.
+  /// True if the device's geometry allows this pose, even if the pose is outside the limits. If
+  /// false, the members below keep their defaults.
   bool is_reachable = true;
   /// Smallest distance of a joint from its limit; negative if a joint is beyond its limit.
   double joint_rad = std::numeric_limits<double>::infinity();
@@ -130,8 +130,8 @@ class DeviceSpecification {
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time since the reading that keep_reading() kept last. From this time the device decides
-/// whether the present reading differs too much from the kept one.
+/// The time since the reading that keep_reading() kept last. The longer this time, the more the
+/// present reading may differ from the kept one.
 struct ReadingInterval {
   bool has_last = false;  ///< true if a reading was kept
   double step_s = 0;      ///< time since the kept reading; the loop caps it after a long pause
@@ -195,9 +195,8 @@ class HandDevice {
   /// Keeps this tick's reading for use_last_reading() and for the next find_pose(). If this tick's
   /// reading is not finite, returns false, and the older reading stays the kept one.
   virtual bool keep_reading() noexcept = 0;
-  /// Tells the device for how long the last command was held. From this time a device can compute,
-  /// for example, how hot its motors are. Returns kMotorOverload if the motors
-  /// are too hot.
+  /// Tells the device for how long the last command was held. A device can compute from this time
+  /// how hot its motors are, for example. Returns kMotorOverload if the motors are too hot.
   virtual FaultDetail account_held_time(double /*held_s*/) noexcept { return {}; }
   /// Called during a recovery from kMotorOverload. Returns kMotorOverload until the motors have
   /// cooled enough to continue.

@@ -15,8 +15,8 @@ namespace trocar::runtime {
 /// Counts of the packets that arrived over the device link.
 struct LinkPackets {
   LinkCounts counts;
-  /// Number of states that were lost, or that arrived after a newer state, from the first command
-  /// to the device onward.
+  /// Number of states that were lost, or that arrived after a newer state. The count begins with
+  /// the first command to the device.
   std::uint64_t states_missed = 0;
 };
 

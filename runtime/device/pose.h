@@ -21,8 +21,9 @@ struct Pose {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit quaternion
 };
 
-/// An earlier pose from which the present velocity is computed: the displacement from the earlier
-/// pose to the present one, divided by `ago_s`. runtime/control/velocity_window.h chooses the pose.
+/// An earlier pose from which the present velocity is computed. The velocity is the displacement
+/// from the earlier pose to the present one, divided by `ago_s`. runtime/control/velocity_window.h
+/// chooses the pose.
 struct PreviousPose {
   Pose T_device_plate;
   double ago_s = 0;  ///< time since this pose; 0: none was chosen, so use the last new pose

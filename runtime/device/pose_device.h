@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface to a device that measures the pose of its handle itself, and that is commanded a wrench
-// on the handle. An implementation can be a desktop device with an SDK, a process behind the device
-// link, a recording that is replayed, or a test. runtime/pose_device/pose_hand.h builds a
+// Interface to a device that measures the pose of its handle itself. A command to the device is a
+// wrench on the handle. An implementation can be a desktop device with an SDK, a process behind the
+// device link, a recording that is replayed, or a test. runtime/pose_device/pose_hand.h builds a
 // HandDevice on this interface and adds all checks and limits, so a new device needs only one small
 // class that implements PoseDevice.
 //

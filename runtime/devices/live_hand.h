@@ -9,15 +9,16 @@
 //     constant of 12 ms, at no more than 0.15 m/s and 1 rad/s. HandTarget::twist_device is
 //     the target's velocity.
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
-//     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance kHandMargin from poses of
-//     the plate at which the loop would raise a fault. Exception: if a force has pushed the tip
-//     outside these bounds and the target starts at the tip, the target may return.
+//     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance
+//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: if the
+//     target starts at the tip, and a force has pushed the tip outside these bounds, the target may
+//     be outside until it has returned.
 //  3. A message is ignored if a number of its pose is not finite, or is larger than 1 m or 7 rad.
 //  4. When the person lets go, or 250 ms after the last new message, the target follows the tip
-//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. The speed of 0.3
-//     m/s is so high that, 300 ms after the last message, even a force on a soft tissue has
-//     fallen below a tenth of its value. Until the person holds the hand for the first time, the
-//     target rests at the start.
+//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. At the speed of
+//     0.3 m/s, even a force on a soft tissue falls below a tenth of its value within 300 ms
+//     after the last message. Until the person holds the hand for the first time, the target
+//     rests at the start.
 //  5. The same calls give the same targets.
 #pragma once
 
@@ -69,8 +70,8 @@ class TargetPath {
   /// Adds the target at the time `t_s`. Precondition: times ascend from call to call.
   void add(double t_s, const Pose& T_device_tool) noexcept;
   /// Returns a path with at most kMaxKeyframes keyframes, the first at the time of the first
-  /// target. The path is within 5 um and 0.05 mrad of every target kept. If this needs more than
-  /// kMaxKeyframes keyframes, both tolerances are doubled until kMaxKeyframes suffice. Allocates.
+  /// target. The path is within 5 um and 0.05 mrad of every target kept. If these tolerances need
+  /// more than kMaxKeyframes keyframes, both are doubled until kMaxKeyframes suffice. Allocates.
   HandTrajectory keyframes() const;
 
  private:

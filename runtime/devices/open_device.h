@@ -44,8 +44,8 @@ struct OpenDeviceOptions {
 /// process, true for every other device, whatever the device reports.
 bool may_have_motors(std::string_view uri);
 
-/// Longest time without data from a device process without motors. The time is long because other
-/// work on the machine can delay the process.
+/// Longest allowed gap in the data from a device process that has no motors. The gap is long
+/// because other work on the machine can delay the process.
 inline constexpr double kSimulatedNoData_s = 0.25;
 
 /// True if the URI names a device process, to which the session connects by the
@@ -65,8 +65,8 @@ std::string_view built_in_description(std::string_view uri);
 /// kOpenTimeout_s. Errors: kUsage if the address in the URI is wrong; those of the device's
 /// PoseConnection::open().
 Result<std::string> find_built_in_description(std::string_view uri);
-/// A device on which HandDevice::start() may be called next. With a replayed recording, the first
-/// tick may come next.
+/// A device that is ready for HandDevice::start(). A replayed recording is also ready for its first
+/// tick without start().
 struct OpenedDevice {
   std::unique_ptr<Device> encoders_and_motors;  ///< set for the four-legged device
   std::unique_ptr<PoseDevice> pose_device;      ///< set for a device that measures its own pose
@@ -92,10 +92,10 @@ std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescripti
                                                         const Scene& scene);
 
 /// Opens the device of a URI. Errors: those of check_device_uri() and of the device; kUsage if the
-/// description is for another kind of device than the URI; for a device with its own clock, kUsage
-/// unless the session's clock is Clock::kReal. For the device that is simulated in this process:
-/// kBug if the scene's hand is live and OpenDeviceOptions::hand is null, or if the hand is not live
-/// and OpenDeviceOptions::hand is set.
+/// description and the URI are for different kinds of device; for a device with its own clock,
+/// kUsage unless the session's clock is Clock::kReal. For the device that is simulated in this
+/// process: kBug if the scene's hand is live and OpenDeviceOptions::hand is null, or if the hand is
+/// not live and OpenDeviceOptions::hand is set.
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// Returns the URIs of all devices with an explanation of each, as text for `--help`.

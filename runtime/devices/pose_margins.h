@@ -13,8 +13,7 @@ namespace trocar::runtime {
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-/// How far a pose is from the limits. The two tilts are the angles themselves, not
-/// distances from a limit.
+/// Distances of a pose from the limits. The two tilts are the angles themselves, not distances.
 struct PoseMargins {
   DeviceMargins device;
   /// Distance from the plate's origin to the nearest side of the workspace; negative outside.

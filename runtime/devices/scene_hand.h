@@ -11,8 +11,8 @@ namespace trocar::runtime {
 /// Returns the path of the target to which the scene's hand pulls the tool's tip.
 HandTrajectory hand_trajectory(const Scene& scene);
 
-/// Returns the impedance of the scene's hand: the values of its grip, except for those
-/// that the scene states.
+/// Returns the impedance of the scene's hand: the values that the scene states, and otherwise those
+/// of the hand's grip.
 HandImpedance hand_impedance(const SceneHand& hand);
 
 }  // namespace trocar::runtime

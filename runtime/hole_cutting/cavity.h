@@ -39,7 +39,7 @@ enum class StageOutcome : std::uint8_t {
 };
 
 enum class ToolIntersection : std::uint8_t {
-  kApart,     ///< the closed triangle and the closed tool have no point in common
+  kApart,     ///< triangle and tool, each with its boundary, have no point in common
   kTouches,   ///< they have common points, but no common area
   kOverlaps,  ///< they have a common area
 };
@@ -59,7 +59,7 @@ bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcep
 struct RimEdge {
   std::uint32_t from, to;   ///< indices into Cavity::rim_vertices
   std::uint32_t kept;       ///< the kept triangle beyond the edge; kNone on the sheet's boundary
-  std::uint32_t kept_edge;  ///< the number that this edge has in `kept`
+  std::uint32_t kept_edge;  ///< number of this edge in the triangle `kept`
 };
 
 struct Cavity {
@@ -71,7 +71,7 @@ struct Cavity {
   std::vector<std::uint32_t> rim_vertices;  ///< vertices on the cavity's boundary, each once
   std::vector<std::uint32_t> inner;         ///< the other vertices of the cavity's triangles
   FlatTable members;                        ///< `triangles` as a set
-  FlatTable vertices;                       ///< vertex to its index in rim_vertices, or to kInner
+  FlatTable vertices;                       ///< key: vertex; value: index in rim_vertices or kInner
   static constexpr std::uint32_t kInner = kNone - 1;
 
   void allocate(std::size_t max_triangles);

@@ -38,7 +38,8 @@ struct CutReport {
   std::uint32_t triangles_created = 0;
   std::uint32_t flips = 0;  ///< number of edges flipped to make all edges Delaunay again
   /// Number of boundary edges that lie opposite an angle above 90 degrees, counted only in the
-  /// triangles that the cut has written. Such an edge is a negative spring of the spring network.
+  /// triangles that the cut has written. The spring of such an edge is negative
+  /// (runtime/deformation/network.h).
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
@@ -60,10 +61,9 @@ struct CutReport {
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
 ///     proved valid (patch_proof.h) before the first slot was written.
-///  6. The function does not allocate, unless it writes to more pages that a copy of the mesh shares
-///     than SheetMesh::reserve_pages() has reserved, or frees more than SheetMesh::kReservedFree
-///     slots. The time depends on the mesh near the tool, not on the size
-///     of the sheet.
+///  6. The function allocates in two cases only: it writes to more shared pages (paged_array.h)
+///     than SheetMesh::reserve_pages() has reserved, or it frees more than SheetMesh::kReservedFree
+///     slots. The time depends on the mesh near the tool, not on the size of the sheet.
 /// After the cut, `edit` lists the slots written, work.stitch.created lists the slots of the new
 /// triangles, and work.hole contains the rings around the removed material. If the tool lies
 /// completely over material, the only ring is the tool's outline. After kCut the caller must update

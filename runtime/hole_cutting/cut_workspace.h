@@ -15,9 +15,9 @@
 
 namespace trocar::runtime {
 
-/// The largest numbers that a cut may need.
+/// The largest numbers for which the scratch memory of a cut has space.
 struct CutCapacity {
-  std::size_t triangles = 0;  ///< triangles in a cavity, and triangles changed by flips
+  std::size_t triangles = 0;  ///< triangles in a cavity; also triangles that are tested for flips
   std::size_t points = 0;     ///< points of the overlay: vertices, tool corners, bends
   std::size_t edges = 0;      ///< edges of the overlay, including edges that were split
 };

@@ -25,10 +25,10 @@ struct FlipSpace {
 /// locally Delaunay by an exact test. Precondition: `edges` are inner edges of a valid sheet. If
 /// all other inner edges of the sheet are locally Delaunay at the start, all inner edges are
 /// locally Delaunay at the end. Each flip exchanges the diagonals of a strictly convex quadrangle,
-/// so the sheet stays valid. Every flip lowers the surface that results from lifting the vertices
-/// to a paraboloid, so the loop terminates. `flips` receives the number of flips. If more triangles
-/// must be tested than `space` can hold, returns kCapacity. The caller can then undo the changes
-/// with `edit`.
+/// so the sheet stays valid. If the vertices are lifted to a paraboloid, every flip lowers the
+/// lifted surface, so the loop terminates. `flips` receives the number of flips. If more
+/// triangles must be tested than `space` can hold, returns kCapacity. The caller can then undo
+/// the changes with `edit`.
 StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges,
                               FlipSpace& space, SheetEdit& edit, std::uint32_t& flips) noexcept;
 

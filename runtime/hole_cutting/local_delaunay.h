@@ -82,7 +82,7 @@ class LocalTriangulation {
 
   std::vector<LatticePoint> points_;
   std::vector<Cell> cells_;
-  std::vector<std::uint32_t> cell_at_;                  ///< one cell at each point
+  std::vector<std::uint32_t> cell_at_;                  ///< a cell that has the point as a corner
   std::vector<CellEdge> suspects_;                      ///< scratch
   std::vector<std::uint8_t> waits_;                     ///< scratch, one entry per cell
   std::vector<std::array<std::uint32_t, 2>> crossing_;  ///< scratch: edges that cross a constraint

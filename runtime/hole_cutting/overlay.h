@@ -61,7 +61,7 @@ struct Overlay {
   FlatTable strand_at;                 ///< key: a and b; value: the latest strand between them
   std::vector<std::uint32_t> pending;  ///< scratch: strands to be tested for crossings
 
-  std::vector<std::uint32_t> rim_point;   ///< point of each vertex of Cavity::rim_vertices
+  std::vector<std::uint32_t> rim_point;   ///< the Cavity::rim_vertices, as indices in `points`
   std::vector<std::uint32_t> rim_strand;  ///< strand of each edge of Cavity::rim, before any split
 
   void allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands);

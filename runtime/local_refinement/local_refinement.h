@@ -4,8 +4,8 @@
 // triangles, and this limit may grow with the distance from a point. The method is Ruppert's
 // (1995), with Uengoer's off-centres (2004) as positions of new vertices. As in Chew's second
 // algorithm (1993), inner vertices can be removed (contract 3). If a triangle is too large, the new
-// vertex gets, where possible, the wanted distance from the ends of the triangle's shortest edge
-// (Rebay, 1993).
+// vertex is placed, where possible, at the wanted distance from both ends of the triangle's
+// shortest edge (Rebay, 1993).
 //
 // Contract (tests/runtime/local_refinement/local_refinement_test.cpp), for a valid SheetMesh:
 //  1. The mesh stays valid. If every inner edge was locally Delaunay, every inner edge still is.
@@ -58,8 +58,8 @@ struct LocalRefinementOptions {
   double min_angle_deg = 20;
   /// Wanted length of edges at the point (x, y), for example a GradedSize. Length and coordinates
   /// are in steps. If empty, any length is allowed. A triangle is too large if its circumradius is
-  /// above kMaxRadius times the wanted length at its centroid. At the outline, too large triangles
-  /// may remain.
+  /// above kMaxRadius times the wanted length at its centroid. At the outline, triangles that are
+  /// too large may remain.
   FunctionRef<double(double x, double y)> size;
   std::uint32_t max_new_vertices = 256;
   /// True: a boundary edge may be split at a lattice point beside the edge, less than a step from
@@ -71,8 +71,8 @@ struct LocalRefinementOptions {
   /// which the edge runs in its triangle. If empty, any boundary edge may be split.
   FunctionRef<bool(std::uint32_t from, std::uint32_t to)> keep_edge;
 };
-/// Largest circumradius as a fraction of the wanted length. (In an equilateral triangle the
-/// circumradius is 0.58 times the edge length.)
+/// Largest allowed circumradius, as a fraction of the wanted length. (In an equilateral triangle
+/// the circumradius is 0.58 times the edge length.)
 inline constexpr double kMaxRadius = 0.8;
 
 enum class LocalRefinementOutcome {
@@ -112,8 +112,8 @@ class LocalRefinementWorkspace {
   VertexRemoval removal_;
   TriangleQueue queue_;
   // All elements of both lists are 0 between refinements.
-  std::vector<std::uint8_t> marks_;   // by triangle slot
-  std::vector<std::uint8_t> is_new_;  // by vertex slot
+  std::vector<std::uint8_t> marks_;   // one element per triangle slot
+  std::vector<std::uint8_t> is_new_;  // one element per vertex slot
 };
 
 /// Refines `mesh` around the triangles `seeds`. Seeds whose slots are not in use are skipped.

@@ -45,8 +45,9 @@ class PointInsertion {
 
   /// Replaces the cavity by the star of p. `split`: index in rim() of a boundary edge of the sheet
   /// that p splits, or kNone. If p splits an edge, p must lie on the edge or on its inner side. Two
-  /// edges to p then replace the edge, and the area between the three edges is no longer part of
-  /// the sheet. If the result is not kDone, nothing is changed.
+  /// edges that meet at p then replace the split edge, and the area between the split edge
+  /// and these two edges is no longer part of the sheet. If the result is not kDone,
+  /// nothing is changed.
   InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                           std::uint32_t split) noexcept;
   /// The star's triangles after insert(), each with p as its last corner.
@@ -60,7 +61,7 @@ class PointInsertion {
   std::uint32_t vertex_ = kNone;
   std::vector<std::uint32_t> visited_;   // per triangle slot: search_ if it is in the cavity
   std::vector<std::uint32_t> starting_;  // per vertex slot: star triangle whose edge 0 starts there
-  std::uint32_t search_ = 0;             // number of find()'s last call
+  std::uint32_t search_ = 0;             // number of the last call of find()
 };
 
 }  // namespace trocar::runtime

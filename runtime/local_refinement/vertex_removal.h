@@ -24,11 +24,11 @@ class VertexRemoval {
   static constexpr std::size_t kMaxDegree = 24;
 
   /// Plans the removal of the vertex at corner `corner` of triangle t. Returns false if the vertex
-  /// lies on the sheet's boundary, has more than kMaxDegree triangles, or if ears with empty
+  /// lies on the sheet's boundary, if it has more than kMaxDegree triangles, or if ears with empty
   /// circumcircles do not fill the polygon.
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
-  /// After plan(): star() lists the triangles around the vertex, and ear() gives the triangles that
-  /// would replace them, from number 0 to ears() - 1.
+  /// After plan(): star() lists the triangles around the vertex. ear(0) to ear(ears() - 1) are the
+  /// triangles that would replace them.
   std::span<const std::uint32_t> star() const noexcept { return {star_.data(), degree_}; }
   std::size_t ears() const noexcept { return degree_ - 2; }
   const Triangle& ear(std::size_t number) const noexcept { return ears_[number].corners; }

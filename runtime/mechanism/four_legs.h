@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The four-legged device as a HandDevice: the pose is computed from sixteen encoders, and eight
-// motor torques render a wrench. A Device (device.h) gives access to encoders and motors. They can
-// be simulated, behind a link, or replayed from a recording.
+// motor torques render a wrench. A Device (device.h) gives access to encoders and motors. The
+// encoders and motors can be simulated, connected by a link, or replayed from a recording.
 //
 // Contract, in addition to those of hand_device.h and mechanism_limits.h:
 //  1. Every torque written is finite and within what its motor's thermal state allows.

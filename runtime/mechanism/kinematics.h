@@ -29,9 +29,9 @@ constexpr int encoder_index(int leg, int joint) noexcept {
 enum class KinematicsFailure : std::uint8_t {
   kOk,
   kBadInput,      ///< not finite, or a quaternion that is not of unit length
-  kOutOfReach,    ///< the pose is outside the workspace: the joint's links cannot span the distance
+  kOutOfReach,    ///< the pose is outside the workspace: a chain's links cannot connect its ends
   kSingular,      ///< an angle, a rate or the pose is not determined
-  kBeyondLimit,   ///< outside the description's joint limits
+  kBeyondLimit,   ///< an angle is outside the description's joint limits
   kNotConverged,  ///< the iteration did not converge in the allowed number of steps
   kOtherBranch,   ///< a leg is on another branch (LegBranch), or this cannot be excluded
 };
@@ -76,8 +76,8 @@ struct LegBranch {
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
 };
 
-/// Finds the first encoder angle that is outside its limits or not finite. Returns kBeyondLimit
-/// with the leg and joint of this angle. If there is no such angle, returns kOk.
+/// Finds the first encoder angle that is outside its limits or not finite, and returns kBeyondLimit
+/// with its leg and joint. If there is no such angle, returns kOk.
 KinematicsStatus check_joint_limits(const DeviceDescription& device,
                                     const std::array<double, kEncoders>& encoder_rad) noexcept;
 
@@ -97,12 +97,12 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
 
 struct GaussNewtonOptions {
   int max_iterations = 20;
-  double step_m = 1e-12;  ///< converged if no component of a step is larger; 1 rad counts 0.05 m
+  double step_m = 1e-12;  ///< largest step component at convergence; 1 rad counts as 0.05 m
   /// If the plate moved more than travel_max_m, or if the residual exceeds residual_max_m, the
   /// result is kOtherBranch. In tests with the defaults, every pose with status kOk was right, even
   /// from starts up to 100 mm and 60 deg away (tests/runtime/mechanism/kinematics_test.cpp). To
   /// allow larger motions, increase travel_max_m.
-  double travel_max_m = 0.01;  ///< plate motion since the last pose; a radian counts as 0.05 m
+  double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;
 };
 /// Computes the pose from the eight motor angles alone, for a device without encoders at its

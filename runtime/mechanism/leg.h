@@ -105,9 +105,9 @@ struct LegStatus {
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// Finds the branch on which each of the two chains is assembled: the branch for which inverse()
-/// returns these th1 and th4. If a chain is stretched or folded, its branch is 0, because its two
-/// branches coincide.
+/// Finds the branch on which each of the two chains is assembled. For this branch, inverse()
+/// returns these th1 and th4. If a chain is stretched or folded, its branch is 0, because its
+/// two branches coincide.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Safety limits of the four-legged device's encoders, pose and motors. A check that finds a limit
 // exceeded returns a named fault, after which the loop renders no torques. To keep the limits of
-// items 2 to 4, torques are reduced first. A fault follows only if this lasts too long, or if a
-// limit is exceeded all the same. The haptic thread calls these functions. They have no state of
-// their own.
+// items 2 to 4, torques are reduced first. A fault follows only if the reduction lasts too long, or
+// if a limit is exceeded in spite of it. The haptic thread calls these functions. They have no
+// state of their own.
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):
@@ -39,23 +39,24 @@ namespace trocar::runtime {
 struct MechanismLimits {
   double encoder_rate_max_rad_per_s = 60;  ///< largest rate of an encoder between two ticks
   double pose_residual_max_m =
-      0.5e-3;  ///< residual of fitting the pose to the upper links of the legs
+      0.5e-3;  ///< largest residual of fitting the pose to the legs' upper links
   double theta4_residual_max_rad =
-      0.01;  ///< |measured theta4 - theta4 that follows from the fitted pose|
+      0.01;  ///< largest |measured theta4 - theta4 that follows from the pose|
   double inverse_condition_min =
-      0.02;  ///< inverse condition of the Jacobian, with lengths divided by 0.05 m
+      0.02;  ///< smallest inverse condition of the Jacobian (lengths divided by 0.05 m)
   /// Smallest allowed Singularity::nearest_branch_m, the distance to a pose in which a leg can
   /// change its branch (LegBranch). If this limit were smaller than the error that a pose may have
   /// (pose_residual_max_m), a leg could change its branch undetected. Among 100,000 poses of the
   /// stated workspace the smallest distance is 0.749 mm
   /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
-  double torque_max_Nm = 0;  ///< largest torque of a motor; 0: what its thermal state allows
+  double torque_max_Nm = 0;  ///< largest torque of a motor; 0: only its thermal state limits it
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
-  /// Longest time for which item 3 may shorten steps. MotorState::rise_s counts the time. It is
-  /// reset in a tick in which no torque changes by more than half of what the rate limit allows.
+  /// Longest time for which item 3 may shorten steps. MotorState::rise_s counts the time. This
+  /// time restarts at 0 in a tick in which no torque changes by more than half of what the
+  /// rate limit allows.
   double torque_rise_time_max_s = 0.02;
-  double overload_scale_min = 0.5;  ///< item 2: smallest rendered fraction that is no overload
+  double overload_scale_min = 0.5;  ///< item 2: a smaller rendered fraction is an overload
   double overload_time_max_s = 1;   ///< item 2: longest overload without a fault
 };
 

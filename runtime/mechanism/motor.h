@@ -18,8 +18,8 @@
 
 namespace trocar::runtime {
 
-/// While the last fraction kFoldBack of the i2t capacity is used up, the available current falls
-/// from peak to continuous. A tick must be shorter than this fraction of peak_time.
+/// The available current falls from peak to continuous while the last quarter (kFoldBack) of the
+/// i2t capacity is used up. A tick must be shorter than kFoldBack times peak_time.
 inline constexpr double kFoldBack = 0.25;
 
 /// Constants of the motors, in the order of MotorVector.

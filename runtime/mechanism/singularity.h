@@ -33,8 +33,8 @@ struct Singularity {
   double inverse_condition = 0;
   std::array<BranchDistance, kLegs> branch;
   double nearest_branch_m = 0;    ///< the smallest distance in `branch`
-  std::int8_t nearest_leg = 0;    ///< 1..4
-  std::int8_t nearest_joint = 0;  ///< 1 or 4
+  std::int8_t nearest_leg = 0;    ///< leg with this distance, 1..4
+  std::int8_t nearest_joint = 0;  ///< motor joint with this distance, 1 or 4
 };
 
 /// Computes all measures at a pose. Precondition: `joints` and `G` are those of the

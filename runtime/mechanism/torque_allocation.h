@@ -26,9 +26,9 @@
 // of the four upper motors at any upright, centred pose), this vector changes arbitrarily fast with
 // the pose. With a reserve the rate has a bound, which is inversely proportional to the reserve.
 //
-// Law 1 follows from law 5. Some torques y0 with |y0| < |limit| produce scale * wanted within the
-// working limits, so their penalty is 0. Therefore the optimum satisfies stiffness_i excess_i^2 <=
-// |y0|^2, where excess_i = |tau_i| - working_i, and it follows that
+// Law 1 follows from law 5. Some torques y0 within the working limits produce scale * wanted. For
+// them |y0| < |limit|, and the penalty (the sum in law 5) is 0. Therefore the optimum satisfies
+// stiffness_i excess_i^2 <= |y0|^2, where excess_i = |tau_i| - working_i, and it follows that
 // excess_i < kTorqueReserve limit_i.
 #pragma once
 
@@ -57,7 +57,7 @@ struct AllocationResult {
   AllocationKind kind = AllocationKind::kRefused;
   MotorVector tau_motor_Nm = MotorVector::Zero();
   Wrench wrench_device = Wrench::Zero();  ///< the delivered wrench G^T tau
-  double scale = 0;                       ///< the delivered wrench is scale times the wanted one
+  double scale = 0;                       ///< delivered wrench = scale * wanted wrench
   bool limited() const noexcept { return kind >= AllocationKind::kScaled; }
 };
 

@@ -94,7 +94,7 @@ class FlatTable {
   }
 
   void grow() noexcept {
-    if (2 * (mask_ + 1) > slots_.size()) return;  // all slots are in use, at most half hold entries
+    if (2 * (mask_ + 1) > slots_.size()) return;  // slots_ is used whole; half or more are empty
     use_slots(std::min(8 * (mask_ + 1), slots_.size()));
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       std::size_t slot = home(entries_[i].key);

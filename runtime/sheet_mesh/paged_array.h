@@ -6,7 +6,7 @@
 //
 // Contract (tests/runtime/sheet_mesh/paged_array_test.cpp compares with std::vector):
 //  1. A write to an array never changes what another array contains. Reading through a mutable
-//     array counts as a write; read through a const reference where that matters.
+//     array counts as a write and can copy a page; reading through a const reference does not.
 //  2. Threads may read an array while another thread writes to a copy of this array. They may not
 //     read an array while another thread writes to this array itself.
 //  3. A write does not allocate if its page is not shared, or if spare pages are left
@@ -106,8 +106,8 @@ class PagedArray {
   Iterator begin() const noexcept { return {*this, 0}; }
   Iterator end() const noexcept { return {*this, size_}; }
 
-  /// Changes the size; new elements have this value. Allocates. Pages of new elements alone share
-  /// their memory until they are written to.
+  /// Changes the size; new elements have this value. Allocates. Pages that contain only new
+  /// elements share their memory until they are written to.
   void resize(std::size_t size, const T& value = {}) {
     const std::size_t pages = (size + kPage - 1) >> kShift;
     while (pages_.size() > pages) {
@@ -116,7 +116,7 @@ class PagedArray {
     }
     for (std::size_t i = size_; i < std::min(size, pages_.size() << kShift); ++i)
       (*this)[i] = value;
-    if (pages_.size() < pages) {  // new pages are one page, until they are written to
+    if (pages_.size() < pages) {  // new pages share one page until they are written to
       auto filled = std::make_unique<Page>();
       filled->element.fill(value);
       filled->owners = static_cast<std::uint32_t>(pages - pages_.size());
@@ -168,7 +168,7 @@ class PagedArray {
     page = own;
   }
 
-  std::vector<Page*> pages_;  ///< each owned by the arrays that have it
+  std::vector<Page*> pages_;  ///< each page is owned by all arrays that use it
   std::vector<Page*> spare_;  ///< pages for make_own()
   std::size_t size_ = 0;
 };

@@ -22,7 +22,8 @@
 
 namespace trocar::runtime {
 
-/// The slots that an edit has written. It suffices to repeat the edit on a replica.
+/// The slots that an edit has written. Together with the edited mesh, they suffice to repeat the
+/// edit on a replica.
 struct SheetChange {
   /// A triangle's slot and its content before the edit.
   struct OldTriangle {
@@ -38,8 +39,8 @@ struct SheetChange {
 
   std::vector<OldTriangle> triangles;  ///< each slot once, in the order in which they were listed
   std::vector<OldVertex> vertices;     ///< likewise
-  /// The numbers of the lowest entries of the two stacks of free slots that the edit has not
-  /// changed.
+  /// Number of entries at the bottom of a stack of free slots that the edit has not changed: for
+  /// the stack of triangles, and for that of vertices.
   std::size_t untouched_free_triangles = 0, untouched_free_vertices = 0;
 
   /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.
@@ -80,7 +81,7 @@ class SheetEdit {
 
   /// Undoes the edit (contract 2) and calls begin() for a new edit.
   void undo(SheetMesh& mesh) noexcept;
-  /// SheetChange::copy_to() of this edit.
+  /// Calls SheetChange::copy_to() for this edit.
   void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept { change_.copy_to(from, to); }
 
  private:

@@ -25,7 +25,7 @@
 
 namespace trocar::runtime {
 
-inline constexpr std::uint32_t kNone = 0xffffffff;  ///< the index of no slot
+inline constexpr std::uint32_t kNone = 0xffffffff;  ///< an index that stands for no slot
 inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 
 /// Invariants (check_sheet_mesh verifies 1 to 3):
@@ -39,7 +39,7 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     that is not in use.
 ///  4. Edits do not change the size of the first three arrays; only add_slots() does. The stacks
 ///     `free_vertices` and `free_triangles` have capacity for kReservedFree further slots, or for
-///     every slot if there are fewer, also in a copy of the mesh.
+///     all slots of the mesh if that is less. A copy of the mesh has this capacity, too.
 /// A copy shares the memory of the arrays until one of the two is written to (paged_array.h).
 struct SheetMesh {
   static constexpr std::size_t kReservedFree = 32'768;
@@ -73,8 +73,8 @@ struct SheetMesh {
     free_triangles.resize(std::min(triangles.size(), triangles_free + kReservedFree));
     free_triangles.resize(triangles_free);
   }
-  /// Ensures that an edit which writes to no more than this many pages of an array does not allocate
-  /// them, although a copy of the mesh shares them. Allocates.
+  /// Allocates spare pages. An edit that writes to at most this many pages of each array then
+  /// allocates none, even if a copy of the mesh shares the pages.
   void reserve_pages(std::size_t pages) {
     vertices.reserve_pages(pages);
     triangles.reserve_pages(pages);

@@ -6,9 +6,9 @@
 // the cells doubles; the coarsest grid is a single cell. A triangle is listed in a single cell. The
 // cell belongs to the finest grid whose cells are at least as large as the triangle's bounding box,
 // and contains the lower left corner of this box. Therefore a triangle extends at most into the
-// next cells to the right and above. A triangle has one list entry, however long and thin it is.
-// Therefore one entry for each triangle slot suffices for every edit. Source: "loose" grids, after
-// Ulrich's loose octree, 2000.
+// next cells to the right and above. A triangle has one list entry, however long and thin it is, so
+// one entry for each triangle slot suffices for every edit. Source: "loose" grids, after Ulrich's
+// loose octree, 2000.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
 /// The triangles that a grid lists.
 enum class GridTriangles : std::uint8_t {
   kAll,       ///< every triangle in use
-  kBoundary,  ///< those in use that have an edge on the sheet's boundary
+  kBoundary,  ///< every triangle in use that has an edge on the sheet's boundary
 };
 
 /// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
@@ -38,9 +38,9 @@ enum class GridTriangles : std::uint8_t {
 ///  1. for_each() visits every triangle of GridTriangles whose bounding box is not apart() from the
 ///     given box, exactly once, and no other triangle. The order depends only on the mesh given to the
 ///     constructor and on the edits since then.
-///  2. Only the constructor and add_slots() allocate, and an update() that writes to more shared
-///     pages than reserve_pages() has reserved. A copy shares the memory of the grid until one of
-///     the two is updated.
+///  2. The constructor and add_slots() allocate. An update() allocates only if it writes to more
+///     shared pages than reserve_pages() has reserved. A copy shares the memory of the grid until
+///     one of the two is updated.
 class TriangleGrid {
  public:
   TriangleGrid() = default;
@@ -82,7 +82,7 @@ class TriangleGrid {
   std::size_t bytes() const noexcept {
     return levels_.capacity() * sizeof(Level) + head_.bytes() + link_.bytes();
   }
-  /// SheetMesh::reserve_pages() of the grid.
+  /// Like SheetMesh::reserve_pages(), for the arrays of the grid.
   void reserve_pages(std::size_t pages) {
     head_.reserve_pages(pages);
     link_.reserve_pages(pages);

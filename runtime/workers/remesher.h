@@ -34,7 +34,7 @@ struct CutRecord {
   std::int64_t doubled_area_before = 0;     ///< twice the sheet's area before the cut, steps^2
   std::uint32_t quality_vertices = 0;       ///< vertices that the quality pass added
   std::uint32_t hole_vertices = 0;          ///< number of vertices of the hole's rings
-  std::uint32_t first_ring = 0, rings = 0;  ///< the hole's rings, for Remesher::hole()
+  std::uint32_t first_ring = 0, rings = 0;  ///< used by Remesher::hole() to find the rings
   double remesh_us = 0;  ///< wall time from the start of the cut until its version is ready
 };
 
@@ -48,10 +48,10 @@ struct RemesherOptions {
 /// sheet: the haptic thread reads one, and the cut is made in the other. One atomic store then
 /// publishes the new version: it swaps the replicas. Once the haptic thread no longer uses the
 /// older replica, the same change is applied to the older replica, too. The replicas, the first
-/// version and the caller's sheet share the memory of what they have in common (paged_array.h). No
-/// mesh is copied as a whole, and the time depends on the hole alone. Before a cut, on the thread
-/// that calls serve(), memory is allocated for the pages that the cut will write to. If free slots
-/// for vertices or triangles run short, after some hundred holes or at a large hole, slots are
+/// version and the caller's sheet share the memory of their common parts (paged_array.h). No mesh
+/// is copied as a whole, and the time depends on the hole alone. Before a cut, on the thread that
+/// calls serve(), memory is allocated for the pages that the cut will write to. Free slots for
+/// vertices or triangles can run short after some hundred holes or at a large hole. Slots are then
 /// added to each replica while the haptic thread does not use this replica.
 ///
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
@@ -59,7 +59,7 @@ struct RemesherOptions {
 class Remesher {
  public:
   static constexpr std::size_t kMaxRecords = 4096;          ///< only the first records are kept
-  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< number of hole points kept
+  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< points kept, over all holes
 
   /// `sheets`: the result of place_slices(), at most kMaxSceneSlices.
   explicit Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
@@ -101,7 +101,7 @@ class Remesher {
 
   const std::vector<CutRecord>& records() const noexcept { return records_; }
   /// Returns the rings of a record's hole, as in CutResult::hole. The result is empty if
-  /// kMaxHolePoints was reached.
+  /// the cut failed, or if the rings did not fit into kMaxHolePoints.
   std::vector<Ring> hole(const CutRecord& record) const;
   /// Returns the sheet as it was before any cut, without free slots.
   const Sheet& first_version(std::size_t sheet) const { return pairs_[sheet]->first; }
@@ -126,14 +126,14 @@ class Remesher {
 
   /// Slots are added if fewer than these are free. A cut and its quality pass use free slots.
   static constexpr std::size_t kMinFreeVertices = 1024, kMinFreeTriangles = 2048;
-  static constexpr int kMaxAttempts = 3;  ///< attempts at a cut that exceeds the capacity
-  /// Pages of each array that a cut can write to without allocation. A sheet of a usual asset has
-  /// fewer.
+  static constexpr int kMaxAttempts = 3;  ///< attempts at a cut that exceeds the mesh's capacity
+  /// Number of pages of each array that a cut can write to without allocation. A sheet of a usual
+  /// asset has fewer pages.
   static constexpr std::size_t kReservedPages = 40;
-  /// Changes of a cut that are kept without allocation.
+  /// Number of changed triangles, and of changed vertices, that are kept without allocation.
   static constexpr std::size_t kReservedChanges = 4096;
-  /// The scratch memory of a cut is first for sheets with this many slots. A hole in a dense sheet
-  /// that needs more gets more.
+  /// At first the scratch memory of a cut is made for sheets with this many slots. If a hole in a
+  /// dense sheet needs more, larger scratch memory is allocated.
   static constexpr std::size_t kFirstWorkSlots = 32'768;
 
   void catch_up(ReplicaPair& pair);
@@ -146,10 +146,11 @@ class Remesher {
   void improve(Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
 
-  SpscQueue<CutRequest, 256> requests_;  ///< a break-through in a bone volume makes many requests
+  /// The queue is long because a break-through in a bone volume makes many requests.
+  SpscQueue<CutRequest, 256> requests_;
   RemesherOptions options_;
-  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< numbers of the largest sheet
-  std::size_t work_slots_ = kFirstWorkSlots;           ///< `work_` is for sheets with so many slots
+  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< largest numbers over all sheets
+  std::size_t work_slots_ = kFirstWorkSlots;           ///< `work_` is made for this many slots
   std::unique_ptr<CutWorkspace> work_;
   SheetEdit edit_;  ///< lists the slots of the current cut
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
