@@ -32,8 +32,8 @@ struct BreakInput {
   /// Time since the previous new pose, on the device's clock; 0 if the pose is not new. The
   /// damper's force then stays as it is.
   double pose_interval_s = 0;
-  PreviousPose previous =
-      {};                   ///< start of the interval for the tip's velocity, if its age is not 0
+  /// If its age is not 0, start of the interval for the tip's velocity.
+  PreviousPose previous = {};
   double lost_force_N = 0;  ///< ContactOutput::lost_force_N
 };
 
@@ -43,9 +43,7 @@ struct BreakDamperState {
   Pose T_device_plate;         ///< the last new pose
   double start_N_s_per_m = 0;  ///< coefficient right after the break
   double left_s = 0;           ///< time until the coefficient is 0
-  double damping_N_s_per_m =
-      0;               ///< not used; always 0, because damp_break() stores only the damper's force
-  double force_N = 0;  ///< force of this tick, along the shaft outwards
+  double force_N = 0;          ///< force of this tick, along the shaft outwards
 };
 
 /// Returns the damper's wrench on the plate, in {B}.
