@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A separate thread for calls into a foreign library, which may never return. The caller waits for
 // each call up to a time limit, and then continues without the result. One thread makes all calls,
-// one after the other, because libraries keep data for each thread, such as the last error.
+// one after the other, because a library may store data per thread, such as the last error.
 // Tests: tests/runtime/connection/call_thread_test.cpp
 #pragma once
 
@@ -53,7 +53,7 @@ class CallThread {
   static void serve(const std::shared_ptr<Shared>& shared);
 
   std::shared_ptr<Shared>
-      shared_;  ///< owned together with the thread, which may outlive this object
+      shared_;  ///< also owned by the thread, because the thread may outlive this object
   std::thread thread_;
 };
 

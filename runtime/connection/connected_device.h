@@ -11,10 +11,10 @@
 //  3. After an error of the connection, read() returns kLinkLost, and `say` receives the error in
 //     one line. restore() makes the connection's thread connect again. Wrenches that were written
 //     before the new connection exists are not sent.
-//  4. The round trip of a wrench is the time from its write() to the first read() of a pose that
-//     was returned by an exchange with this wrench.
+//  4. The round trip of a wrench begins with the write() of this wrench. It ends with the first
+//     read() that returns the pose of an exchange that sent this wrench.
 //  5. close() commands zero force at the end. If a call of the connection is in progress, close()
-//     waits until the call returns, which the connection's own time limits ensure.
+//     first waits until the call returns. The connection's own time limits bound this wait.
 #pragma once
 
 #include <atomic>
@@ -54,8 +54,8 @@ class ConnectedDevice final : public PoseDevice {
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
   void restore() noexcept override;
   void close() override;
-  /// Returns the number of connections that were established, and the round trips. Call this
-  /// only after close().
+  /// Returns the number of connections that were established, and the histogram of the round trips
+  /// (contract 4). Call this only after close().
   std::optional<LinkReport> link_report() const override;
 
  private:
@@ -66,7 +66,8 @@ class ConnectedDevice final : public PoseDevice {
   };
   struct Answer {
     PoseReading reading;
-    /// Command::at_ns of the wrench that was sent; 0: it was too old, zero was sent.
+    /// Command::at_ns of the wrench that was sent. 0: the last wrench was too old, so the exchange
+    /// sent zero force.
     std::int64_t command_ns = 0;
   };
   void run();

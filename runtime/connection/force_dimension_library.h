@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of Force Dimension's SDK, found at run time in the library that the user has
-// installed. Nothing of the SDK is linked or copied: the names and types below are those of the
-// SDK's public list of functions (SDK 3.16).
+// installed. Nothing of the SDK is linked or copied: the functions and types below follow the SDK's
+// public list of functions (SDK 3.16). For example, get_status is the SDK's dhdGetStatus.
 // Tests: tests/runtime/connection/force_dimension_test.cpp
 #pragma once
 
@@ -14,9 +14,9 @@ namespace trocar::runtime {
 
 /// The SDK's functions. `id` is the number of a device that open() or open_id() has returned. A
 /// negative result is an error. error_get_last_str(), called in the same thread, then returns
-/// the error's text. Results above 0 are not errors. The result 1 means that the SDK has
-/// returned its last measurement, because it is recent enough. The result 2 means that a motor
-/// cannot give the whole force.
+/// the error's text. Results above 0 are not errors. The result 1 means that the SDK returned its
+/// last measurement again, because that measurement is recent enough. The result 2 means that a
+/// motor cannot give the whole force.
 struct ForceDimensionLibrary {
   const char* (*error_get_last_str)();
   int (*get_device_count)();

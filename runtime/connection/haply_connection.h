@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A connection to a Haply Inverse3 through the Haply Inverse service, versions 3.1 and 3.5.
-// Messages go through a WebSocket: each message to the service commands a force, and the service
-// answers it with one state (haply_messages.h). The haptic thread must not call these functions,
-// because they block. The class has no thread of its own. Its asynchronous operations run only
-// within open(), exchange() and close(), and with time limits, so that each of these functions
-// returns in time.
+// Messages go through a WebSocket. An exchange sends a message with a force, and the service
+// answers with the state of the devices (haply_messages.h). The haptic thread must not call these
+// functions, because they block. The class has no thread of its own. Its asynchronous operations
+// run only within open(), exchange() and close(), and with time limits, so that each of these
+// functions returns in time.
 #pragma once
 
 #include <array>

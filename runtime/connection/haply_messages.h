@@ -43,8 +43,8 @@ struct HaplyDevice {
 /// A device that measures a position and renders a force.
 struct HaplyArm {
   HaplyDevice device;
-  /// Spelling in the service's version, which is recognised from the arm's state; kBoth: the
-  /// version is not recognised.
+  /// Spelling that the service's version uses. The version is recognised from the arm's state. If
+  /// the version is not recognised, the spelling is kBoth.
   HaplySpelling spelling = HaplySpelling::kBoth;
   std::string handedness;  ///< "left" or "right"; empty: not stated
   /// False: the service rotates, moves, scales or mirrors the arm's coordinates.
@@ -80,8 +80,9 @@ struct HaplyDevices {
 
 /// The measured values in one state of an arm and a grip.
 struct HaplyState {
-  std::array<double, 3> p_m{};          ///< each coordinate within 10 m
-  std::array<double, 4> q{1, 0, 0, 0};  ///< w x y z, of norm 1 within 1e-3; identity without a grip
+  std::array<double, 3> p_m{};  ///< position; each coordinate is from -10 m to 10 m
+  /// Orientation w x y z; the norm is 1 within 1e-3. Without a grip it is the identity.
+  std::array<double, 4> q{1, 0, 0, 0};
   /// Bit 0: button a, button_0 or the only button. Bit 1: b or button_1. Bit 2: c or button_2.
   /// Bit 3: button_3.
   std::uint32_t buttons = 0;

@@ -35,8 +35,8 @@ class PoseConnection {
   virtual Result<void> open() = 0;
   /// Commands the wrench and returns the newest reading of the device. The times of readings
   /// ascend. The implementation does not trust data from the device: it checks sizes, types and
-  /// numbers. A single unusable message is not an error if the connection can continue. The
-  /// implementation then waits for the next message, but exchange() still ends within
+  /// numbers. If the connection can continue after an unusable message, this message is not an
+  /// error: the implementation waits for the next message, but exchange() still ends within
   /// kExchangeTimeout_s. Errors: kDeviceFault. The message is one clear line. After an error the
   /// caller must call close().
   virtual Result<PoseReading> exchange(const HandleWrench& wrench) = 0;

@@ -107,7 +107,7 @@ class HandHolder {
   Client holder_ = nullptr;
   std::uint64_t number_ = 0;  ///< number of the holder's last message
   Clock::time_point heard_at_, credited_at_;
-  double credit_ = 0;  ///< messages that could be used at `credited_at_`
+  double credit_ = 0;  ///< number of messages that could be used at the time `credited_at_`
 };
 
 }  // namespace trocar::runtime

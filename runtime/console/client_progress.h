@@ -36,8 +36,8 @@ class ClientProgress {
   /// read a new snapshot.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
                                     bool has_new_snapshot, Clock::time_point now);
-  /// Call this when the client reports that it has drawn the binary messages up to `number`. Until
-  /// then, the client gets only a few further binary messages.
+  /// Call this when the client reports that it has drawn the binary messages up to `number`. While
+  /// four binary messages are not reported as drawn, the client gets no further binary message.
   void acknowledge(std::uint64_t number);
   /// Returns true if a binary message has been waiting for its acknowledgement for more than 6 s.
   bool is_stalled(Clock::time_point now) const;

@@ -38,7 +38,7 @@ class RefusalLog {
 /// The answer to the last request for a bone, or to the last request for a volume of HU. The answer
 /// is kept because all pages of a session ask for the same bone.
 struct BoneCache {
-  std::string key;  ///< names and times of the files from which the answer was made
+  std::string key;  ///< names and modification times of the answer's source files
   std::shared_ptr<const std::string> answer;
 };
 
@@ -68,7 +68,7 @@ struct ConsoleState {
   std::vector<std::weak_ptr<TelemetryClient>> clients;
   std::function<void()> poll_soon;  ///< makes the server poll the session immediately
   bool has_new_snapshot = false;    ///< the last poll has read a new snapshot
-  /// The worker thread reads files of any size, so that they never delay live data.
+  /// The worker thread reads files of any size, so that reading them never delays live data.
   boost::asio::thread_pool worker{1};
   BoneCache bone, volume;
 };

@@ -18,8 +18,8 @@ namespace trocar::runtime {
 
 /// Lists and finds files. The folder is searched two levels deep, without following links. The
 /// names of files in the folder of sessions begin with "sessions/", wherever the folder of sessions
-/// is. If this folder is not the subfolder sessions/, both are searched. Only one thread at a time
-/// may call list(); any thread may call find().
+/// is. If the folder of sessions is not the subfolder sessions/, both folders are searched. Only
+/// one thread at a time may call list(); any thread may call find().
 class Files {
  public:
   /// Uses the files of a folder. `sessions`: the folder of sessions, which need not exist yet. If
@@ -42,7 +42,7 @@ class Files {
   const std::filesystem::path& sessions() const noexcept { return sessions_; }
   /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md). If
   /// there are too many files to list all of them, the object also has the key `truncated`. A file
-  /// is read again only if its size or its time has changed since the previous call.
+  /// is read again only if its size or its modification time has changed since the previous call.
   std::string list();
 
  private:

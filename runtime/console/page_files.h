@@ -52,8 +52,8 @@ std::filesystem::path page_folder();
 const std::string& report_policy();
 const std::string& history_policy();
 
-/// Returns the hashes of the scripts in an HTML page whose opening tag is `tag`. The hashes have
-/// the form of a Content-Security-Policy: 'sha256-HASH', each with a blank before it.
+/// Returns the hashes of those scripts in an HTML page that begin with the tag `tag`. Each hash has
+/// the form 'sha256-HASH' of a Content-Security-Policy, and a blank before it.
 std::string script_hashes(std::string_view html, std::string_view tag);
 
 }  // namespace trocar::runtime

@@ -86,7 +86,8 @@ class Supervisor {
   /// Passes a command on to the session. The command `stop` also ends the test of a device and the
   /// making of a scene. If the device process of the session has ended, the command `recover` first
   /// starts this process again. Errors: kRefused if no session runs and `stop` has ended nothing,
-  /// or if the device process cannot be started; kUnwritable if its note cannot be written.
+  /// or if the device process cannot be started; kUnwritable if the note about this process cannot
+  /// be written.
   Result<void> command(TelemetryCommand command);
   /// True if the session runs and has a live hand, so that move_hand() may be called.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }

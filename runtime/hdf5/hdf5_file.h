@@ -20,7 +20,7 @@ enum class Hdf5Type : std::uint8_t { kFloat64, kInt32, kInt64, kUint8, kUint32 }
 struct Hdf5Table {
   std::string name;
   Hdf5Type type = Hdf5Type::kFloat64;
-  /// Number of values in a row. With 1 the dataset has one dimension (rows), otherwise two.
+  /// Number of values in a row. If it is 1, the dataset has one dimension (rows), otherwise two.
   std::size_t width = 1;
   /// Empty if the dataset has plain numbers. Otherwise the dataset is an enumeration, element i is
   /// the name of value i, and `type` must be kUint8.
@@ -28,8 +28,8 @@ struct Hdf5Table {
   std::vector<std::byte> data;  ///< row by row, in the machine's byte order
 };
 
-/// A file with datasets in its root group. Only bytes() reports errors: also those of earlier calls
-/// of the other functions.
+/// A file with datasets in its root group. Only bytes() reports errors, including the errors of
+/// earlier calls of the other functions.
 class Hdf5File {
  public:
   Hdf5File();
@@ -37,7 +37,7 @@ class Hdf5File {
   Hdf5File& operator=(const Hdf5File&) = delete;
   ~Hdf5File();
 
-  /// Adds a dataset, stored in compressed chunks. The table must have a row.
+  /// Adds a dataset, stored in compressed chunks. The table must have at least one row.
   void add(const Hdf5Table& table);
   /// Adds an attribute to a dataset or to the root group. Its value is a text or a list of texts.
   /// `object`: the name of the dataset, or "/" for the root group.

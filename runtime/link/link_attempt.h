@@ -20,7 +20,8 @@ struct LinkAttempt {
   // other_program, other_version: the answer is not of the protocol, or of another version of it.
   bool welcomed = false, wrong_key = false, busy = false, other_kind = false;
   bool other_program = false, other_version = false;
-  /// Why the last packet after the welcome was refused. kNone: no packet came, or it was accepted.
+  /// Why the last packet after the welcome was refused. kNone: that packet was accepted, or there
+  /// was no such packet.
   LinkRefusal state_refusal = LinkRefusal::kNone;
 
   /// Sets the flags for a datagram other than a welcome. (The caller itself evaluates a welcome and

@@ -37,8 +37,8 @@ struct UdpLinkOptions {
   bool resets_world = true;            ///< start() asks a simulated drive to reset its world
   double connect_timeout_s = 5;
   double no_state_s = 0.01;  ///< real clock: without a state for this time, the link is lost
-  /// Lock-step: longest wait for the drive's answer to a command. After a missed answer the longest
-  /// wait is no_state_s, until an answer arrives in time.
+  /// Lock-step: longest wait for the drive's answer to a command. After a missed answer, each wait
+  /// lasts at most no_state_s until an answer arrives in time again.
   double answer_s = 2;
 };
 
@@ -111,10 +111,10 @@ class UdpLink : public Kind::Interface {
   }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
-  /// Lock-step: waits until the answer to the last write() arrives, for at most answer_s. Returns
-  /// false if no answer arrives. The next read() returns the answer, or kLinkLost if there is none.
-  /// If restore() has requested a new session, the function instead establishes the session, which
-  /// takes at most connect_timeout_s, and returns false if that fails.
+  /// Lock-step: waits for the answer to the last write(). UdpLinkOptions::answer_s defines the
+  /// longest wait. Returns false if no answer arrives. The next read() returns the answer, or
+  /// kLinkLost if there is none. If restore() has requested a new session, the function instead
+  /// establishes this session within connect_timeout_s. If that fails, the function returns false.
   bool wait_for_answer() noexcept;
 
   /// Requests a new session with the drive at the same address. A simulated world continues in its
@@ -122,8 +122,8 @@ class UdpLink : public Kind::Interface {
   /// after each failure. In lock-step there is one attempt of at most connect_timeout_s. If this
   /// attempt fails, further requests have no effect. Until the new session begins, torques are
   /// zero, and read() and write() return kLinkLost. The request has an effect only if the last
-  /// read() returned kLinkLost or kMotorFault. (The drive reports a motor fault until the session
-  /// has ended.)
+  /// read() returned kLinkLost or kMotorFault. (A motor fault also needs a new session, because the
+  /// drive reports the fault until the present session ends.)
   void restore() noexcept override;
 
   // Call the following functions only while no restore() is in progress, or after close().
@@ -142,8 +142,8 @@ class UdpLink : public Kind::Interface {
 
  private:
   Result<void> shake_hands(bool resets_world);
-  /// Calls shake_hands() as a part of restore(). Returns true on success. After a failure that
-  /// close() did not cause, restore_error_ has the error.
+  /// Calls shake_hands() as a part of restore(). Returns true on success. After a failure,
+  /// restore_error_ contains the error, unless close() caused the failure.
   bool shake_hands_again();
   void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;

@@ -3,12 +3,11 @@
 // haptic loop uses. This class checks the readings and limits the commands.
 //
 // Contract, in addition to that of hand_device.h:
-//  1. A reading raises a fault if it contains a number that is not finite or a quaternion whose
-//     length is not 1, or if it differs from the last reading by more than a hand can move. The
-//     pose of such a reading is not used. The quaternions of a device that does not sense rotation
-//     are not checked.
-//  2. Every command is finite. The force and the moment of a command are at most the largest ones
-//     of the description. If necessary, force and moment of the wanted wrench are scaled down by
+//  1. A reading raises a fault in three cases: a number is not finite, the length of the quaternion
+//     is not 1, or the motion since the last reading is faster than a hand can move. The pose of
+//     such a reading is not used. The quaternion is checked only if the device senses rotation.
+//  2. Every command is finite. Its force and its moment do not exceed the maxima that the
+//     description states. If necessary, force and moment of the wanted wrench are scaled down by
 //     the same factor. If the device renders no moment, commands and delivered() contain no moment.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once

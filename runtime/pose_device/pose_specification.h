@@ -34,8 +34,8 @@ class PoseSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.stiffness_max_N_per_m;
   }
-  /// Returns 1, because PoseHand::measured() is in multiples of the device's resolution. Returns 0
-  /// if the description says that the readings are exact.
+  /// Returns 0 if the description says that the readings are exact. Otherwise returns 1, because
+  /// PoseHand::measured() is then in multiples of the device's resolution.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_fraction(const Pose& T_device_plate,

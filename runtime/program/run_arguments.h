@@ -20,8 +20,8 @@ namespace trocar::runtime {
 
 inline constexpr const char* kProgram = "trocar-run";
 inline constexpr double kDefaultRate_Hz = 1000;
-/// Without --late-ticks-in-row, this number of missed deadlines in a row is a fault if the device
-/// has motors.
+/// Default of --late-ticks-in-row for a device with motors: this number of missed deadlines in a
+/// row is a fault.
 inline constexpr int kDefaultLateTicks = 3;
 
 /// The values of the options. declare_run_options() has the help text of each option. An empty
@@ -53,8 +53,8 @@ struct RunArguments {
 /// Adds the options. Parsing the command line then fills `arguments`.
 void declare_run_options(CLI::App& app, RunArguments& arguments);
 
-/// Checks the options. Errors: kUsage if a value is out of range, or if two options exclude each
-/// other or one lacks another that it needs.
+/// Checks the options. Errors: kUsage if a value is out of range, if two options exclude each
+/// other, or if an option needs another one that was not given.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
 /// Returns the points of --entry and --target. If --entry was not given, returns none. Errors:

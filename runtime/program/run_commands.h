@@ -25,7 +25,7 @@ int explain_procedures(const RunArguments& arguments);
 int write_history(const RunArguments& arguments);
 
 /// Tries the device without force (--test), and prints whether a session would run undisturbed. If
-/// a session would not, the exit code is 5 (kDeviceFault).
+/// not, the exit code is 5 (kDeviceFault).
 int test_device(const RunArguments& arguments);
 
 /// Proposes a scene for an asset and writes it to a file (--new-scene).

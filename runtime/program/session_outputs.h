@@ -29,8 +29,8 @@ class SessionOutputs {
   /// The references must outlive this object.
   SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs, double rate_Hz);
 
-  /// Sets SessionOptions::on_frame and on_tick as far as the arguments ask for frames and for a
-  /// report, so that this object collects frames and figures during the session.
+  /// Makes this object collect frames and figures during the session. If the arguments ask for
+  /// frames, sets SessionOptions::on_frame. If they ask for a report, sets SessionOptions::on_tick.
   void collect(SessionOptions& options);
   /// Writes every output, even if another output could not be written. Returns the errors,
   /// including an error of the recording. `hand`: the hand that a person moved; null: the scene has

@@ -4,8 +4,8 @@
 // inside a NoAllocationScope. Calls of new and delete count too, because they use these functions.
 //
 // Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
-// allocations. In the shipped programs and in sanitizer builds nothing is counted. In these
-// programs a scope costs two thread-local stores: one at its beginning and one at its end.
+// allocations. In the shipped programs and in sanitizer builds nothing is counted. There a
+// scope costs only two thread-local stores: one at its beginning and one at its end.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 

@@ -23,8 +23,8 @@ class Histogram {
   std::uint64_t samples() const noexcept { return samples_; }
   double max_us() const noexcept { return static_cast<double>(max_ns_) * 1e-3; }
 
-  /// Returns the duration that this fraction of the samples does not exceed, rounded up to the
-  /// upper end of its bucket, but at most max_us(). Returns 0 if there are no samples.
+  /// Returns a quantile: at least this fraction of the samples is not longer than the result. The
+  /// result is the upper end of a bucket, but at most max_us(). Returns 0 if there are no samples.
   double quantile_us(double fraction) const noexcept {
     if (samples_ == 0) return 0;
     const double wanted = fraction * static_cast<double>(samples_);
@@ -38,9 +38,9 @@ class Histogram {
     return max_us();
   }
 
-  /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in
-  /// ascending order. `count` is the number of samples in this quarter, and `upper_us` is the
-  /// longest duration in us that belongs to this quarter.
+  /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in ascending
+  /// order. (Below 64 ns, ranges of 16 ns take the place of quarters.) `count` is the number of
+  /// samples in this quarter, and `upper_us` is the longest duration in us that belongs to it.
   template <typename Found>
   void each_quarter_octave(Found&& found) const {
     constexpr std::size_t kPerQuarter = (std::size_t{1} << kBits) / 4;

@@ -32,7 +32,7 @@ struct RealtimeReport {
   /// Time in ns by which the kernel may delay a wake-up; -1: unknown. The thread requests 1 ns
   /// (Linux's default is 50000 ns). Threads with realtime priority have 0.
   int timer_slack_ns = -1;
-  std::string note;  ///< requests that were not granted, with the reasons; empty if all were
+  std::string note;  ///< requests that were not granted, with the reasons; empty: all were granted
   /// Number of calls that did not start when they were due, because the previous call still ran or
   /// the thread had not woken up. Example: if a call takes between three and four periods, three
   /// deadlines are missed. The three calls are skipped and not made up for.

@@ -22,8 +22,8 @@ inline constexpr int kMaxHistoryDepth = 8;  ///< number of levels of subfolders 
 struct History {
   std::string json;          ///< document of history.schema.json, on one line
   std::size_t sessions = 0;  ///< number of sessions in the document
-  /// "NAME: REASON" for each file that was left out, because it does not have the figures of a
-  /// session or is damaged.
+  /// "NAME: REASON" for each file that was left out. Such a file is damaged or does not have the
+  /// figures of a session.
   std::vector<std::string> skipped;
 };
 

@@ -48,8 +48,8 @@ class PlungeMeter {
   /// Heights in the row before the break-through, and in the row with the lowest tip since then.
   Heights from_, lowest_;
   std::vector<double> recent_m_;  ///< ring buffer: heights of the tip in the last stop_ticks_ rows
-  // ticks_: rows since the break-through. stop_ticks_: rows in kPlungeStop_s. max_ticks_: rows in
-  // kPlunge_s.
+  // Numbers of rows. ticks_: rows since the break-through. stop_ticks_: rows in kPlungeStop_s.
+  // max_ticks_: rows in kPlunge_s.
   std::uint64_t ticks_ = 0, stop_ticks_ = 1, max_ticks_ = 1;
 };
 

@@ -6,8 +6,8 @@
 // Definitions (formats/session/session_report.schema.json repeats them for its fields):
 //  1. A row is counted if its safety state is `ready` or `running`. In other states the pose may be
 //     that of an earlier tick. The figures are computed from the counted rows only. Exceptions are
-//     the largest force, the faults, the samples, and the total and the stopped time. A duration is
-//     a number of rows divided by the rate. The force is the magnitude of the delivered force.
+//     the largest force, the faults, the samples, the total time and the stopped time. A duration
+//     is a number of rows divided by the rate. The force is the magnitude of the delivered force.
 //  2. The insertion begins with the first row in contact. It ends with the row with the lowest tip
 //     among the later rows. Straightness is the distance between the tip's positions in these two
 //     rows, divided by the length of the tip's path between these rows.
@@ -59,7 +59,8 @@
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
 // 10. The final position is the tip's lowest position in a counted row, the first one if there are
 //     several. wall_violation.h defines how far the tool is outside bone at this position.
-// 11. An HU value with a force is front_HU of the force's row (force law `cutting` only).
+// 11. With the force law `cutting`, the force of a puncture or sample has an HU value: front_HU of
+//     the row in which this force occurred.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -181,9 +182,9 @@ struct SessionFigures {
   std::uint64_t break_throughs_count = 0;
   double plunge_max_m = 0;
   Tremor tremor_free, tremor_contact;
-  // The planned line (definition 6). line_ticks: number of rows measured. Distances of the tip to
-  // the line: line_max_m, the largest; line_squares_m2, the sum of the squares; line_entry_m, the
-  // first one.
+  // The planned line (definition 6). line_ticks: number of rows in which the tip's distance to the
+  // line is measured. line_max_m: largest distance. line_squares_m2: sum of the squared distances.
+  // line_entry_m: first distance.
   std::uint64_t line_ticks = 0;
   double line_max_m = 0, line_squares_m2 = 0, line_entry_m = 0;
   // target_m: smallest distance of the tip to the target. target_reached_s: time at which the tip

@@ -34,8 +34,8 @@ inline constexpr double kEntry_m = 5e-3;  ///< largest height of the entry (defi
 
 struct WallViolation {
   double outside_m = 0;  ///< the violation
-  /// Slice index of the outline with the largest distance, or of the topmost such outline. -1: the
-  /// violation is 0.
+  /// Slice index of the outline with the largest distance. If several outlines have this distance,
+  /// the topmost one counts. -1: the violation is 0.
   int slice = -1;
   int first_slice = 0;    ///< slice index of the topmost slice that is judged
   int slices_judged = 0;  ///< number of slices that are judged

@@ -18,9 +18,9 @@ class HandReceiver {
   virtual ~HandReceiver() = default;
   /// Takes the latest message. If no new message has arrived since the last call, `latest` is the
   /// same message again. The session calls this once in each tick and, while it is paused, once in
-  /// each period. `now_ns`: CLOCK_MONOTONIC. Returns kHand if the person has taken the tool,
-  /// kHandLetGo if the person has let go, kHandLost if messages have stayed away for too long, and
-  /// none if nothing of this has changed.
+  /// each period. `now_ns`: CLOCK_MONOTONIC. Returns kHand if the person has now taken the
+  /// tool, kHandLetGo if the person has now let go, kHandLost if no message has arrived for too
+  /// long, and otherwise none.
   virtual std::optional<TelemetryEventKind> receive(const TelemetryHand& latest,
                                                     std::int64_t now_ns) noexcept = 0;
   /// The session calls this after a pause. After this call the target, to which the springs of the

@@ -3,9 +3,10 @@
 //
 // Pause, zero (no forces) and emergency stop are latched: each stays set until it is released.
 // While one of them is set, its fault is raised in every tick, and no recovery begins. `resume`
-// releases the pause. `recover` releases all three and requests a recovery. With
-// RecoveryPolicy::kOnRequest, the signal SIGUSR1 does the same as `recover`; the program's signal
-// handler sets the flag SessionOptions::recover.
+// releases the pause. If the pause is the latched fault, `resume` also requests a recovery.
+// `recover` releases all three and requests a recovery. With RecoveryPolicy::kOnRequest, the signal
+// SIGUSR1 does the same as `recover`; the program's signal handler sets the flag
+// SessionOptions::recover.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 

@@ -21,8 +21,8 @@ Result<std::string> digest_of(const std::filesystem::path& file);
 
 /// Makes the origin of a session's recording. `scene_file`: the file from which `scene` was read.
 /// `scene` and `description` include the changes made by the command line. Options that affect
-/// torques get an entry, some of them only if they differ from their default. Errors: those of
-/// digest_of() for the files of scene, asset and device description.
+/// torques get an entry in the origin. Some of them get it only if they differ from the default.
+/// Errors: those of digest_of() for the files of scene, asset and device description.
 Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, const Scene& scene,
                                     const DeviceDescription& description,
                                     const SessionOptions& options);

@@ -6,8 +6,8 @@
 //    of ticks after their request, so that the same input gives the same recording.
 //  - replay: ticks follow each other without a pause. A new mesh is used from the same tick on as
 //    in the recording (column `cuts_published`). The stiffness of each tick is read from the
-//    recording (columns `response_*`). Requests for recovery, requests for X-ray pictures, and
-//    faults from outside the loop, such as the operator's emergency stop, are also read from it.
+//    recording (columns `response_*`). The recording also supplies requests for recovery, requests
+//    for X-ray pictures, and faults from outside the loop, such as the operator's emergency stop.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // One tick of a session. The computation itself is haptic_tick() (runtime/control/haptic_loop.h).
-// The session loop supplies its inputs: the operator's commands, the current meshes and the
-// prefetched stiffness. The loop passes requests for holes to the remesher, and passes the result
-// of the tick to the observers.
+// The session loop supplies the inputs of this function: the operator's commands, the current
+// meshes and the prefetched stiffness. The loop passes requests for holes to the remesher, and
+// passes the result of the tick to the observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -48,7 +48,7 @@ class SessionLoop {
 
   // The remesher's thread calls this function; in virtual time, the thread that calls tick() does.
 
-  /// Copies new meshes to the shared memory that other processes read, if there is one.
+  /// If the session has shared memory that other processes read, copies new meshes to it.
   void publish_sheets();
 
   // The thread that runs the session calls these functions.

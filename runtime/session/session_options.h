@@ -45,8 +45,8 @@ struct SessionOptions {
   double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   RecordingOrigin origin;                       ///< written into the recording and the black boxes
-  /// Called when the recording cannot be continued, but not on the realtime haptic thread. The
-  /// session goes on without a recording.
+  /// Called if the recording cannot be continued, but never on the realtime haptic thread. The
+  /// session then goes on without a recording.
   std::function<void(const Error&)> on_recording_error;
   /// Called with each message to the operator, not on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;

@@ -49,7 +49,7 @@ struct SessionResult {
   std::uint64_t faults_count = 0;        ///< number of all faults
   std::optional<Error> recording_error;  ///< why the recording is incomplete; none: no error
   std::vector<BlackBoxFile> black_boxes;
-  std::uint64_t black_boxes_lost = 0;  ///< BlackBox::lost()
+  std::uint64_t black_boxes_lost = 0;  ///< number of lost requests for a black box
   double energy_released_max_J = 0;    ///< largest net energy that the hand received in a contact
   double damping_max_N_s_per_m = 0;    ///< largest damping of the passivity controller
   std::uint64_t damped_ticks = 0;      ///< ticks in which the passivity controller added damping
@@ -73,7 +73,7 @@ struct SessionResult {
   std::uint64_t scaled_ticks = 0;
   std::vector<PunctureEvent> punctures;    ///< the first kMaxListedPunctures punctures
   std::uint64_t punctures_not_listed = 0;  ///< number of punctures that are not in `punctures`
-  /// Number of ticks that SessionOptions::on_tick did not get, because it was too slow.
+  /// Number of ticks that SessionOptions::on_tick did not get, because on_tick was too slow.
   std::uint64_t ticks_not_observed = 0;
   std::shared_ptr<const ForceLaw> law;  ///< the force law after the last tick
   /// In a replay: index of the first row that differs from the recording; -1: no row differs. These

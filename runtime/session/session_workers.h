@@ -26,7 +26,7 @@ namespace trocar::runtime {
 
 /// The comment of an observer names the option that asks for it. Without this option the observer
 /// is null. The force law is the first member, so that it is destroyed after the observers, which
-/// use its prefetch worker.
+/// use the prefetch worker of the force law.
 struct SessionWorkers {
   std::shared_ptr<ForceLaw> law;                ///< never null
   std::unique_ptr<Recorder> recorder;           ///< SessionOptions::record

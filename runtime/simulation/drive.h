@@ -63,7 +63,8 @@ struct DriveStep {
   TrueTip tip;                        ///< tip at the end of the step
 };
 
-/// A maximum of the force on the hand, after which the force fell to less than half the maximum.
+/// A maximum of the force on the hand. It is at least 10 N, and the force then fell to less than
+/// half of the maximum.
 struct ForcePeak {
   double t_s = 0;
   double force_N = 0;
@@ -105,9 +106,9 @@ class Drive {
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
-  /// Real clock only. Call this if the process was delayed, before the commands that have arrived
-  /// during the delay are received. Simulates `periods` missed periods up to `until_ns` with the
-  /// present command, so that the watchdog and injected faults act at the right time.
+  /// Real clock only. If the process was delayed, call this before receive() gets the commands that
+  /// arrived during the delay. Simulates `periods` missed periods up to `until_ns` with the present
+  /// command, so that the watchdog and injected faults act at the right time.
   void catch_up(std::int64_t until_ns, int periods) noexcept;
   /// Real clock only. Advances time by `periods` periods of the drive, so that the last period ends
   /// now. `answer` is the state for the host, if there is a session.
@@ -159,7 +160,7 @@ class Drive {
   DriveOptions options_;
   SimulatedDevice fresh_, model_;
   std::optional<LinkSession> session_;
-  std::array<std::optional<LinkSession>, kOffers> offers_;  ///< sessions that a host may begin
+  std::array<std::optional<LinkSession>, kOffers> offers_;  ///< offered but not yet begun
   std::size_t next_offer_ = 0;
   std::optional<std::int64_t> denied_ns_;  ///< time of the last denial
   LinkNonce denied_nonce_{};               ///< nonce of the host that received the last denial
@@ -171,7 +172,8 @@ class Drive {
   DriveMode mode_ = DriveMode::kReady;
   std::uint8_t motor_faults_ = 0;
   bool stop_pressed_ = false;
-  bool falling_ = false;  ///< the hand's force has fallen from a peak, and has not risen since then
+  /// The hand's force has fallen from a peak, and has not yet risen by 10 N from its lowest value.
+  bool falling_ = false;
 };
 
 }  // namespace trocar::runtime

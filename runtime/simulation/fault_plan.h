@@ -9,7 +9,7 @@
 //   loss:P             packets are lost
 //   delay:P:MS         packets are delayed by MS ms
 //   duplicate:P        packets are delivered twice
-//   reorder:P          packets are delivered after the next packet, or after 20 ms
+//   reorder:P          packets are delivered after the next packet, at the latest after 20 ms
 //   flip:P             one bit of a packet is inverted
 //   stuck:ENCODER      an encoder, 0 to 15, keeps its angle
 //   jump:ENCODER:RAD   RAD is added to the angle of an encoder, 0 to 15, in rad
@@ -80,7 +80,7 @@ class FaultyLink {
 
   FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
-  /// Sends `datagram` over the link. For each datagram that arrives now, calls `deliver` with it.
+  /// Sends `datagram` over the link. Calls `deliver` with each datagram that arrives now.
   /// Because of faults, `datagram` may arrive once, several times, changed, later or never.
   /// `t_s`: the simulated time; `now_ns`: the time of a monotonic clock.
   template <typename Deliver>

@@ -24,19 +24,20 @@
 namespace trocar::runtime {
 
 /// Properties that the paper does not give. Every default is an assumption: aluminium links
-/// of about 10 mm diameter, direct-drive motors with a bevel pair, and drives with a current
-/// loop of 500 Hz. Dry friction is modelled by a spring in each motor joint. The spring slips when
-/// its torque reaches the Coulomb friction.
+/// of about 10 mm diameter, direct-drive motors with a bevel pair, and drives whose current loop
+/// has a bandwidth of 500 Hz. Dry friction is modelled by a spring in each motor joint. The spring
+/// slips when its torque reaches the Coulomb friction.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
-  /// Inertia of each rotor as it acts at its joint: that of the rotor times the gear ratio squared.
+  /// Inertia of each rotor as it acts at its joint: the rotor's own inertia times the square of the
+  /// gear ratio.
   double rotor_inertia_kg_m2 = 1.5e-4;
   double coulomb_friction_Nm = 0.004;  ///< Coulomb friction of each motor joint
   double presliding_rad = 5e-4;        ///< deflection at which the spring of dry friction slips
   double presliding_damping_s = 1e-3;  ///< damping of this spring divided by its stiffness
   /// Time constant with which a torque follows its command; 0: no lag.
   double current_lag_s = 3e-4;
-  double encoder_noise_rad = 0;  ///< standard deviation of an angle before quantisation
+  double encoder_noise_rad = 0;  ///< standard deviation of an angle's noise, before quantisation
   std::uint64_t seed = 1;        ///< seed of the noise
   /// Options without links, rotors, dry friction, lag and noise.
   static constexpr MechanicsOptions none() noexcept {

@@ -31,9 +31,9 @@ struct SimulatedDeviceOptions {
 /// If there is no hand, the plate starts upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, computed with midpoint velocities. In the light model, the change of the
-/// kinetic energy equals the sum of the work, except for rounding, if the plate only translates. If
-/// the plate rotates, the error is of first order in the length of a substep.
+/// Work since the start, computed with midpoint velocities. In the light model, the sum of the
+/// work should equal the change of the kinetic energy. If the plate only translates, the difference
+/// is rounding. If the plate rotates, the difference is of first order in the length of a substep.
 struct EnergyBalance {
   double hand_J = 0;    ///< work of the hand on the plate
   double motors_J = 0;  ///< work of the motors on the plate
@@ -41,7 +41,7 @@ struct EnergyBalance {
   /// dry friction return.
   double friction_J = 0;
   double gravity_J = 0;  ///< work of gravity
-  double stop_J = 0;     ///< minus the energy lost at the limit of the workspace
+  double stop_J = 0;     ///< energy lost at the limit of the workspace, as a negative number
 };
 
 /// The true state of the model, which a real device does not provide.
@@ -80,8 +80,8 @@ class SimulatedDevice final : public Device {
   /// on the link. The angles contain the encoder noise of MechanicsOptions, with new random numbers
   /// in each call, and are quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
-  /// Sets the torques, limited to the motors' peak torque, that are held in the following steps. If
-  /// a torque is not finite, all torques become zero.
+  /// Sets the torques that are held in the following steps, and limits them to the motors' peak
+  /// torque. If a torque is not finite, all torques become zero.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
 
   /// Calls step().

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated pose device, which is a device that measures its own pose, in this process. It is a
+// A pose device (a device that measures its own pose) that is simulated in this process. It is a
 // rigid handle with the mass and damping of the description. The commanded wrench and a simulated
 // hand move the handle. If the device does not sense rotation, the handle keeps its orientation.
 // The device is deterministic: the same calls give the same bits.

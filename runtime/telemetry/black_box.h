@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The black box keeps the rows of the last seconds, and writes them to a file of its own after a
-// fault. The haptic thread pushes rows into a preallocated ring buffer and requests a file when
+// The black box keeps the rows of the last seconds. After a fault, it writes these rows to a new
+// file. The haptic thread pushes rows into a preallocated ring buffer and requests a file when
 // there is a fault. A worker thread copies the rows and writes the file. The ring buffer holds
 // twice as many rows as a file, so the worker has kBlackBox_s to copy the rows before they are
 // overwritten. If the worker is too late, no file is written, and BlackBoxFile::error is set.
@@ -75,7 +75,7 @@ class BlackBox final : public TickObserver {
   struct Request {
     Fault fault = Fault::kNone;
     double t_s = 0;
-    std::uint64_t end = 0;  ///< number of rows that had been pushed at the request
+    std::uint64_t end = 0;  ///< number of rows pushed before the file was requested
   };
 
   BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file,

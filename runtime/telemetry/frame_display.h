@@ -22,7 +22,7 @@ namespace trocar::runtime {
 using FrameFunction =
     std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)>;
 
-/// Calls a function with each frame, but not on the realtime haptic thread. The frame rate is
+/// Calls a function with each frame, but never on the realtime haptic thread. The frame rate is
 /// measured on the wall clock in real time, and by the number of ticks in virtual time.
 class FrameDisplay final : public TickObserver {
  public:
@@ -55,7 +55,7 @@ double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
 ///   {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"}.
 /// Shapes are numbered from 0. In a frame, "state" is the phase of contact, "force_N" is the z
 /// component of the wanted force, and "shape" is the number of the latest shape, or null if there
-/// is none yet. A vertex of the latest shape is at the height z_m - depth_m w.
+/// is none yet. Vertex i of the latest shape is at the height z_m - depth_m w[i].
 class FrameWriter {
  public:
   explicit FrameWriter(std::filesystem::path file) : file_(std::move(file)) {}

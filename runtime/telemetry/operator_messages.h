@@ -47,9 +47,9 @@ class RecoveryWatch {
   /// Call this when a fault is latched. All reasons can then be reported again.
   void fault_latched() noexcept { *this = {}; }
   /// Call this once in each tick. Returns true if the caller is to report the reason now.
-  /// `waiting`: recovery was requested, and the state `running` has not begun. The reason is the
-  /// fault in `found`. If there is no fault and `retract_distance_m` is positive, the reason is a
-  /// tool in material.
+  /// `waiting`: recovery was requested, and the state `running` has not begun. If `found` has a
+  /// fault, this fault is the reason. Otherwise, if `retract_distance_m` is positive, the reason is
+  /// that the tool is in material.
   bool should_report(bool waiting, double t_s, const FaultDetail& found,
                      double retract_distance_m) noexcept;
 

@@ -31,7 +31,7 @@ class FirstSheet {
 
   SheetMesh mesh_;
   TriangleGrid grid_;
-  std::shared_ptr<const std::vector<float>> hu_;  ///< one value for each vertex slot; null: none
+  std::shared_ptr<const std::vector<float>> hu_;  ///< one HU for each vertex of mesh_; null: none
 };
 
 /// Converts a shape, which is the deformed sheet around the tool. `slices`: the slice index of each

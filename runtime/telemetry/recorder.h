@@ -16,7 +16,7 @@ namespace trocar::runtime {
 
 class Recorder final : public TickObserver {
  public:
-  static constexpr std::size_t kCapacity = 8192;  ///< rows in the queue: one second at 8 kHz
+  static constexpr std::size_t kCapacity = 8192;  ///< queue capacity in rows: one second at 8 kHz
 
   /// If rows cannot be written, `failed` is called immediately and only once, on the thread that
   /// writes the rows. All later rows are discarded.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A snapshot holds the numbers of the latest tick that other processes read, in the columns of
+// A snapshot holds numbers of the latest tick for other processes, in the columns of
 // formats/session/telemetry.md. A new value for the console needs a line in snapshot.cpp's table.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
@@ -35,7 +35,7 @@ struct TelemetryTick {
   double xray_screening_s = 0;
   /// Sheets that have been in contact, and sheets that have been punctured. Bit i: sheet i.
   std::uint64_t sheets_touched = 0, sheets_punctured = 0;
-  std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};  ///< holes in the mesh of each sheet
+  std::array<std::uint32_t, kMaxSceneSlices> sheet_cuts{};  ///< number of holes in each sheet
   bool is_paused = false, has_ended = false;
 };
 static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);

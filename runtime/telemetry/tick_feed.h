@@ -22,14 +22,15 @@ struct ObservedTick {
   std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
   std::uint64_t side_cut = 0;   ///< sheets in which a hole's wall yielded (force law `cutting`)
   std::uint64_t layers_punctured = 0;  ///< soft layers that were punctured
-  /// In the tick of a puncture: rendered force on the tip in the tick before. Not set in other ticks.
+  /// In the tick of a puncture: rendered force on the tip in the tick before. In other ticks the
+  /// value has no meaning.
   double tip_N = 0;
 };
 static_assert(kMaxSceneSlices <= 64 && kMaxLayers <= 64, "one bit for each");
 
 class TickFeed final : public TickObserver {
  public:
-  static constexpr std::size_t kCapacity = 8192;  ///< ticks in the queue: one second at 8 kHz
+  static constexpr std::size_t kCapacity = 8192;  ///< queue capacity in ticks: one second at 8 kHz
 
   /// serve() calls `observe` with every tick, in order.
   explicit TickFeed(std::function<void(const ObservedTick&)> observe);

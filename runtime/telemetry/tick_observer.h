@@ -25,14 +25,14 @@ constexpr bool is_by_operator(Fault fault) noexcept {
 
 struct PunctureEvent {
   std::int32_t sheet = -1;  ///< index of the sheet; the topmost is 0
-  std::int32_t slice = -1;  ///< AssetSlice::index
+  std::int32_t slice = -1;  ///< slice index in the asset
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double t_s = 0;
   double tool_z_m = 0;       ///< height of the tip in {B}
   double penetration_m = 0;  ///< ContactOutput::penetration_m in the tick of the puncture
   double force_N = 0;        ///< rendered force on the tip in the tick before the puncture
   double hand_N = 0;         ///< delivered force in the tick before the puncture
-  double trial_force_N = 0;  ///< tissue force that exceeded the threshold, without force_scale
+  double trial_force_N = 0;  ///< tissue force above the threshold, not multiplied by force_scale
 };
 
 /// A message to the operator while a session runs.

@@ -30,8 +30,8 @@ class BriefRun {
   bool was_stopped() const noexcept { return stopped_at_.has_value(); }
   /// Checks whether the program has ended. The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
-  /// Returns the exit code of the program, or nullopt if the program still runs
-  /// or a signal ended it.
+  /// Returns the exit code of the program. Returns nullopt if the program was not started, still
+  /// runs, or was ended by a signal.
   std::optional<int> exit_code() const;
   /// Returns how the program ended, such as "exit code 3" or "signal 9". Empty while it runs.
   std::string end() const { return has_ended_ ? process_->end() : std::string(); }

@@ -40,7 +40,7 @@ class HiddenTexts {
  public:
   /// Makes hide() replace `text` by `shown`.
   void add(const std::string& text, const std::string& shown);
-  /// Makes hide() replace the names of the files in the device's options that include a folder.
+  /// Makes hide() replace each file name in the device's options that contains a folder.
   void add(const DeviceChoice& device);
   std::string hide(std::string text) const;
 

@@ -22,7 +22,7 @@ struct NewSceneRequest {
   std::filesystem::path asset;
   std::string name;  ///< name of the scene's file without ".json": 1 to 32 letters, digits, - or _
   /// The points that were chosen for the needle, in the patient's frame (LPS, mm). Without an entry
-  /// the needle goes through the thickest bone. A target needs an entry.
+  /// the needle goes through the thickest bone. If there is a target, there must be an entry.
   std::optional<std::array<double, 3>> entry_mm, target_mm;
   bool has_live_hand = false;
   DeviceChoice device;

@@ -24,7 +24,7 @@ struct SessionAbout {
   std::string scene, asset, record;  ///< names of files as given to the session
   std::string clock, device;
   bool has_live_hand = false, takes_xray = false;
-  std::string columns;  ///< the description's `columns` that fit into a snapshot, as JSON
+  std::string columns;  ///< those of the description's `columns` that fit into a snapshot, as JSON
   /// Name of each column in `columns`, and index of its first value in a snapshot.
   std::vector<std::pair<std::string, std::size_t>> column_at;
   std::vector<std::int32_t> slices;  ///< slice index of each sheet; -1: not known
