@@ -78,7 +78,7 @@ void declare(CLI::App& app, Arguments& arguments) {
                                 ")");
   app.add_option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
       ->required();
-  app.add_option("--seed", arguments.seed, "seed of textures, noise and UIDs")
+  app.add_option("--seed", arguments.seed, "seed of the random textures and noise and of the UIDs")
       ->capture_default_str()
       ->check(check_whole);
   app.add_option("--slices", arguments.slices, "number of slices, 1 mm apart")
@@ -90,7 +90,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--noise-hu", arguments.noise_hu, "standard deviation of the noise, HU")
       ->capture_default_str()
       ->check(option_range(0.0, kMaxNoise_hu));
-  app.add_option("--jobs", arguments.jobs, "threads, 0: all cores; does not change the output")
+  app.add_option("--jobs", arguments.jobs,
+                 "number of threads, 0: one for each core; the output is the same for any number")
       ->capture_default_str()
       ->check(option_range(0, 1024));
   app.add_flag("--quiet", arguments.quiet, "print errors only");
@@ -99,9 +100,10 @@ void declare(CLI::App& app, Arguments& arguments) {
 int run_command_line(int argc, const char* const* argv) {
   Arguments arguments;
   CLI::App app{
-      "Writes a synthetic CT of a lumbar vertebra to OUTDIR, in three formats: png/ (grey\n"
-      "pictures with three equal channels of 8 bits), dicom/ (a CT series) and sample.nii.gz.\n"
-      "Also writes sample.json: seed, geometry, HU of the bone and noise of the scan.",
+      "Writes a synthetic CT of a lumbar vertebra to OUTDIR, in three formats: png/ (grey "
+      "pictures\n"
+      "with three equal channels of 8 bits), dicom/ (a CT series) and sample.nii.gz (NIfTI). Also\n"
+      "writes sample.json: the scan's seed, grid and noise, and the bone's HU (grey levels of CT).",
       kName};
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

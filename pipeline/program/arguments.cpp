@@ -45,27 +45,30 @@ class Group {
 void add_input_options(CLI::App& app, Arguments& a) {
   app.add_option("INPUT", a.inputs, "the scan");
   Group group(app, "Input");
-  group.value("--spacing", a.spacing, "X,Y,Z",
-              "pixel size in x and in y, and slice spacing, in mm; for input that states none");
+  group.value(
+      "--spacing", a.spacing, "X,Y,Z",
+      "pixel width, pixel height and distance of slices, in mm; for INPUT that does not state\n"
+      "them");
   group.value("--slices", a.slices, "A:B",
               "mesh only the slices A to B, both included, counted from 0");
   group.value("--crop", a.crop, "X0:X1,Y0:Y1",
               "mesh only the columns X0 to X1 and rows Y0 to Y1, all included, counted from 0");
   group.value("--series", a.series, "UID",
-              "mesh this one of several series: its UID, number or description");
+              "if INPUT holds several series: the one to mesh, by its UID, number or description");
   a.volume_given =
       group
           .value("--volume", a.volume, "N",
                  "for a NIfTI file with several volumes (4D): the one to mesh, counted from 0")
           ->check(option_range(0, 1'000'000'000).description(""));
   group.flag("--any-modality", a.any_modality,
-             "accept DICOM images other than CT; their values are not HU (Hounsfield units)");
-  a.axis_given =
-      group.choice("--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
-                   "direction of the slices (transverse means axial). Default: axial for a NIfTI\n"
-                   "file, and the slices as stored for every other volume");
+             "accept DICOM images other than CT. Their values are not HU (Hounsfield units, the\n"
+             "calibrated grey levels of CT)");
+  a.axis_given = group.choice(
+      "--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
+      "plane of the slices; transverse means axial, that is, across the body. Default: axial\n"
+      "for a NIfTI file; for other input, the plane in which the slices are stored");
   group.value("--hu", a.hu, "CT",
-              "with --labels: the CT with the same voxels as the label map; gives the labels' HU");
+              "with --labels: the CT that gives the HU. Its voxels must be those of the label map");
 }
 
 void add_material_options(CLI::App& app, Arguments& a) {
@@ -79,23 +82,26 @@ void add_material_options(CLI::App& app, Arguments& a) {
   a.threshold_given =
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                    "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
-                   "density, -300: skin). For images, it is a grey level from 0 to 255");
+                   "density, -300: skin). If INPUT is images: a grey level from 0 to 255");
   a.equalize_given = group.number(
       "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
       "instead of --threshold: equalise the histogram of grey levels, then apply this\n"
       "threshold from 0 to 255. Without the option, no histogram is equalised");
-  a.labels_given =
-      group
-          .value("--labels", a.labels, "L",
-                 "mesh these labels of a label map, whose voxels hold the numbers of structures:\n"
-                 "L, A-B, several of these, or all. Each label becomes one material; 20+21 joins\n"
-                 "two labels to one material")
-          ->allow_extra_args(false);
+  a.labels_given = group
+                       .value("--labels", a.labels, "L",
+                              "INPUT is a label map: its voxels hold numbers of structures. Mesh "
+                              "the structures L: a\n"
+                              "number, a range A-B, several of these, or all. Each becomes one "
+                              "material; 20+21 joins\n"
+                              "two structures to one material")
+                       ->allow_extra_args(false);
   group.value("--names", a.names, "FILE",
-              "names of the labels: a JSON file such as {\"20\": \"L1\"}, or a table that\n"
-              "the program knows: 'verse' or 'totalsegmentator'");
-  group.number("--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
-               "in each slice, drop islands and fill holes with less than this area, mm^2");
+              "names of the labels: a JSON file such as {\"20\": \"L1\"}, or one of the built-in\n"
+              "tables 'verse' and 'totalsegmentator'");
+  group.number(
+      "--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
+      "in each slice, drop islands of material, and fill holes in it, with less than this\n"
+      "area, mm^2");
   group.flag("--keep-table", a.keep_table,
              "mesh the scanner's table, too. Without this option, the table is left out if it\n"
              "is separate from the patient's bone");
@@ -104,27 +110,33 @@ void add_material_options(CLI::App& app, Arguments& a) {
 // Options of solid_bone.h.
 void add_solid_options(CLI::App& app, Arguments& a) {
   Group group(app, "Solid bone");
-  group.value("--fill", a.fill, "MM2",
-              "fill marrow and whatever else bone encloses in at least two of the axial, coronal\n"
-              "and sagittal planes; canals stay open. MM2 is the largest area in a plane that is\n"
-              "filled, in mm^2. With --fill all there is no limit");
-  group.number("--close", a.close_mm, "MM", 0.0, 100.0,
-               "with --fill: a gap in bone counts as closed if it is at most twice this wide, mm");
-  group.number("--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
-               "drop connected components (separate pieces) of less than this volume, mm^3;\n"
-               "done before --fill");
+  group.value(
+      "--fill", a.fill, "MM2",
+      "fill what bone encloses, such as marrow, so that it becomes material: a voxel is filled\n"
+      "if bone encloses it in at least two of the axial, coronal and sagittal planes. Canals,\n"
+      "such as the spinal canal, stay open. MM2 is the largest area that is filled in a plane,\n"
+      "mm^2; all: no limit");
+  group.number(
+      "--close", a.close_mm, "MM", 0.0, 100.0,
+      "with --fill: a gap in the bone counts as closed if it is at most 2 x MM millimetres wide");
+  group.number(
+      "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
+      "drop separate pieces (connected components) of less than this volume, mm^3. This is\n"
+      "done before --fill");
   group
-      .choice("--keep", a.keep, {"all", "column"},
-              "with --fill. all: keep all bone; column: keep the spinal column alone, without\n"
-              "vessels full of contrast medium, and with ribs cut off 75 mm from the spinal canal")
+      .choice(
+          "--keep", a.keep, {"all", "column"},
+          "with --fill. all: keep all bone; column: keep only the spinal column, without vessels\n"
+          "full of contrast medium; ribs are cut off 75 mm from the spinal canal")
       ->capture_default_str();
   group.number("--largest", a.largest, "N", 0, 1'000'000,
-               "keep the N largest connected components; 0: keep all");
+               "keep only the N largest connected components; 0: keep all");
   group
       .value("--seed", a.seeds, "X,Y,Z",
-             "keep the material connected to this point (mm in DICOM's patient coordinates,\n"
-             "LPS). Further points mark neighbouring parts, which are cut off from the part\n"
-             "around the first point")
+             "keep only the material connected to this point (mm in DICOM's patient coordinates: x "
+             "to\n"
+             "the patient's left, y to the back, z to the head). Further points mark neighbours:\n"
+             "material nearer to them than to the first point is dropped")
       ->allow_extra_args(false);
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep only the material within 1.5 mm of the labels L of this label map");
@@ -134,16 +146,17 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   Group group(app, "Mesh");
   group
       .choice("--contour", a.contour, {"subpixel", "pixel"},
-              "subpixel: the border of the material runs between pixels, where the value is the\n"
-              "threshold; pixel: it is a chain of pixel centres")
+              "where the border of the material runs. subpixel: between pixel centres, where the\n"
+              "interpolated value is the threshold; pixel: from pixel centre to pixel centre")
       ->capture_default_str();
   group
-      .choice("--simplify", a.simplify, {"area", "dp"},
-              "how outlines are simplified. area: edges collapse, and the area is kept; dp: by\n"
-              "the method of Douglas and Peucker")
+      .choice(
+          "--simplify", a.simplify, {"area", "dp"},
+          "how outlines are simplified. area: edges are collapsed so that the enclosed area is\n"
+          "kept; dp: vertices are left out, by the method of Douglas and Peucker")
       ->capture_default_str();
   group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
-               "largest distance of the simplified outline from the contour, mm");
+               "largest distance of the simplified outline from the original one, mm");
   group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0,
                "smallest angle of a triangle, degrees");
   a.area_given = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
@@ -153,7 +166,7 @@ void add_stage_options(CLI::App& app, Arguments& a) {
                                "largest area of a triangle in pixels, instead of --max-area")
                         ->check(option_range(1e-6, 1e12).description(""));
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
-               "use smaller triangles where HU change by more than this along an edge of\n"
+               "use smaller triangles where the HU change by more than this along an edge of\n"
                "a triangle; 0: never");
   group.number("--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
                "precision: all coordinates are multiples of 2^-N mm");
@@ -163,15 +176,16 @@ void add_stage_options(CLI::App& app, Arguments& a) {
 void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   Group group(app, "Output");
   group.value("-o,--output", a.output, "FILE", output);
-  group.flag("--no-hu", a.no_hu, "leave HU out of the asset");
-  group.flag("--surface", a.surface,
-             "add a closed surface of the material, for display and for export --surface");
+  group.flag("--no-hu", a.no_hu, "do not store HU in the asset");
+  group.flag(
+      "--surface", a.surface,
+      "add a closed surface of the material, for display and for trocar-mesh export --surface");
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "largest number of triangles of the surface. The surface has more only if it would\n"
-      "otherwise intersect itself. Without this option, it also has more than 50000 if it\n"
-      "would otherwise be too far from the material");
-  group.number("--jobs", a.jobs, "N", 0, 1024, "threads; 0: all cores");
+      "largest number of triangles of the surface. It gets more only if it would otherwise\n"
+      "intersect itself. Without this option, it also gets more than 50000 if it would\n"
+      "otherwise be too far from the material");
+  group.number("--jobs", a.jobs, "N", 0, 1024, "number of threads; 0: one for each core");
   group.flag("--quiet", a.quiet, "print errors only");
 }
 
@@ -188,22 +202,24 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
 void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
   Group group(app, "Output");
-  group.flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
   group.flag("--colour", a.colour,
-             "also store HU as colours for viewers, from dark (-200) to light (1848)");
-  a.context_given =
-      group
-          .value("--context", a.context, "[MM]",
-                 "also store the HU around the material, for simulated X-ray pictures: one value "
-                 "every\n"
-                 "MM mm "
-                 "(default: 2 to 4, by the size of the scan). In a scan of a head, these HU can\n"
-                 "show the patient's face")
-          ->expected(0, 1);
-  group.value("--input-key", a.input_key, "FILE",
-              "store a keyed digest of the input. The key is the content of this file, 16 to 64\n"
-              "bytes. Whoever has the key can recognise the scan. Default: no digest");
-  group.value("--report", a.report, "FILE", "write a report, slice by slice, as JSON");
+             "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");
+  a.context_given = group
+                        .value("--context", a.context, "[MM]",
+                               "also store the HU around the material, for simulated X-ray "
+                               "pictures: one value every\n"
+                               "MM mm (default: 2 to 4 mm, depending on the size of the scan). In "
+                               "a scan of a head,\n"
+                               "these HU can show the patient's face")
+                        ->expected(0, 1);
+  group.value(
+      "--input-key", a.input_key, "FILE",
+      "store a checksum of the input, by which those who have the key can recognise the scan.\n"
+      "The key is the content of FILE, 16 to 64 bytes. Without this option, no checksum is\n"
+      "stored");
+  group.value("--report", a.report, "FILE",
+              "write what was done in each slice, and the warnings, as JSON");
   Group diagnostics(app, kDiagnostics);
   diagnostics.value("--dump-stages", a.dump_stages, "FILE",
                     "write the intermediate results of one slice (contour, outline, mesh) as\n"

@@ -393,14 +393,16 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("-o,--output", a.store,
                  "the store, a folder that keeps all results; created if needed")
       ->required();
-  app.add_option("--jobs", a.jobs,
-                 "number of scans at the same time, each in its own process; 0: one for each core")
+  app.add_option(
+         "--jobs", a.jobs,
+         "number of scans meshed at the same time, each in its own process; 0: one for each core")
       ->capture_default_str()
       ->check(option_range(0, 1024));
   app.add_option("--shard", a.shard,
-                 "I/N: work on every Nth scan, beginning with scan I; the first scan is number 0");
+                 "I/N: work only on every Nth scan, beginning with scan I, so that N machines can\n"
+                 "share the work; the first scan is number 0");
   app.add_option("--only", a.only,
-                 "work on the scans named in this file, one per line; -: standard input");
+                 "work only on the scans named in this file, one per line; -: standard input");
   app.add_flag("--dry-run", a.dry_run,
                "print which scans are stale (asset missing or outdated), and why; write nothing");
   app.add_option("--explain", a.explain,
@@ -414,24 +416,29 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_flag("--strict", a.strict,
                "end with exit code 3 also if scans failed in an earlier run and were not tried\n"
                "again in this run");
-  app.add_option("--run-program", a.run_program,
-                 "path of trocar-run, which makes scenes and the results of their checks if the\n"
-                 "collection asks for these products (default: the one beside this program, else "
-                 "the one in PATH)");
-  app.add_flag("--rehash", a.rehash,
-               "read all inputs again, even if their size, time and inode (the number of a file)\n"
-               "are unchanged");
+  app.add_option(
+      "--run-program", a.run_program,
+      "path of trocar-run, which is needed if the collection asks for scenes or for checks\n"
+      "of scenes (default: the trocar-run beside this program, else the one in PATH)");
+  app.add_flag(
+      "--rehash", a.rehash,
+      "read all inputs again, even if their size, time of change and inode (the number of\n"
+      "a file) are unchanged");
   app.add_flag("--verify", a.verify,
                "verify every asset in the store, and make damaged ones again");
-  app.add_flag("--gc", a.gc, "after the run, remove files that no scan in the store refers to");
-  app.add_flag("--prune", a.prune,
-               "with --gc: first drop scans from the store that the collection does not name");
-  app.add_option("--grace", a.grace_minutes, "with --gc: keep files younger than this, minutes")
+  app.add_flag("--gc", a.gc,
+               "after the run, remove files from the store that belong to none of its scans");
+  app.add_flag(
+      "--prune", a.prune,
+      "with --gc: first drop those scans from the store that the collection does not name");
+  app.add_option("--grace", a.grace_minutes, "with --gc: keep files younger than this many minutes")
       ->capture_default_str()
       ->check(option_range(0.0, 1e6));
   app.add_flag("--json", a.as_json, "print the summary as JSON");
-  app.add_option("--metrics", a.metrics,
-                 "write the numbers of the run to this file, in the text format of Prometheus");
+  app.add_option(
+      "--metrics", a.metrics,
+      "write the counts and the duration of the run to this file, in the text format of the\n"
+      "monitoring program Prometheus");
   app.add_flag("--quiet", a.quiet, "print errors only");
 }
 

@@ -36,11 +36,12 @@ std::string collection_of(const json& list, const fs::path& folder,
 }  // namespace
 
 void add_list_options(CLI::App& app, ListArguments& a) {
-  app.add_option("FOLDER", a.folder, "folder of a study, read with its sub-folders")->required();
+  app.add_option("FOLDER", a.folder, "folder to search for scans, with its subfolders")->required();
   app.add_flag("--json", a.as_json, "print JSON");
-  app.add_flag("--manifest", a.as_collection,
-               "print a collection of these scans for batch, with paths relative to the current\n"
-               "folder")
+  app.add_flag(
+         "--manifest", a.as_collection,
+         "print these scans as a collection, the JSON file that batch reads; paths are relative\n"
+         "to the current folder")
       ->excludes("--json");
 }
 

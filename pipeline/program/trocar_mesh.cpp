@@ -101,10 +101,9 @@ Result<void> check_nothing_before(const CLI::App& app) {
 // The command line of trocar-mesh: its options, and a subcommand with its own options.
 struct CommandLine {
   CLI::App app{
-      "Makes an asset from a CT scan: a .glb file with flat triangle meshes of bone or other\n"
-      "materials, one for each slice and material. INPUT is the DICOM folder of a study, a NIfTI "
-      "file (.nii,\n"
-      "also with .gz), or a folder or list of images."};
+      "Makes an asset from a CT scan: a 3D file (.glb) with one flat triangle mesh for each slice\n"
+      "and material, such as bone. INPUT is a folder with a DICOM study, a NIfTI file (.nii or\n"
+      ".nii.gz), a folder of images, or a list of images."};
   Arguments mesh, preview;
   ListArguments list;
   VerifyArguments verify;
@@ -121,20 +120,22 @@ struct CommandLine {
     add_help_and_version(app, kVersion);
     app.require_subcommand(0, 1);
     add_mesh_options(app, mesh);
-    add_list_options(add("list", "show the scans in a folder"), list);
-    add_preview_options(add("preview", "show what a run with the same options would mesh"),
-                        preview);
+    add_list_options(add("list", "list the scans in a folder"), list);
+    add_preview_options(
+        add("preview", "draw the slices that a run with the same options would mesh"), preview);
     add_verify_options(add("verify", "check every triangle, edge and area of an asset"), verify);
     add_info_options(add("info", "show what is in an asset"), info);
-    add_export_options(add("export", "write each slice as .poly, .obj and .svg, or the surface"),
-                       exported);
+    add_export_options(
+        add("export", "write the slices of an asset as .poly, .obj and .svg, or its surface"),
+        exported);
     add_batch_options(
         add("batch", "make the missing and the outdated assets of a collection of scans"), batch);
     add_review_options(
-        add("review", "show all assets in a store of batch, or compare them with another store"),
+        add("review", "show all assets in a store (the folder of batch), or compare two stores"),
         review);
-    add_receive_options(add("receive", "receive studies that an archive sends by DICOM"), receive);
-    add_fetch_options(add("fetch", "get a study from an archive by DICOM"), fetch);
+    add_receive_options(add("receive", "receive studies that an archive (PACS) sends by DICOM"),
+                        receive);
+    add_fetch_options(add("fetch", "get a study from an archive (PACS) by DICOM"), fetch);
     add_help_for_diagnostics(app);
   }
 

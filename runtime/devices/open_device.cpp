@@ -152,9 +152,10 @@ struct DeviceKind {
 constexpr DeviceKind kDevices[] = {
     {"inproc", "simulated in this process", false, false, DescriptionKind::kAny, "", nullptr,
      open_simulated},
-    {"udp:HOST:PORT", "a device process, such as trocar-device-sim", true, true,
-     DescriptionKind::kFourLegs, "", nullptr, open_udp},
-    {"pose:HOST:PORT", "a process for a device that measures its own pose", true, true,
+    {"udp:HOST:PORT", "another process that drives the device, such as trocar-device-sim", true,
+     true, DescriptionKind::kFourLegs, "", nullptr, open_udp},
+    {"pose:HOST:PORT",
+     "such a process for a device that measures its own pose (position and rotation)", true, true,
      DescriptionKind::kPoseDevice, "", nullptr, open_pose_drive},
     {"haply:[HOST[:PORT]]", "a Haply Inverse3 through the Haply Inverse service", false, true,
      DescriptionKind::kPoseDevice, "haply_inverse3", haply_senses_rotation, open_haply},

@@ -16,8 +16,11 @@ namespace trocar::runtime {
 
 CLI::App& declare_export(CLI::App& app, ExportArguments& a) {
   CLI::App& command =
-      *app.add_subcommand("export", "writes a recording as an HDF5 file (with trocar-export)");
-  command.add_option("RECORDING", a.recording, "the recording, CSV, of --record")->required();
+      *app.add_subcommand("export", "writes a recording as an HDF5 file (runs trocar-export)");
+  command
+      .add_option("RECORDING", a.recording,
+                  "the recording, a CSV file that trocar-run --record has written")
+      ->required();
   command.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
   command.add_flag("--quiet", a.quiet, "print errors only");
   return command;

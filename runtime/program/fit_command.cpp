@@ -59,24 +59,28 @@ CLI::App& declare_fit(CLI::App& app, FitArguments& a) {
   CLI::App& fit = *app.add_subcommand(
       "fit", "makes a tissue for scenes from a measured curve of force over depth");
   fit.add_option("CURVE", a.curve,
-                 "the curve of an insertion, which a withdrawal may follow: CSV with the columns\n"
+                 "the curve of an insertion, with or without the withdrawal after it: CSV with the "
+                 "columns\n"
                  "depth_mm and force_N, and optionally speed_mm_per_s and time_s")
       ->required();
   fit.add_option("-o,--output", a.output,
                  "the tissue to write, JSON, for use as the \"tissue\" of a scene")
       ->required();
-  fit.add_option("--page", a.page, "write a page with the fit and its residuals: HTML");
+  fit.add_option(
+      "--page", a.page,
+      "write a page with the fitted curve and its deviations from the measured one: HTML");
   fit.add_option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone");
-  fit.add_option("--gauge", a.gauge, "gauge of the needle, instead of --tool");
+  fit.add_option("--gauge", a.gauge,
+                 "gauge number of the needle, which states its diameter; instead of --tool");
   fit.add_option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
       ->check(option_range(0.2, 50.0));
   fit.add_option("--bore", a.bore_mm, "inner diameter of a hollow tool in mm")
       ->check(option_range(0.0, 50.0));
   fit.add_option("--tip", a.tip,
                  "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
-                 "jamshidi (default: flat)");
+                 "jamshidi (default: a flat tip)");
   fit.add_option("--half-angle", a.half_angle_deg,
-                 "angle between axis and faces of the tip, degrees (default: 30; jamshidi: 90)")
+                 "angle between the tip's axis and its faces, degrees (default: 30; jamshidi: 90)")
       ->check(option_range(3.0, 90.0));
   fit.add_flag("--quiet", a.quiet, "print errors only");
   return fit;

@@ -49,17 +49,18 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   session.option("--duration", a.duration_s, "duration in s (default: the scene's)");
   session.option(
       "--replay", a.replay,
-      "repeat a recorded session on its recorded inputs, by the virtual clock, and compare\n"
-      "the torques. Exit code 3 if they differ, or if scene, asset, device or options are\n"
-      "not those of the recording");
+      "compute a recorded session again from its recorded inputs, with the virtual clock, and\n"
+      "compare the torques. Exit code 3 if they differ, or if scene, asset, device or options\n"
+      "are not those of the recording");
   session.option(
       "--live", a.live,
-      "publish the session in shared memory, and take commands from other programs. While\n"
-      "the session runs, the file of this name is a symbolic link to that memory");
+      "let other programs, such as trocar-console --attach, show and command the session\n"
+      "through shared memory. While the session runs, the file of this name is a symbolic link\n"
+      "to that memory");
   session.flag(
       "--xray", a.xray,
-      "with --live: let the other programs ask for simulated X-ray pictures, single ones or\n"
-      "a series (fluoroscopy). Recording, summary and report count their use");
+      "with --live: let the other programs ask for simulated X-ray pictures, single ones or a\n"
+      "series (fluoroscopy). Recording, summary and report state how much X-ray was used");
   session.flag("--quiet", a.quiet, "print errors only");
 
   Group recording(app, "Recording");
@@ -71,13 +72,15 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option(
       "--session-report", a.session_report,
       "write a report for the debriefing: the page NAME.html, and its figures as NAME.json\n"
-      "and NAME.figures.csv. It states the path, the forces, the depth of break-throughs,\n"
-      "breaches of the bone's wall, tremor, and whether the scene's goals were reached");
+      "and NAME.figures.csv. It states the path, the forces, how far the tip plunged when\n"
+      "tissue gave way, breaches of the bone's wall, tremor, and whether the scene's goals\n"
+      "were reached");
   recording.option(
       "--trainee", a.trainee.code,
       "code that stands for the trainee in recording, summary and report: 1 to 32 letters,\n"
       "digits, - or _. It need not be a name");
-  recording.option("--course", a.trainee.course, "name of the course, from the same characters");
+  recording.option("--course", a.trainee.course,
+                   "name of the course; 1 to 32 of the same characters");
   recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
   recording.option(
       "--history", a.history,
@@ -92,35 +95,38 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   Group safety(app, "Safety");
   safety.option(
       "--recover", a.recover,
-      "what to do after a fault. never: end the session; auto: let the forces rise again;\n"
-      "signal: let them rise again on SIGUSR1 (default: never)");
+      "what to do after a fault (a failed check, such as of speed or connection). never: end\n"
+      "the session; auto: let the forces rise again; signal: let them rise again when the\n"
+      "signal SIGUSR1 comes (default: never)");
   safety.option(
       "--energy-limit", a.energy_limit_J,
-      "largest energy in J that the device may give to the hand within 0.1 s, beyond what\n"
-      "the tissue and the spring between device and virtual tool had stored at the start of\n"
-      "that time. If it gives more, the fault energy_limit is raised (default: 0.05)");
+      "largest energy in J that the device may give to the hand within 0.1 s, in addition to\n"
+      "the energy that tissue and coupling (the spring between device and virtual tool) had\n"
+      "stored before. If it gives more, the fault energy_limit is raised (default: 0.05)");
   safety.option(
       "--stiffness-limit", a.stiffness_limit_N_per_m,
-      "largest stiffness that the device may render at the tip, 10 to 100000000 N/m, with\n"
-      "the force law cutting or if the device measures its own pose (default and upper\n"
-      "bound: what the device's description states)");
+      "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. It acts with the\n"
+      "force law cutting, and if the device measures its own pose. A value above that of the\n"
+      "device's description has no effect (default: the value of the description)");
   safety.option(
       "--force-limit", a.force_limit_N,
       "for a device that measures its own pose: largest force that is sent to it, 0.01 to\n"
       "1000 N (default: what its description states)");
-  safety.option("--force-scale", a.force_scale,
-                "factor on the forces of the tissue, 0.001 to 10, instead of the scene's factor.\n"
-                "Without this option, a device that measures its own pose and is too weak for the\n"
-                "strongest slice gets the factor at which it can just render that slice");
-  safety.option("--late-ticks-in-row", a.late_ticks_in_row,
-                "raise a fault after this many consecutive late ticks; 0: only count late ticks\n"
-                "(default: 3 for a device with motors; 0 for a simulated device, which late ticks\n"
-                "cannot harm)");
+  safety.option(
+      "--force-scale", a.force_scale,
+      "factor on the forces of the tissue, 0.001 to 10, instead of the scene's factor.\n"
+      "Without this option, a device that measures its own pose and is too weak for the\n"
+      "strongest slice gets the factor at which it can just produce the force of that slice");
+  safety.option(
+      "--late-ticks-in-row", a.late_ticks_in_row,
+      "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
+      "late ticks (default: 3 for a device with motors; 0 for a simulated device, which late\n"
+      "ticks cannot harm)");
   app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
   safety.option(
       "--black-box", a.black_box,
-      "folder for black boxes. After a fault, a black box holds the recording of the 4 s\n"
-      "until the torques were zero (default: the folder of --record, or else the current\n"
+      "folder for black boxes. A black box is the recording of the last 4 s before a fault\n"
+      "made the torques zero (default: the folder of --record, or else the current\n"
       "folder, or else the folder for temporary files)");
 
   Group diagnostics(app, kDiagnostics);
@@ -131,12 +137,12 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                      "write the sheet around the tool 30 times a second, as lines of JSON");
   diagnostics.option(
       "--passivity", a.passivity,
-      "on or off: the passivity controller, which adds damping where the loop would\n"
-      "generate energy; with the force law cutting, the damping after a break (default: on)");
+      "on or off: damping that is added where the loop would generate energy (passivity\n"
+      "controller), or, with the force law cutting, after a break-through (default: on)");
   diagnostics.option(
       "--coupling", a.coupling_N_per_m,
-      "put a spring of this stiffness, 100 to 1000000 N/m, between the tool and a virtual\n"
-      "tool (proxy), which then touches the sheets (default: no spring)");
+      "put a spring of this stiffness, 100 to 1000000 N/m, between the device and a virtual\n"
+      "tool (proxy), which then touches the sheets instead (default: no spring)");
   diagnostics.option("--cpu", a.cpu,
                      "number of the processor on which the haptic loop stays (default: any)");
   app.add_option("--energy-budget", a.energy_budget)->group("");
@@ -238,40 +244,50 @@ Result<void> check_scene_arguments(const RunArguments& a) {
 void declare_run_options(CLI::App& app, RunArguments& a) {
   app.add_option(
       "SCENE", a.scene,
-      "the scene (asset, tissues, tool, motion of the simulated hand), JSON; its schema is\n"
-      "formats/session/scene.schema.json. Not needed with --new-scene, --explain, --history\n"
-      "and --test");
+      "the scene: a JSON file that names the asset (meshes of a scan), tissues, tool and motion\n"
+      "of the simulated hand; its schema is formats/session/scene.schema.json. Not needed\n"
+      "with --new-scene, --explain, --history and --test");
   Group scene(app, "Scene");
-  scene.option("--asset", a.asset, "use this asset (.glb) instead of the scene's");
+  scene.option("--asset", a.asset,
+               "use this asset (.glb, from trocar-mesh) instead of the scene's");
   scene.option("--force-law", a.force_law,
-               force_law_names() + ": law of the tissue's force, instead of the scene's");
+               force_law_names() +
+                   ": rule by which the tissue's\n"
+                   "force is computed, instead of the scene's. hooke: one spring for each slice; "
+                   "network: a\n"
+                   "spring network for each slice; cutting: bone as one solid that the tool cuts");
   scene.option("--procedure", a.procedure,
                procedure_names() +
                    ":\n"
-                   "use tool, soft layers and resistance of this procedure instead of the scene's");
-  scene.option("--strength", a.strength,
-               "with --procedure: take the low, median or high value of each published range\n"
-               "(default: median)");
+                   "use the tool, the soft layers over the bone and the bone's resistance of this "
+                   "procedure\n"
+                   "instead of the scene's");
+  scene.option(
+      "--strength", a.strength,
+      "with --procedure: use the low, median or high value of each published range of values\n"
+      "(default: median)");
   scene.flag("--explain", a.explain,
              "run no session; print the values of --procedure, or of all procedures, with\n"
              "their ranges and sources");
-  scene.flag("--check", a.check,
-             "run no session; print the torques that the scene needs and where the tip can go,\n"
-             "and do a dry run with the simulated device. Warn of faults, and of slices that\n"
-             "the tool never touches");
-  scene.flag("--strict", a.strict, "with --check: exit code 3 if there is a warning");
-  scene.option("--new-scene", a.new_scene,
-               "run no session; propose a scene for this asset (.glb) and write it to -o");
+  scene.flag(
+      "--check", a.check,
+      "run no session; print the motor torques that the scene needs and the region that the\n"
+      "tip can reach. Then do a dry run with the simulated device, and warn of faults and of\n"
+      "slices that the tool never touches");
+  scene.flag("--strict", a.strict, "with --check: end with exit code 3 if there is a warning");
+  scene.option(
+      "--new-scene", a.new_scene,
+      "run no session; propose a scene for this asset (.glb) and write it to the file of -o");
   scene.option(
       "--entry", a.entry,
-      "with --new-scene: a point X,Y,Z of the needle's line, at the surface of the bone or\n"
-      "outside the bone, in mm in the patient's frame, which is DICOM's LPS (default: where\n"
-      "the bone is thickest)");
+      "with --new-scene: a point X,Y,Z on the needle's path, at the bone's surface or outside\n"
+      "the bone, in mm in DICOM's patient coordinates (LPS: x to the patient's left, y to the\n"
+      "back, z to the head; default: where the bone is thickest)");
   scene.option("--target", a.target,
-               "with --entry: the point X,Y,Z that the needle must reach, in the same frame\n"
+               "with --entry: the point X,Y,Z that the needle must reach, in the same coordinates\n"
                "(default: the needle goes straight down, at right angles to the slices)");
   scene.flag("--live-hand", a.live_hand,
-             "with --new-scene: make a scene whose hand you move yourself in trocar-console");
+             "with --new-scene: make a scene whose simulated hand you move in trocar-console");
   scene.option(
       "-o,--output", a.output,
       "with --new-scene: the scene to write, JSON; with --history: the page to write, HTML");
@@ -281,16 +297,19 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                 device_uri_help() + "\n(default: " + std::string(kDefaultDevice) + ")");
   device.flag(
       "--simulated", a.simulated,
-      "say that the device process only simulates a device. Then late ticks are no fault,\n"
-      "and with udp: and pose: data may be missing for 250 ms instead of 10 ms. Both are\n"
-      "cancelled by --late-ticks-in-row above 0. Without --simulated, the device is assumed\n"
-      "to have motors. Contact on such a device has half the stiffness that its description\n"
-      "permits. The stable stiffness grows with the mass, and the stated mass may be wrong");
-  device.flag("--test", a.test_device,
-              "run no session; read the device for --duration (default: 5 s), command no force,\n"
-              "and say whether a session at --rate would run without faults");
-  device.option("--key-file", a.key_file,
-                "file with the key of the link to the device process, which needs the same key");
+      "the device process only simulates a device. Then late ticks are no fault, and with udp:\n"
+      "and pose: data may be missing for 250 ms instead of 10 ms; --late-ticks-in-row above 0\n"
+      "cancels both. Without --simulated, the device is assumed to have motors, and contact\n"
+      "has half the stiffness that its description permits. The reason is that the mass stated\n"
+      "there may be too high, and a lighter device becomes unstable at less stiffness");
+  device.flag(
+      "--test", a.test_device,
+      "run no session; read the device for --duration (default: 5 s), command no force, and say\n"
+      "whether a session at --rate would run without faults");
+  device.option(
+      "--key-file", a.key_file,
+      "file with the secret key by which this program and the device process recognise each\n"
+      "other; both need the same key");
   device.option("--device-description", a.description,
                 "use this device description (JSON) instead of the scene's");
   device.option(

@@ -45,25 +45,28 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option(
       "FOLDER", arguments.folder,
       "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
-      "subfolder sessions/, or in ~/.local/state/trocar/sessions if nothing may be written there");
+      "subfolder sessions/. If FOLDER is installed or cannot be written to, they are kept in\n"
+      "~/.local/state/trocar/sessions");
   app.add_option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
       ->check(option_range(0, 65535));
   app.add_option(
       "--listen", arguments.listen,
-      "numerical address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1\n"
-      "lets other machines in, and their connections are not encrypted");
-  app.add_option("--public-url", arguments.public_url,
-                 "address of a tunnel or proxy that leads here, as it stands in the browser:\n"
-                 "http://HOST:PORT or https://HOST. The printed links begin with it");
-  app.add_option("--attach", arguments.attach,
-                 "show and command the session of trocar-run --live FILE; start no sessions");
+      "IP address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1 lets\n"
+      "other machines connect, and their connections are not encrypted");
+  app.add_option(
+      "--public-url", arguments.public_url,
+      "if browsers reach the page through a tunnel or proxy: its address, http://HOST:PORT or\n"
+      "https://HOST. The printed links begin with it");
+  app.add_option(
+      "--attach", arguments.attach,
+      "show and command the running session of trocar-run --live FILE; start no sessions");
   app.add_option(
          "--device", arguments.devices,
          "a device that can be chosen on the page for a session. Repeat the option for several;\n"
-         "the first one is the default. Without this option, it is inproc. The device is one of\n"
+         "the first is the default. Without this option, inproc is the only choice. Devices:\n"
          "inproc: simulated in trocar-run\n"
          "sim: simulated by trocar-device-sim, a separate process\n"
-         "URI: any device that trocar-run --device takes. Its options may follow, each after a "
+         "URI: any other device of trocar-run --device. Its options may follow, each after a "
          "comma:\n"
          "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
       ->allow_extra_args(false);
@@ -73,20 +76,26 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "folder with the files of the page (default: the installed one)");
   app.add_option(
       "--igtl", arguments.igtl,
-      "show the session to 3D Slicer and other clients of OpenIGTLink at [ADDRESS:]PORT, for\n"
-      "instance 18944. The default address is 127.0.0.1. Any other than 127.0.0.1 or [::1]\n"
-      "lets other machines watch. Clients cannot command the session");
+      "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
+      "[ADDRESS:]PORT, for instance 18944. They cannot command it. The default address is\n"
+      "127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines watch");
   app.add_option("--recording", arguments.recording,
-                 "play this recording and start no sessions; needs --scene");
+                 "play this recording, and start no sessions; needs --scene");
   app.add_option("--stiffness-limit", arguments.stiffness_limit_N_per_m,
-                 "largest stiffness in N/m that the device may render in any session")
+                 "largest stiffness of contact at the tool's tip in any session, N/m")
       ->check(option_range(10.0, 1e8));
-  app.add_option("--against", arguments.against, "a second recording to show beside the first");
-  app.add_option("--scene", arguments.scene, "the scene of the recordings");
+  app.add_option("--against", arguments.against,
+                 "with --recording: a second recording, to show beside the first");
+  app.add_option("--scene", arguments.scene,
+                 "with --recording: the scene in which it was recorded");
   app.footer(
-      "Prints two links: one for the operator, and one for an audience. Whoever has the first\n"
-      "link can command the device. Ctrl-C also ends the sessions that the console has started.\n"
-      "If the console is killed, they go on, and another console of the same folder finds them.\n"
+      "Prints two links. By the first, the operator commands the device. By the second, an "
+      "audience\n"
+      "watches; it can press only the emergency stop. Ctrl-C also ends the sessions that the "
+      "console\n"
+      "has started. If the console is killed, its sessions go on; a new console for the same "
+      "folder\n"
+      "finds them.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 a "
       "bug.");
 }

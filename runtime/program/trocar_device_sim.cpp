@@ -62,50 +62,52 @@ void declare(CLI::App& app, Arguments& a) {
       "holds the tool");
   app.add_option(
       "--listen", a.listen,
-      "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If the\n"
-      "address is not this machine's loopback, the key file must exist already");
-  app.add_option(
-         "--key-file", a.key_file,
-         "file with the key of the link to trocar-run, which needs the same key; mode 0600.\n"
-         "Created if it does not exist")
+      "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If ADDRESS\n"
+      "is not a loopback address, the key file must exist already");
+  app.add_option("--key-file", a.key_file,
+                 "file with the secret key by which this program and trocar-run recognise each "
+                 "other; both\n"
+                 "need the same key. If the file does not exist, it is created (mode 0600)")
       ->required();
   app.add_option(
       "--clock", a.clock,
-      "real: wall clock; lock-step: each command of trocar-run advances time by one tick, for\n"
-      "trocar-run --clock virtual (default: real)");
+      "real: time follows the wall clock; lock-step, for trocar-run --clock virtual: time\n"
+      "advances by one tick for each command of trocar-run (default: real)");
   app.add_option("--rate", a.rate_Hz,
                  "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz\n"
                  "(default: 4000)");
   app.add_option(
       "--watchdog", a.watchdog_s,
-      "time without a command after which torques are zero, 0.01 to 0.5 s (default: 0.01).\n"
-      "A value below 2.5 ticks of trocar-run is raised to that. On a computer that also does\n"
-      "other work, use 0.25 here and the option --simulated of trocar-run");
+      "if no command comes for this time, the torques go to zero; 0.01 to 0.5 s (default:\n"
+      "0.01). A value below 2.5 ticks of trocar-run is raised to 2.5 ticks. On a computer that\n"
+      "also does other work, use 0.25 here and the option --simulated of trocar-run");
   app.add_option(
       "--model", a.model,
-      "what is simulated. light: a plate with viscous friction; full: also links, rotors,\n"
-      "dry friction and the lag of the motors' currents (default: light)");
-  app.add_option("--encoder-noise", a.noise_rad,
-                 "standard deviation of the encoders' noise, rad; needs --model full (default: 0)");
+      "what is simulated. light: the plate that the hand holds, with viscous friction; full:\n"
+      "also links, rotors, dry friction and the lag of the motors' currents (default: light)");
+  app.add_option(
+      "--encoder-noise", a.noise_rad,
+      "standard deviation of the noise of measured angles, rad; needs --model full (default: 0)");
   app.add_option(
       "--faults", a.faults,
-      "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]], with times\n"
-      "in s from the session's start. Faults of packets, with probability P: loss:P,\n"
-      "delay:P:MS (by MS ms), duplicate:P, reorder:P, flip:P (one bit is inverted). The prefix\n"
-      "command- or state- limits them to packets of that kind, as in command-loss:P. Faults\n"
-      "of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR, stop (its emergency stop is\n"
-      "pressed), kill (its process is killed)");
+      "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO\n"
+      "are s since the session's start. Faults of packets, with probability P: loss:P,\n"
+      "delay:P:MS (by MS ms), duplicate:P, reorder:P, flip:P (one bit is inverted). With the\n"
+      "prefix command- or state-, as in command-loss:P, only packets of that kind are affected.\n"
+      "Faults of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR (ENCODER is 0 to 15,\n"
+      "MOTOR is 0 to 7), stop (its emergency stop is pressed), kill (its process is killed)");
   app.add_option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
       ->check(not_negative);
   app.add_option("--sessions", a.sessions,
-                 "end after this many sessions; 0: run until stopped (default: 0)")
+                 "end after this many sessions of trocar-run; 0: run until stopped (default: 0)")
       ->check(not_negative);
   app.add_option("--device-description", a.description,
                  "use this device description (JSON) instead of the scene's");
   app.add_option("--record", a.record,
-                 "write what the drive did in each of the first million steps, as CSV");
-  app.add_option("--summary", a.summary,
-                 "write what happened, and the forces on the hand, as JSON");
+                 "write mode, torques and tip position in each of the first million steps, as CSV");
+  app.add_option(
+      "--summary", a.summary,
+      "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");
   app.add_flag("--quiet", a.quiet, "print errors and the address only");
   app.footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 a file could\n"
@@ -390,8 +392,8 @@ int serve(const Arguments& arguments) {
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
   CLI::App app(
-      "Simulates the haptic device in a process of its own. trocar-run connects to it with its\n"
-      "option --device udp:HOST:PORT.",
+      "Simulates the haptic device in a process of its own, to which trocar-run connects with\n"
+      "its option --device udp:HOST:PORT.",
       kName);
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

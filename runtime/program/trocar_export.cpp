@@ -42,13 +42,14 @@ int run_command_line(const std::string& name, int argc, char** argv) {
   CLI::App app("Writes a recording of trocar-run as an HDF5 file.", name);
   add_help_and_version(app, "trocar-export " TROCAR_VERSION " (HDF5 " + hdf5_version() +
                                 ", CLI11 " CLI11_VERSION ")");
-  app.add_option("RECORDING", a.recording, "the recording, CSV, of trocar-run --record")
+  app.add_option("RECORDING", a.recording,
+                 "the recording, a CSV file that trocar-run --record has written")
       ->required();
   app.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
   app.add_flag("--quiet", a.quiet, "print errors only");
   app.footer(
-      "Each quantity is a dataset with its unit and coordinate frame as attributes. Every number\n"
-      "is kept bit for bit.\n"
+      "Each quantity becomes a dataset; its unit and coordinate frame are attributes. Every\n"
+      "number is kept bit for bit.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the file could not be written; 1 a "
       "bug.");
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

@@ -22,9 +22,9 @@ std::atomic<bool> recovery_requested{false};
 int run_command_line(int argc, char** argv) {
   RunArguments arguments;
   CLI::App app(
-      "Runs a session of the haptic loop over a scene. In each tick, by default 1000 times a\n"
-      "second, the loop computes the force of the tissue on a needle or another tool, which a\n"
-      "haptic device lets the hand feel.",
+      "Lets a hand feel the force of tissue on a needle or another tool, by a haptic device.\n"
+      "A session is a run of the haptic loop, which reads the device and computes this force in\n"
+      "every tick, by default 1000 times a second.",
       kProgram);
   add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
                                 ", Draco and tinygltf for assets)");

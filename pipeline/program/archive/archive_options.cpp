@@ -10,7 +10,7 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
   app.add_option("--tls-cert", a.tls.cert, "certificate of this program (PEM)")
       ->group("Encryption");
   app.add_option("--tls-ca", a.tls.ca,
-                 "certificates, one of which must have signed the other side's certificate (PEM)")
+                 "certificates (PEM), one of which must have signed the other side's certificate")
       ->group("Encryption");
   app.add_flag("--insecure", a.insecure, "allow scans to cross the network without encryption")
       ->group("Encryption");
@@ -43,7 +43,7 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
       ->check(option_range(1, 86'400))
       ->group("Limits");
   app.add_option("--idle-timeout", a.limits.idle_timeout_s,
-                 "drop an association after this time without a byte from the other side, s")
+                 "end an association if no byte comes from the other side for this time, s")
       ->capture_default_str()
       ->check(option_range(1, 86'400))
       ->group("Limits");

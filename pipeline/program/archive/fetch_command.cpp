@@ -43,7 +43,7 @@ void add_fetch_options(CLI::App& app, FetchArguments& a) {
   app.add_option("--from", a.from,
                  "AE title (DICOM name), host and port of the archive: AE@HOST:PORT")
       ->required();
-  app.add_option("--study", a.study, "Study Instance UID of the wanted study")->required();
+  app.add_option("--study", a.study, "Study Instance UID of the study to get")->required();
   app.add_option("--ae", a.ae, "AE title of this program")->capture_default_str();
   app.add_flag("--quiet", a.quiet, "print errors only");
   add_archive_options(app, a.archive);

@@ -35,7 +35,7 @@ Result<void> check(const ReceiveArguments& a) {
 
 void add_receive_options(CLI::App& app, ReceiveArguments& a) {
   app.add_option("FOLDER", a.folder,
-                 "folder in which each study appears as a folder of its own, once it is complete")
+                 "folder in which each complete study appears as a folder of its own")
       ->required();
   app.add_option("--port", a.port, "TCP port; 0: any free port, which is printed")
       ->required()
@@ -46,16 +46,20 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
       ->required()
       ->allow_extra_args(false);  // each --from takes one title, and FOLDER may follow
   app.add_option("--listen", a.listen, "address to listen at")->capture_default_str();
-  app.add_option("--settle", a.settle_s,
-                 "a study is complete if no new instance (a DICOM image) has come for this time, s")
+  app.add_option(
+         "--settle", a.settle_s,
+         "a study is complete if no association (DICOM connection) is sending it, and no instance\n"
+         "(a DICOM image) has come for this many seconds")
       ->capture_default_str()
       ->check(option_range(0.0, 86'400.0));
-  app.add_option("--keep", a.keep_hours, "remove studies after this time, hours; 0: never")
+  app.add_option("--keep", a.keep_hours,
+                 "remove studies to which no image was added for this many hours; 0: never")
       ->capture_default_str()
       ->check(option_range(0.0, 1e6));
-  app.add_option("--then", a.then,
-                 "add the scans of each complete study to the file COLLECTION, and make\n"
-                 "their assets in the folder STORE")
+  app.add_option(
+         "--then", a.then,
+         "add the scans of each complete study to the file COLLECTION, and make their assets in\n"
+         "the folder STORE, as trocar-mesh batch does")
       ->expected(2)
       ->type_name("COLLECTION STORE");
   app.add_option("--max-associations", a.max_associations,

@@ -33,10 +33,10 @@ std::string usage_error(const Result<void>& checked) {
 
 TEST(OpenDevice, HelpNamesEveryUri) {
   const std::string help = device_uri_help();
-  EXPECT_TRUE(
-      help.starts_with("inproc: simulated in this process;\n"
-                       "udp:HOST:PORT: a device process, such as trocar-device-sim;\n"
-                       "pose:HOST:PORT: "))
+  EXPECT_TRUE(help.starts_with(
+      "inproc: simulated in this process;\n"
+      "udp:HOST:PORT: another process that drives the device, such as trocar-device-sim;\n"
+      "pose:HOST:PORT: "))
       << help;
   for (const char* uri : {"haply:[HOST[:PORT]]: ", "forcedimension:[ID]: "})
     EXPECT_NE(help.find(uri), std::string::npos) << uri;
