@@ -21,7 +21,7 @@ inline constexpr const char* kOriginProgram = "program";
 /// Keys whose value is a digest: BLAKE2b-256, hexadecimal, as `b2sum -l 256` gives it.
 inline constexpr const char* kOriginScene = "scene";
 inline constexpr const char* kOriginAsset = "asset";
-inline constexpr const char* kOriginDevice = "device";  ///< the value is a digest or "built-in"
+inline constexpr const char* kOriginDevice = "device";  ///< a digest, "built-in" or "built-in/NAME"
 /// Key and value of the entry for the kind of device. Only recordings of a pose device have it.
 inline constexpr const char* kOriginDeviceKind = "device-kind";
 inline constexpr const char* kPoseDeviceKind = "pose";

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/devices/open_device.h"
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "runtime/connection/connected_device.h"
@@ -144,7 +146,8 @@ struct DeviceKind {
   bool needs_key_file, may_have_motors;
   DescriptionKind description;
   std::string_view built_in;  ///< name of the description of a pose device
-  /// Asks the device whether it measures the orientation of its handle; null: no built-in description depends on it.
+  /// Asks the device whether it measures the orientation of its handle. Null only if there is no
+  /// built-in description.
   Result<bool> (*senses_rotation)(std::string_view address);
   Result<OpenedDevice> (*open)(std::string_view address, const OpenDeviceOptions& options);
 };
@@ -163,6 +166,10 @@ constexpr DeviceKind kDevices[] = {
      DescriptionKind::kPoseDevice, "force_dimension", force_dimension_senses_rotation,
      open_force_dimension},
 };
+
+static_assert(std::all_of(std::begin(kDevices), std::end(kDevices), [](const DeviceKind& kind) {
+  return kind.open != nullptr && kind.built_in.empty() == (kind.senses_rotation == nullptr);
+}));
 
 struct UriParts {
   std::string_view scheme, address;

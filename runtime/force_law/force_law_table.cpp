@@ -11,8 +11,9 @@ namespace trocar::runtime {
 namespace {
 
 /// The factories of the shipped laws, in the order of kForceLaws.
-constexpr std::array<ForceLawFactory, kForceLaws.size()> kFactories{
-    make_hooke_law, make_network_law, make_cutting_law};
+constexpr auto kFactories =
+    std::to_array<ForceLawFactory>({make_hooke_law, make_network_law, make_cutting_law});
+static_assert(kFactories.size() == kForceLaws.size(), "each law of kForceLaws needs a factory");
 
 /// The factories of all laws, indexed by ForceLawKind.
 std::vector<ForceLawFactory>& factories() {
