@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The folder of received studies. A complete study appears by one rename as FOLDER/STUDY_UID/.
-// Everything else is in FOLDER/.incoming/, on the same file system:
-//   associations/OWNER/STUDY/   instances of an open association; OWNER consists of the identity of
-//                               the process that made the folder (receiver or fetch) and a number
-//   released/OWNER/STUDY/       instances of a released association that are not yet in studies/
-//   studies/STUDY/              instances of released associations that are not published yet
+// The folder of received studies. A complete study appears by one rename as FOLDER/STUDY_UID/. An
+// instance is a DICOM file, and an association is a DICOM connection over which instances come. An
+// instance moves through the following folders of FOLDER/.incoming/, which is on the same file
+// system, in this order:
+//   associations/OWNER/STUDY/   instances of an association that is still open. OWNER is the
+//                               identity of the process that made the folder (`trocar-mesh receive`
+//                               or `fetch`), and a number
+//   released/OWNER/STUDY/       the same after the other side has ended the association
+//   studies/STUDY/              instances of all ended associations, until the study is published
+// FOLDER/.incoming/ also has:
 //   replaced/                   studies that are being extended or removed
-//   following/STUDY             empty file for each study that `--then` must still mesh
+//   following/STUDY             empty file for each study that `receive --then` must still mesh
 //   received/STUDY              empty file; its modification time is when the study last grew
 // Tests: tests/pipeline/archive/study_folders_test.cpp
 #pragma once
@@ -80,8 +84,8 @@ class StudyFolders {
   /// Publishes the instances in `source`, a folder within .incoming, and removes `source`. If the
   /// study is published already, its folder is exchanged for one that also has the new instances;
   /// a published instance is never replaced. Errors: kUnwritable if a file cannot be written; kBug
-  /// if `study` is not a UID. After an error the study is unchanged, unless only the file in
-  /// received/ or the last sync failed.
+  /// if `study` is not a UID. After an error the study is unchanged, with one exception: if
+  /// only the file in received/ or the last sync failed, the study has been published.
   Result<PublishedStudy> publish(const std::filesystem::path& source,
                                  const std::string& study) const;
 

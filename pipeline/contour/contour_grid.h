@@ -16,8 +16,8 @@ namespace trocar::pipeline {
 
 class ContourGrid {
  public:
-  /// Consecutive edges `first` to `last` of one ring that one cell lists. `next_in_cell` is the
-  /// index of the cell's next run.
+  /// An entry in the list of a cell: the consecutive edges `first` to `last` of one ring.
+  /// `next_in_cell` is the index of the cell's next run.
   struct Run {
     std::uint32_t first, last, next_in_cell;
   };

@@ -12,7 +12,8 @@
 //  3. Following: the search follows each tube from plane to plane beyond both of its ends, for up
 //     to 15 mm, even where the section merges with other regions or the ring of bone is open. If
 //     this leads to a section of another tube, the two tubes are joined. An end of a tube is open
-//     if following it leads to the volume's border or to a plane that does not enclose the section.
+//     if following it leads to the volume's border, or to a plane in which bone does not enclose a
+//     part of the section (35 % of the tube's median area).
 //  4. Choice: a tube is a canal if both ends are open. A tube of at least 60 mm, which is longer
 //     than a vertebra, needs only one open end.
 //  5. Growth: in each plane a canal takes the pixels without bone within 5.5 mm of its section,
@@ -40,7 +41,7 @@ enum CanalFlag : std::uint8_t {
   kEnclosed = 4,    ///< input: enclosed within its plane
   kWide = 8,        ///< input: all material in its plane is farther away than kCanalDisc_mm
   kInCanal = 16,    ///< result: in a canal
-  kInSection = 32,  ///< result: in the middle of a canal (step 1 or 3)
+  kInSection = 32,  ///< result: in a section of a canal (step 1 or 3), not only added by step 5
 };
 
 /// A canal, given by the centroids of its sections in ascending planes.

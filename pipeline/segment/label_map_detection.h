@@ -44,10 +44,11 @@ ValueTally tally_values(const Image& image, bool as_labels);
 /// Rule 1, looks_like_labels, applies to a scan in HU whose material is not chosen by labels. All
 /// of these conditions must hold:
 ///  - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
-///    or fat, below 0. A crop inside the body has noise.)
-///  - At least two values are not 0. A single value that is not 0 is sufficient if it is at most
-///    255 and the threshold is not half of it. (If the threshold is half of it, the mesh is the
-///    same as with --labels.)
+///    or fat, below 0. A crop inside the body may have neither, but its noise gives more than 256
+///    different values.)
+///  - At least two different values are not 0. In a mask of 0 and one other value, this value is
+///    sufficient if it is at most 255 and the threshold is not half of it. (If the threshold is
+///    half of it, the mesh is the same as with --labels.)
 ///  - No value is above 255, or two labels differ by 1. Labels are small or numbered one after
 ///    another, whereas the HU of a phantom's materials are neither.
 ///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more

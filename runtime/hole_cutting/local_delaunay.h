@@ -35,8 +35,9 @@ class LocalTriangulation {
 
   /// Makes the Delaunay triangulation of the points. Precondition: |coordinate| <= kMaxCoordinate.
   /// Returns kNotPlanar if two points are equal. The time is typically O(n^1.5), and less if
-  /// consecutive points are near each other. `first_corner`: the corner of the box that comes first
-  /// in points(). 0 is the lower left corner, and 1 to 3 follow counter-clockwise. If the caller
+  /// consecutive points are near each other. `first_corner`: which of the box's corners is the
+  /// first of the last four points(). 0 is the lower left corner, and 1 to 3 follow
+  /// counter-clockwise. If the caller
   /// rotates points and first corner together by right angles, the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
@@ -46,8 +47,9 @@ class LocalTriangulation {
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
   /// `region` has one entry per cell. The function flips edges until every edge between two cells
-  /// of the same region is locally Delaunay, except in region 0. Only the boundaries between
-  /// regions are preserved: a constraint between two cells of one region may be flipped, too.
+  /// of the same region is locally Delaunay, except in region 0. A constraint is
+  /// preserved only if it separates two regions or lies in region 0; another constraint may be
+  /// flipped, too.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }

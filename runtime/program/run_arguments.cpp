@@ -105,9 +105,10 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
       "stored before. If it gives more, the fault energy_limit is raised (default: 0.05)");
   safety.option(
       "--stiffness-limit", a.stiffness_limit_N_per_m,
-      "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. It acts with the\n"
-      "force law cutting, and if the device measures its own pose. A value above that of the\n"
-      "device's description has no effect (default: the value of the description)");
+      "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. It limits the\n"
+      "force law cutting with every device, and every force law with a device that measures its\n"
+      "own pose. A value above that of the device's description has no effect (default: the\n"
+      "value of the description)");
   safety.option(
       "--force-limit", a.force_limit_N,
       "for a device that measures its own pose: largest force that is sent to it, 0.01 to\n"
@@ -297,11 +298,12 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                 device_uri_help() + "\n(default: " + std::string(kDefaultDevice) + ")");
   device.flag(
       "--simulated", a.simulated,
-      "the device process only simulates a device. Then late ticks are no fault, and with udp:\n"
-      "and pose: data may be missing for 250 ms instead of 10 ms; --late-ticks-in-row above 0\n"
-      "cancels both. Without --simulated, the device is assumed to have motors, and contact\n"
-      "has half the stiffness that its description permits. The reason is that the mass stated\n"
-      "there may be too high, and a lighter device becomes unstable at less stiffness");
+      "for a device process (any --device but inproc): it only simulates a device. Then late\n"
+      "ticks are no fault. With the devices 'udp' and 'pose', data may be missing for 250 ms\n"
+      "instead of 10 ms. (A value of --late-ticks-in-row above 0 restores the fault and the 10\n"
+      "ms.) Without --simulated, a device process is assumed to have motors. Then contact gets\n"
+      "half the stiffness that the device's description permits: if the mass in the description\n"
+      "is too high, the full stiffness would make the device unstable");
   device.flag(
       "--test", a.test_device,
       "run no session; read the device for --duration (default: 5 s), command no force, and say\n"

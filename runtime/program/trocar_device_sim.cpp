@@ -103,8 +103,10 @@ void declare(CLI::App& app, Arguments& a) {
       ->check(not_negative);
   app.add_option("--device-description", a.description,
                  "use this device description (JSON) instead of the scene's");
-  app.add_option("--record", a.record,
-                 "write mode, torques and tip position in each of the first million steps, as CSV");
+  app.add_option(
+      "--record", a.record,
+      "write the drive's mode, its torques and the tip position as CSV, a row for each of the\n"
+      "first million steps (periods of --rate)");
   app.add_option(
       "--summary", a.summary,
       "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");

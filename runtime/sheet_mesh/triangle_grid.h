@@ -6,8 +6,9 @@
 // the cells doubles; the coarsest grid is a single cell. A triangle is listed in a single cell. The
 // cell belongs to the finest grid whose cells are at least as large as the triangle's bounding box,
 // and contains the lower left corner of this box. Therefore a triangle extends at most into the
-// next cells to the right and above. A triangle has one list entry, however long and thin it is, so
-// one entry for each triangle slot suffices for every edit. Source: "loose" grids, after Ulrich's
+// next cells to the right and above. A triangle has one list entry, however long and thin it is. So
+// one entry is allocated for each slot of the mesh (a place for a triangle, in use or not), and an
+// edit needs no further memory. Source: "loose" grids, after Ulrich's
 // loose octree, 2000.
 #pragma once
 
@@ -38,9 +39,9 @@ enum class GridTriangles : std::uint8_t {
 ///  1. for_each() visits every triangle of GridTriangles whose bounding box is not apart() from the
 ///     given box, exactly once, and no other triangle. The order depends only on the mesh given to the
 ///     constructor and on the edits since then.
-///  2. The constructor and add_slots() allocate. An update() allocates only if it writes to more
-///     shared pages than reserve_pages() has reserved. A copy shares the memory of the grid until
-///     one of the two is updated.
+///  2. The constructor and add_slots() allocate. A copy of the grid shares its pages of memory until
+///     one of the two is updated. An update() allocates only if it writes to more shared pages than
+///     reserve_pages() has reserved.
 class TriangleGrid {
  public:
   TriangleGrid() = default;
@@ -48,8 +49,8 @@ class TriangleGrid {
   /// O(slots).
   explicit TriangleGrid(const SheetMesh& mesh, GridTriangles lists = GridTriangles::kAll);
 
-  /// Call this once after each edit of the mesh. `change`: the lists of the edit; `mesh`: the edited
-  /// mesh. The time is proportional to the number of triangles that the edit has written.
+  /// Call this once after each edit of the mesh. `change`: the triangles that the edit has
+  /// written; `mesh`: the edited mesh. The time is proportional to the number of triangles that the edit has written.
   void update(const SheetChange& change, const SheetMesh& mesh) noexcept;
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
     update(edit.change(), mesh);

@@ -5,7 +5,8 @@
 //
 // A plan is a text of items separated by commas. Each item has the form
 // KIND[:VALUE[:VALUE]][@FROM[..TO]]. The fault acts from FROM until before TO; by default FROM is 0
-// and the fault does not end. Times are simulated times in s.
+// and the fault does not end. Times are simulated times in s, since
+// the session's start.
 //   loss:P             packets are lost
 //   delay:P:MS         packets are delayed by MS ms
 //   duplicate:P        packets are delivered twice
@@ -15,7 +16,7 @@
 //   jump:ENCODER:RAD   RAD is added to the angle of an encoder, 0 to 15, in rad
 //   dead:MOTOR         a motor, 0 to 7, applies no torque
 //   stop               the emergency stop is pressed
-//   kill               the process is killed
+//   kill               the process that simulates the drive is killed
 // P is the probability with which the fault concerns a packet. Faults of packets concern both
 // commands and states. If "command-" or "state-" stands before the kind, they concern only commands
 // or only states.

@@ -27,7 +27,7 @@ class Recorder final : public TickObserver {
   void on_tick(const TickView& tick) noexcept override {
     if (!rows_.push(tick.result.row)) lost_.fetch_add(1, std::memory_order_relaxed);
   }
-  /// Writes the rows in the queue.
+  /// Writes the rows that are now in the queue to the file.
   void serve() override;
   /// Calls stop() and gives the file its final name. Errors: kUnwritable if a row was lost or could
   /// not be written, or if the file cannot be renamed. After an error the rows that were written
