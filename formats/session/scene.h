@@ -48,8 +48,10 @@ struct ShaftTissue {
 /// The strength of bone from its HU. The density is at_0_HU + per_HU * HU, and a published law
 /// gives the strength for this density (runtime/bone_cutting/material/bone_strength.h).
 struct BoneByHu {
-  std::string law;                    ///< name of the law
-  std::string density = "qct";        ///< kind of the resulting density: "qct", "ash" or "apparent"
+  std::string law;  ///< name of the law
+  /// Kind of the resulting density: "qct" (mineral, as a phantom in the scan gives it), "ash" (mass
+  /// of the burnt bone per volume) or "apparent" (mass of the bone without marrow per volume).
+  std::string density = "qct";
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3 per HU, and g/cm^3 at 0 HU
   bool calibration_is_given = false;  ///< false: the default calibration is assumed
   friend bool operator==(const BoneByHu&, const BoneByHu&) = default;
@@ -57,17 +59,18 @@ struct BoneByHu {
 
 /// Resistance of a tissue to a tool that cuts through it (force law `cutting`).
 struct CutTissue {
-  /// Cutting force per area of the tool's outline, not yet multiplied by pressure_over_yield.
+  /// Strength of the material. The cutting force per area of the tool's outline is this value times
+  /// pressure_over_yield.
   std::optional<double> strength_MPa;
   std::optional<BoneByHu> bone;  ///< strength from HU, if strength_MPa is absent
   double tearing_N_per_m = 0;    ///< additional force per length of the outline
-  /// Factor on the strength: ratio of the pressure under a flat tip to the strength of the bone.
+  /// Pressure under a flat tip that cuts, divided by the strength of the material.
   double pressure_over_yield = 1;
   /// Elastic modulus, from which the stiffness under the tip is computed. 0: not given; then see
   /// Tissue::stiffness_is_given.
   double modulus_MPa = 0;
   /// Coulomb friction coefficient of the tip's faces, and of the shaft on the wall of its hole. The
-  /// wall presses on the shaft with the tissue's strength.
+  /// pressure of the wall on the shaft is the strength times pressure_over_yield.
   double friction_coefficient = 0;
   double friction_kPa = 0;  ///< additional friction along the shaft, per area of the shaft's side
   double foundation_N_per_mm3 = 0;  ///< Winkler foundation: lateral pressure per displacement
@@ -116,8 +119,8 @@ struct SceneLayer {
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;                   ///< force at the puncture, and after it
   /// Fracture toughness; 0: the scene gives puncture_N. If the toughness is above 0, puncture_N is
-  /// computed from the toughness for the scene's tool, and cutting_N, unless the scene gives it, is
-  /// the part of puncture_N that tears the tissue.
+  /// computed from it for the scene's tool. If the scene does not give cutting_N either, cutting_N
+  /// is that part of puncture_N which tears the tissue.
   double toughness_J_per_m2 = 0;
   bool cutting_is_given = false;  ///< the scene gives cutting_N
   double friction_N_per_m = 0;    ///< friction on the shaft per length of cut depth
@@ -133,7 +136,7 @@ enum class ToolAxis : std::uint8_t {
 /// The pose at which the law `cutting` is evaluated. kOn: the pose predicted for the next tick.
 /// kOff: the measured pose.
 enum class PosePrediction : std::uint8_t {
-  kAuto,  ///< predicted pose only if the device's damping is too small for the coupling
+  kAuto,  ///< predicted pose only where the device's damping cannot keep the coupling stable
   kOn,
   kOff,
 };
@@ -153,7 +156,7 @@ struct SceneForceLaw {
   /// the device can render stably (runtime/bone_cutting/contact/device_coupling.h).
   double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
   PosePrediction prediction = PosePrediction::kAuto;
-  double tip_friction = 0.3;  ///< coefficient of the tip's friction on the bone that it presses on
+  double tip_friction = 0.3;  ///< friction coefficient of a tip that slides on bone without cutting
   /// Crushed bone holds the tip against withdrawal with this fraction of the force that
   /// crushed the bone.
   double tip_hold = 0.25;
@@ -179,9 +182,9 @@ struct SceneBody {
   double top_z_m = 0;       ///< height in {B} of the highest slice
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
   double shell_factor = 1;  ///< ratio of the shell's strength to that of the bone under the tool
-  /// Radius of the area in which nothing supports the shell. In this area the shell breaks as a
-  /// thin wall (runtime/bone_cutting/material/thin_wall.h) if breaking needs less force than
-  /// cutting. 0: bone supports the shell everywhere.
+  /// Radius around the tool within which nothing supports the shell, wherever the tool is. The
+  /// shell then breaks as a thin wall (runtime/bone_cutting/material/thin_wall.h) if breaking needs less
+  /// force than cutting. 0: bone supports the shell everywhere.
   double shell_free_radius_m = 0;
   /// HU of cortical bone. If a slice is thicker than a cortical wall, its HU are the mean of the
   /// wall and of the bone behind it. From cortex_HU and this mean, the law computes the thickness

@@ -26,7 +26,7 @@ struct InstanceName {
 /// The status in the answer to a C-STORE request (DICOM PS3.4, table B.2-1).
 enum class StoreStatus : std::uint16_t {
   kStored = 0x0000,
-  kDuplicate = 0x0111,       ///< the association has sent a different instance of the same UID
+  kDuplicate = 0x0111,       ///< other bytes with this UID have come in the same association
   kOutOfResources = 0xA700,  ///< a limit is exceeded, or the file cannot be written
   /// The UIDs differ from those of the request, trocar-mesh does not read this kind of instance, or
   /// there are no pixels.

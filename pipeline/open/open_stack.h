@@ -13,10 +13,11 @@
 namespace trocar::pipeline {
 
 /// Opens a list of files, or the scan that search_folder() finds in one folder. Warnings:
-/// other_input if other scans in the folder are left out; those of the readers.
+/// those of the readers, and other_input if other scans in the folder are left out.
 ///
 /// Errors: kRefused if an input does not exist, a file is broken, nothing is usable, slices differ
-/// in size, or an axis is given for DICOM slices that do not form a regular volume. kUsage if the
+/// in size, or an axis (option --axis) is given for DICOM slices that do not form a regular volume.
+/// kUsage if the
 /// inputs and the options do not fit together, for example:
 ///  - No spacing is given for images, or for a NIfTI file that states none.
 ///  - Images are given with an axis other than axial.

@@ -182,9 +182,9 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
       "add a closed surface of the material, for display and for trocar-mesh export --surface");
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "largest number of triangles of the surface. It gets more only if it would otherwise\n"
-      "intersect itself. Without this option, it also gets more than 50000 if it would\n"
-      "otherwise be too far from the material");
+      "largest number of triangles of the surface. The surface gets more triangles if it would\n"
+      "intersect itself with this number. The default, 50000, is also exceeded if the surface\n"
+      "would be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "number of threads; 0: one for each core");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -231,7 +231,8 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
 }
 
 void add_preview_options(CLI::App& app, Arguments& a) {
-  add_common_options(app, a, "the picture to write (.png, or .html with the numbers as text)");
+  add_common_options(app, a,
+                     "the picture to write (.png, or .html with its areas and thresholds as text)");
   Group(app, "Output")
       .number("--count", a.count, "N", 1, 100,
               "number of slices shown, evenly spread over those with material");

@@ -28,7 +28,8 @@ class RefinementQueue {
 
   /// Adds an entry. `shortest2` is the squared length of the shortest edge, from 1 to below 2^64.
   void push(double shortest2, Entry entry) {
-    // A double's exponent and first two digits: four buckets for each power of two.
+    // The bucket follows from the exponent of the double and the first two bits of its mantissa, so
+    // there are four buckets for each power of two.
     const auto digits = std::bit_cast<std::uint64_t>(shortest2) >> 50;
     const std::size_t k = (digits - (1023U << 2)) & (buckets_.size() - 1);
     buckets_[k].push_back(entry);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// First stage of a cut (paper, II.C: "search all meshes that are across the hexagon by intersection
-// test and all vertices inside the hexagon"). It finds the cavity: the triangles that the tool
-// overlaps or touches. It also finds the boundary of the cavity, which the code calls `rim`. The
+// The first stage of a cut finds the cavity: the triangles that the tool overlaps or touches. (The
+// paper describes it in II.C as "search all meshes that are across the hexagon by intersection test
+// and all vertices inside the hexagon". There, meshes are triangles, and the hexagon is the tool's
+// outline.) This stage also finds the boundary of the cavity, which the code calls `rim`. The
 // triangles outside the cavity are the kept triangles. All decisions are exact, because they use
 // 64-bit and 128-bit integers.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
@@ -33,7 +34,7 @@ struct OutlineEdge {
 /// The result of a stage of a cut.
 enum class StageOutcome : std::uint8_t {
   kDone,
-  kAgain,     ///< rounding affects kept triangles: add them to the cavity and repeat the stages
+  kAgain,     ///< rounding new points would spoil kept triangles: add these, and repeat
   kCapacity,  ///< the scratch memory is too small
   kBug,       ///< an invariant does not hold
 };
@@ -79,8 +80,8 @@ struct Cavity {
 };
 
 /// Finds the triangles that the tool overlaps or touches, so that the tool has no point in common
-/// with a kept triangle. If the tool touches triangles but overlaps none, the cavity is empty. The
-/// time is proportional to the number of triangles near the tool.
+/// with a kept triangle. But if the tool touches triangles and overlaps none, the cavity is empty.
+/// The time is proportional to the number of triangles near the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A priority queue of triangle slots. The queue is a heap and stores the position of each slot in
-// the heap, so that a slot can be removed and its key can be changed. Each slot occurs at most
-// once, so the capacity always suffices.
+// A priority queue of triangle slots (places of a mesh for triangles). The queue is a heap and
+// stores the position of each slot in the heap, so that a slot can be removed and its key can be
+// changed. The queue can hold every slot of the mesh, and each slot occurs at most once.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 

@@ -9,7 +9,8 @@
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i.
 // Here a_motors are the accelerations of the motors' joints and a_i those of the point masses for
-// V' = 0, which are due to the velocity alone. These accelerations are computed in closed form. No allocation, no exception.
+// V' = 0, which are due to the velocity alone. These accelerations are computed in closed form. No
+// function allocates or throws.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,10 +24,10 @@
 
 namespace trocar::runtime {
 
-/// Properties that the paper does not give. Every default is an assumption: aluminium links
-/// of about 10 mm diameter, direct-drive motors with a bevel pair, and drives whose current loop
-/// has a bandwidth of 500 Hz. Dry friction is modelled by a spring in each motor joint. The spring
-/// slips when its torque reaches the Coulomb friction.
+/// Properties that the paper does not give. Every default is an assumption: aluminium links of
+/// about 10 mm diameter, motors that act on the joints through one bevel pair, and drives whose
+/// current loop has a bandwidth of 500 Hz. Dry friction is modelled by a spring in each motor
+/// joint. The spring slips when its torque reaches the Coulomb friction.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< masses of l1, l2, l3, l4
   /// Inertia of each rotor as it acts at its joint: the rotor's own inertia times the square of the

@@ -109,5 +109,5 @@ def results(data):
 
 def headline(data):
     rows = [row for row in data["rows"] if row["method"] == "auto" and row["parameter"] == 0.01]
-    return (f"Deformation of a slice as a network of springs: the solver may err by 1 % of the force, and its largest error was {100 * max(row['force_error_max'] for row in rows):.2g} %. "
+    return (f"Deformation of a slice as a network of springs: a relative error of the force of 1 % is allowed, and the largest was {100 * max(row['force_error_max'] for row in rows):.2g} %. "
             f"On every scan the median time of a solution was at most {max(row['solve_us'] for row in rows):.2g} us.")
