@@ -10,7 +10,6 @@
 //     samples than the outlines require, and values out of range. Two numbers bound its memory and
 //     time: the number of edges, and the number of samples in the box around outlines and margin.
 //     The latter is at most kMaxHuSamples.
-// Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -46,8 +45,8 @@ struct HuMask {
   std::vector<char> is_stored;  ///< one flag for each sample, row by row; not 0: stored
 };
 /// Determines the samples of a slice that are stored. Errors: kRefused if the box has more than
-/// kMaxHuSamples samples, or if so many edges are close together that the work exceeds 1024 steps
-/// for each edge plus 1024 for each sample.
+/// kMaxHuSamples samples, or if so many edges are close together that the search takes more than
+/// 1024 steps of computation for each edge plus 1024 for each sample.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
 /// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of

@@ -4,21 +4,22 @@
 //
 // Contract (tests/formats/session/telemetry_test.cpp):
 //  1. The writer never waits for a reader. The writer reads back only two things from the memory:
-//     the command words and the live hand (item 5). Of a command word the writer uses only whether
-//     the word has changed and, for X-ray screening, whether the word is odd. So no reader can stop
-//     the writer: a reader can only give commands, and move a live hand within the hand's limits.
+//     the command words and the live hand (item 5). A command word is a counter that a reader
+//     raises to give a command. The writer only looks whether the word has changed and, for X-ray
+//     screening, whether it is odd. So no reader can block or crash the writer: a reader can only
+//     give commands, and move a live hand within the hand's limits.
 //  2. A reader gets complete values only, and never an older value after a newer one. A reader
 //     gives up after a bounded number of attempts, so it does not wait forever if the writer was
 //     killed in the middle of a write.
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
-//  4. A reader validates everything that it uses, and maps only the page of the commands and the
-//     live hand for writing. The memory is sealed, so neither side can shrink the memory. (This
-//     would kill the other side by SIGBUS.)
+//  4. A reader validates everything that it uses. It can write only to one page, which holds the
+//     commands and the live hand. The memory is sealed, so neither side can shrink the memory.
+//     (This would kill the other side by SIGBUS.)
 //  5. The live hand is a simulated hand that a person moves: another process writes the pose that
-//     the hand shall have. The session makes one attempt to read this pose. It gets a complete
-//     value or none, provided that only one process writes. If several processes write, or a
-//     hostile one does, the session may get any numbers. Therefore the session checks each number,
-//     and does not rely on the order of the counts.
+//     the hand shall have. In each tick the session tries once to read this pose. It gets a
+//     complete value or none, provided that only one process writes. If several processes write, or
+//     a hostile one does, the session may get any numbers. Therefore the session checks each
+//     number, and does not rely on TelemetryHand::count to ascend.
 #pragma once
 
 #include <array>
@@ -91,9 +92,10 @@ struct TelemetryEvent {
   std::int32_t sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   std::int32_t slice = -1;  ///< AssetSlice::index of the sheet's slice; -1: none
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
-  /// kPuncture. force_N is the force at the tip in the tick before the puncture. trial_force_N is
-  /// the force that exceeded the threshold (glossary: trial force). With the force law `cutting`,
-  /// trial_force_N is the largest strength of the slabs that were passed in this tick.
+  /// Only of kPuncture. force_N is the force at the tip in the tick before the puncture.
+  /// trial_force_N is the force that exceeded the threshold (glossary: trial force). With the force
+  /// law `cutting`, trial_force_N is the largest strength of the slabs that were passed in this
+  /// tick.
   double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
   double hand_N = 0;              ///< kPuncture: force on the hand in the tick before the puncture
   FaultDetail found;              ///< fault and measured value, for the kinds that name `found`
@@ -139,7 +141,7 @@ struct TelemetrySizes {
     bool has_hu = false;
   };
   std::string about;        ///< description of the session, JSON
-  std::size_t columns = 0;  ///< count of numbers in a snapshot
+  std::size_t columns = 0;  ///< count of numbers in a snapshot, the values of one tick
   /// Sizes of the sheets' initial meshes. The region of a sheet has space for twice its initial
   /// mesh plus 64 KiB.
   std::vector<Mesh> sheets;
@@ -169,7 +171,7 @@ class TelemetryWriter {
   /// Publishes the event and sets its number.
   void event(TelemetryEvent& event) noexcept;
   std::uint64_t last_event() const noexcept { return events_; }
-  /// Skips `count` event numbers, so that readers count as many events as lost.
+  /// Skips `count` event numbers, so that readers notice that `count` events are lost.
   void lose_events(std::uint64_t count) noexcept;
   /// sheet() publishes the mesh of a sheet, shape() the deformed sheet. If a mesh does not fit into
   /// its region, no mesh is stored, and readers get is_shown = false.
@@ -183,7 +185,7 @@ class TelemetryWriter {
   }
 
   /// The word of X-ray screening. The word is odd while a process requests screening. This process
-  /// must change the word at least once a second, otherwise screening ends (telemetry.md).
+  /// must add 2 to the word at least once a second, otherwise screening ends (telemetry.md).
   /// Wait-free, for the haptic thread.
   std::uint64_t screening() const noexcept {
     return commands_[kTelemetryCommands].load(std::memory_order_acquire);

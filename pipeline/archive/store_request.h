@@ -20,7 +20,8 @@ struct StoreAnswer {
 
 /// Receives the dataset that follows the request, stores it and sends the answer. `timeout_s` is
 /// the longest wait for the next bytes. If `stop` returns true, or the dataset is more than twice
-/// as large as the limit, receiving ends and `network` is bad.
+/// as large as the store's limit for an instance, receiving ends and `network` is bad. (A dataset
+/// between the limit and twice the limit is received and refused, and the association goes on.)
 StoreAnswer answer_store_request(T_ASC_Association& association,
                                  T_ASC_PresentationContextID context,
                                  const T_DIMSE_C_StoreRQ& request, InstanceStore& store,

@@ -19,9 +19,9 @@ struct GridLine {
 
 /// The crossing as a fraction in [0, 1] of the way from sample 3 to sample 4. There are two cases:
 ///  - The samples rise or fall monotonically from one constant value to another, and the iso-value
-///    is about half-way between the two constants. The samples are then taken as a blurred step:
-///    the crossing is the position at which a sharp step has the same sum of samples. This is
-///    exact for every sharp straight edge, because a pixel is the average over its area.
+///    is about half-way between the two constants. The samples are then those of a
+///    blurred edge. The crossing is the position of the sharp edge with the same sum of samples.
+///    This is exact for every sharp straight edge, because a pixel is the average over its area.
 ///  - Otherwise a cubic interpolates between samples 3 and 4 (Steffen, Astronomy and Astrophysics
 ///    239, 1990), and the crossing is its only zero there. The cubic is monotone, and linear if the
 ///    samples are linear.

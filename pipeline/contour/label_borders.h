@@ -48,8 +48,8 @@ struct LabelBorders {
 ///    crossings at the image's border stay on the outer edges of the pixels.
 ///  - A cell is the square between the centres of four pixels. If it has two crossings, a segment
 ///    joins them. If it has three or four, a node in the cell's middle is joined to all of them.
-///    There is one exception: if a diagonal of the cell is connected (connected_diagonal()), two
-///    segments cut off the pixels of the other diagonal.
+///    There is one exception: if the pixels of a diagonal belong together (connected_diagonal()),
+///    two segments cut off the pixels of the other diagonal.
 ///  - Within a cell no two segments intersect, and segments of two cells meet only at crossings.
 /// Every material therefore has the topology of its pixels, and no ring of a material passes a
 /// point twice. O(pixels + crossings).

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Makes the products of a scan, each by a command of trocar-mesh or trocar-run, unless the store
-// has them already.
+// Makes the products of a scan (preview, surface, scene and the check of the scene), each by a
+// command of trocar-mesh or trocar-run, unless the store has them already.
 // Tests: tests/pipeline/farm/product_test.cpp, tests/e2e/batch_products_test.py
 #pragma once
 
@@ -49,9 +49,9 @@ struct ProductsDone {
   bool is_known = false;  ///< true: all failures are known ones, which were not tried again
 };
 
-/// Replaces entry.products by the wanted products. Precondition: the asset of `entry` is done. A
-/// product is made only if the store does not have it under its key. The key is a digest of the
-/// program's digest, the product's parameters, and what the product is made of:
+/// Makes the wanted products and lists them in entry.products. Precondition: the asset of `entry`
+/// is done. A product is made only if the store does not have it under its key. The key is a digest
+/// of the program's digest, the product's parameters, and what the product is made of:
 ///  - preview and surface: the action of the scan's asset;
 ///  - scene: the scan's name and the digest of the asset;
 ///  - check: the same as for the scene, and the digest of the scene.

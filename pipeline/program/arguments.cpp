@@ -67,8 +67,10 @@ void add_input_options(CLI::App& app, Arguments& a) {
       "--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
       "plane of the slices; transverse means axial, that is, across the body. Default: axial\n"
       "for a NIfTI file; for other input, the plane in which the slices are stored");
-  group.value("--hu", a.hu, "CT",
-              "with --labels: the CT that gives the HU. Its voxels must be those of the label map");
+  group.value(
+      "--hu", a.hu, "CT",
+      "with --labels: the CT that gives the HU. It must have the same grid of voxels (size,\n"
+      "spacing, position) as the label map");
 }
 
 void add_material_options(CLI::App& app, Arguments& a) {
@@ -85,8 +87,8 @@ void add_material_options(CLI::App& app, Arguments& a) {
                    "density, -300: skin). If INPUT is images: a grey level from 0 to 255");
   a.equalize_given = group.number(
       "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-      "instead of --threshold: equalise the histogram of grey levels, then apply this\n"
-      "threshold from 0 to 255. Without the option, no histogram is equalised");
+      "instead of --threshold, and only if this option is given: equalise the histogram of\n"
+      "grey levels, then apply this threshold from 0 to 255");
   a.labels_given = group
                        .value("--labels", a.labels, "L",
                               "INPUT is a label map: its voxels hold numbers of structures. Mesh "
@@ -100,8 +102,8 @@ void add_material_options(CLI::App& app, Arguments& a) {
               "tables 'verse' and 'totalsegmentator'");
   group.number(
       "--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
-      "in each slice, drop islands of material, and fill holes in it, with less than this\n"
-      "area, mm^2");
+      "in each slice, drop islands of material that are smaller than this area, mm^2, and fill\n"
+      "holes that are smaller");
   group.flag("--keep-table", a.keep_table,
              "mesh the scanner's table, too. Without this option, the table is left out if it\n"
              "is separate from the patient's bone");
@@ -126,17 +128,20 @@ void add_solid_options(CLI::App& app, Arguments& a) {
   group
       .choice(
           "--keep", a.keep, {"all", "column"},
-          "with --fill. all: keep all bone; column: keep only the spinal column, without vessels\n"
-          "full of contrast medium; ribs are cut off 75 mm from the spinal canal")
+          "only together with --fill. 'all' keeps all bone. 'column' keeps only the spinal "
+          "column:\n"
+          "vessels full of contrast medium, which are as dense as bone, are dropped, and ribs are\n"
+          "cut off 75 mm from the spinal canal")
       ->capture_default_str();
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep only the N largest connected components; 0: keep all");
   group
-      .value("--seed", a.seeds, "X,Y,Z",
-             "keep only the material connected to this point (mm in DICOM's patient coordinates: x "
-             "to\n"
-             "the patient's left, y to the back, z to the head). Further points mark neighbours:\n"
-             "material nearer to them than to the first point is dropped")
+      .value(
+          "--seed", a.seeds, "X,Y,Z",
+          "keep only the material connected to this point (mm in DICOM's patient coordinates: x "
+          "to\n"
+          "the patient's left, y to the back, z to the head). Further points mark touching\n"
+          "bones that are not wanted: material nearer to them than to the first point is dropped")
       ->allow_extra_args(false);
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep only the material within 1.5 mm of the labels L of this label map");
@@ -147,7 +152,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   group
       .choice("--contour", a.contour, {"subpixel", "pixel"},
               "where the border of the material runs. subpixel: between pixel centres, where the\n"
-              "interpolated value is the threshold; pixel: from pixel centre to pixel centre")
+              "interpolated value is the threshold; pixel: through the centres of the outermost "
+              "pixels\n"
+              "of the material")
       ->capture_default_str();
   group
       .choice(

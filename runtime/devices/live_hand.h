@@ -10,15 +10,15 @@
 //     the target's velocity.
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
 //     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance
-//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: if the
-//     target starts at the tip, and a force has pushed the tip outside these bounds, the target may
-//     be outside until it has returned.
+//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: when
+//     the person takes hold, the target starts at the tip. If a force has pushed the tip outside
+//     these bounds, the target is outside until it has come back.
 //  3. A message is ignored if a number of its pose is not finite, or is larger than 1 m or 7 rad.
 //  4. When the person lets go, or 250 ms after the last new message, the target follows the tip
-//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. At the speed of
-//     0.3 m/s, even a force on a soft tissue falls below a tenth of its value within 300 ms
-//     after the last message. Until the person holds the hand for the first time, the target
-//     rests at the start.
+//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. So within 300 ms
+//     after the last message even the force of a soft tissue, which needs the longest way back,
+//     falls below a tenth of its value. Until the person holds the hand for the first time, the
+//     target rests at the start.
 //  5. The same calls give the same targets.
 #pragma once
 
@@ -44,15 +44,15 @@ struct LiveHandLimits {
   Pose T_device_tool_start;  ///< target pose of the tip when the session begins
   /// Box of tip positions in {B}. With the tool's rotation at the start, the device reaches every
   /// position in the box and 5 mm more on each side. The box extends down to 20 mm below the lowest
-  /// slice, or as far as the device can reach.
+  /// slice, or less if the device cannot reach so far.
   Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
   double turn_max_rad = 0;  ///< largest angle from the rotation at the start
   double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
 };
 
 /// Returns the limits for a scene with a live hand. Precondition: place_body() has placed the
-/// slices of the scene. Errors: kRefused if there is no box around the height of the start, or if
-/// the start is not in the box.
+/// slices of the scene. Errors: kRefused if the device can reach no such box at the height
+/// of the start, or if the start is not in the box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
 

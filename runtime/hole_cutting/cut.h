@@ -23,8 +23,8 @@ enum class CutOutcome : std::uint8_t {
   /// The tool is not a simple counter-clockwise polygon on the lattice with 3 to kMaxToolCorners
   /// different corners.
   kInvalidTool,
-  kCapacity,  ///< the scratch memory or the sheet's free slots do not suffice
-  kBug,       ///< a stage failed, or the result could not be proved valid
+  kCapacity,  ///< too little scratch memory, or too few free slots in the sheet
+  kBug,       ///< a step of the cut failed, or the result could not be proved valid
 };
 std::string_view to_string(CutOutcome outcome) noexcept;
 
@@ -38,18 +38,19 @@ struct CutReport {
   std::uint32_t triangles_created = 0;
   std::uint32_t flips = 0;  ///< number of edges flipped to make all edges Delaunay again
   /// Number of boundary edges that lie opposite an angle above 90 degrees, counted only in the
-  /// triangles that the cut has written. The spring of such an edge is negative
-  /// (runtime/deformation/network.h).
+  /// triangles that the cut has written. The spring of such an edge has a
+  /// negative stiffness (runtime/deformation/network.h).
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
 /// Cuts the polygon `tool` out of `mesh`, in place. Preconditions: `mesh` is valid
 /// (check_sheet_mesh()), `grid` indexes its triangles, and `work` and `edit` were made for a sheet
-/// with at least as many slots for vertices and triangles (sheet_mesh.h). Contract:
+/// with at least as many slots as `mesh` has. A slot is a place for a vertex or a triangle
+/// (sheet_mesh.h). Contract:
 ///  1. The cut replaces the triangles that the tool overlaps or touches, and triangles near them
 ///     where rounding requires it. In the rest of the sheet the cut changes two things. It flips
-///     edges that are no longer locally Delaunay (item 2). And where the remaining triangles around
-///     a vertex form several fans that share only this vertex, each fan gets a vertex of its own.
+///     edges that are no longer locally Delaunay (item 2). And where only a vertex still
+///     joins several parts of the remaining sheet, each part gets a vertex of its own.
 ///  2. If all inner edges are locally Delaunay before the cut, all are locally Delaunay after the
 ///     cut. Vertices under the tool are removed. Other vertices of the replaced triangles stay,
 ///     unless a bent edge runs through them (item 3).
@@ -61,9 +62,10 @@ struct CutReport {
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
 ///     proved valid (patch_proof.h) before the first slot was written.
-///  6. The function allocates in two cases only: it writes to more shared pages (paged_array.h)
-///     than SheetMesh::reserve_pages() has reserved, or it frees more than SheetMesh::kReservedFree
-///     slots. The time depends on the mesh near the tool, not on the size of the sheet.
+///  6. The function allocates in two cases only: it writes to more pages that a copy of the mesh
+///     shares (paged_array.h) than SheetMesh::reserve_pages() has reserved, or it frees more than
+///     SheetMesh::kReservedFree slots. The time depends on the mesh near the tool, not on the size
+///     of the sheet.
 /// After the cut, `edit` lists the slots written, work.stitch.created lists the slots of the new
 /// triangles, and work.hole contains the rings around the removed material. If the tool lies
 /// completely over material, the only ring is the tool's outline. After kCut the caller must update

@@ -29,12 +29,13 @@ class SessionOutputs {
   /// The references must outlive this object.
   SessionOutputs(const RunArguments& arguments, const SessionInputs& inputs, double rate_Hz);
 
-  /// Makes this object collect frames and figures during the session. If the arguments ask for
-  /// frames, sets SessionOptions::on_frame. If they ask for a report, sets SessionOptions::on_tick.
+  /// Makes this object collect frames and the report's numbers during the session. If the arguments
+  /// ask for frames, sets SessionOptions::on_frame. If they ask for a report, sets
+  /// SessionOptions::on_tick.
   void collect(SessionOptions& options);
   /// Writes every output, even if another output could not be written. Returns the errors,
   /// including an error of the recording. `hand`: the hand that a person moved; null: the scene has
-  /// no live hand. `link`: the counts of the device link; none: the device has no link.
+  /// no live hand. `link`: numbers of packets on the device link; none: the device has no link.
   std::vector<Error> write(const SessionOptions& options, const SessionResult& report,
                            const Remesher& remesher, const LiveHand* hand,
                            const std::optional<LinkReport>& link);

@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slot of a hole: the region in one horizontal plane in which the tool's axis does not press on
-// the hole's wall. The region is the convex hull of its corners, widened on all sides by the
-// clearance. The region can only grow, so that pushing the wall aside always costs energy. (A
-// region that moved with the tool would close again behind the tool.)
+// The slot of a hole: the region of one horizontal plane in which the tool's axis can be without
+// the shaft pressing on the hole's wall. The region is the convex hull of at most kMaxCorners
+// points, the corners, widened on all sides by the clearance (the gap between shaft and wall). The
+// region can only grow, so that pushing the wall aside always costs energy. (A region that moved
+// with the tool would close again behind the tool.)
 //
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
 //  1. reach().distance_m is the distance of the point from the convex hull of the corners, minus
 //     the clearance, but at least 0.
-//  2. include(p) extends the region so that it contains p. The hull gets one more corner: among the
-//     points at most one clearance away from p, the one nearest to the hull. Without clearance the
-//     result is the convex hull of the region and p. If the hull then has more than kMaxCorners
-//     corners, one edge is removed by extending its two neighbours until they intersect. The
-//     removed edge is the one for which this adds the least area. include() never increases the
-//     distance of any point from the region.
+//  2. include(p) extends the region so that it contains p. The hull gets one more corner: the
+//     point at the distance of the clearance from p, in the direction towards the hull. Without
+//     clearance the result is the convex hull of the region and p. If the hull then has more than
+//     kMaxCorners corners, one edge is removed by extending its two neighbours until they
+//     intersect. The removed edge is the one for which this adds the least area. include() never
+//     increases the distance of any point from the region.
 #pragma once
 
 #include <Eigen/Core>
@@ -57,7 +58,7 @@ class Slot {
     if (size_ == 2) {
       const Eigen::Vector2d edge = corners_[1] - corners_[0], to = p_m - corners_[0];
       const double along = to.dot(edge) / edge.squaredNorm();
-      // This order of min and max maps 0 / 0, of corners that rounding has merged, to 0.
+      // If rounding has merged both corners, `along` is 0 / 0. This order of min and max gives 0.
       const double part = std::min(1.0, std::max(0.0, along));
       return {to.x() - part * edge.x(), to.y() - part * edge.y(), part != along};
     }
@@ -70,7 +71,7 @@ class Slot {
   /// edge), and returns the result of that call. Here `offset` is the vector from the corner or
   /// edge to `p_m`, and `edge` is the vector along the edge. If all the points are inside the hull,
   /// returns true without a call. Returns false if no single corner or edge is nearest to all the
-  /// points, or if the result of the last search does not suffice to decide.
+  /// points, or if the start of the search (see offset()) does not suffice to decide.
   template <class Corner, class Edge>
   bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
                Edge&& edge) const noexcept {
