@@ -13,8 +13,11 @@ void ForceHistory::add(const Point& point) {
   largest_.reset();
   if (points_.size() <= kMaxPoints) return;
   std::size_t kept = 0;
-  for (std::size_t i = 0; i + 1 < points_.size(); i += 2)
-    points_[kept++] = points_[i].force_N > points_[i + 1].force_N ? points_[i] : points_[i + 1];
+  for (std::size_t i = 0; i < points_.size(); i += 2) {
+    const bool is_next_larger =
+        i + 1 < points_.size() && !(points_[i].force_N > points_[i + 1].force_N);
+    points_[kept++] = points_[is_next_larger ? i + 1 : i];
+  }
   points_.resize(kept);
   every_ *= 2;
 }

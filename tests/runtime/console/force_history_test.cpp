@@ -46,5 +46,15 @@ TEST(ForceHistory, AnHourIsSmallAndKeepsItsPeaks) {
   EXPECT_EQ(peaks, kSnapshots / kEvery);
 }
 
+// Points are removed when there is one more than kMaxPoints, so the newest one has no partner.
+TEST(ForceHistory, APeakThatFillsTheHistoryStays) {
+  ForceHistory history;
+  constexpr auto kMost = static_cast<int>(ForceHistory::kMaxPoints);
+  for (int i = 0; i <= kMost; ++i)
+    history.add({0.004 * i, i == kMost ? 50.0 : 1.0, 0});
+  ASSERT_FALSE(history.points().empty());
+  EXPECT_EQ(history.points().back().force_N, 50);
+}
+
 }  // namespace
 }  // namespace trocar::runtime
