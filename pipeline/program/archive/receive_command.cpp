@@ -60,7 +60,8 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
          "--then", a.then,
          "add the scans of each complete study to the file COLLECTION, and make their assets in\n"
          "the folder STORE, as trocar-mesh batch does")
-      ->expected(2)
+      ->type_size(2)
+      ->expected(1)
       ->type_name("COLLECTION STORE");
   app.add_option("--max-associations", a.max_associations,
                  "largest number of associations at the same time; others wait")
