@@ -10,6 +10,7 @@
 //     samples than the outlines require, and values out of range. Two numbers bound its memory and
 //     time: the number of edges, and the number of samples in the box around outlines and margin.
 //     The latter is at most kMaxHuSamples.
+// Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
 #include <cstdint>
