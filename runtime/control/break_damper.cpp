@@ -38,7 +38,6 @@ Wrench damp_break(const PassivityOptions& options, double plate_mass_kg, const T
     state.has_last = true;
     state.T_device_plate = plate;
   }
-  if (!(state.force_N > 0)) return Wrench::Zero();
   return wrench_at(state.force_N * outward, tip_m, plate);
 }
 

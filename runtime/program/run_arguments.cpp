@@ -72,8 +72,8 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option(
       "--session-report", a.session_report,
       "write a report for the debriefing: the page NAME.html, and its figures as NAME.json\n"
-      "and NAME.figures.csv. It states the path, the forces, how far the tip plunged when\n"
-      "tissue gave way, breaches of the bone's wall, tremor, and whether the scene's goals\n"
+      "and NAME.figures.csv. It states the path, the forces, how far the tip plunged after\n"
+      "each break-through, breaches of the bone's wall, tremor, and whether the scene's goals\n"
       "were reached");
   recording.option(
       "--trainee", a.trainee.code,
