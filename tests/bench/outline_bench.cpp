@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// outline_bench [--repetitions=N] [--shells=N] [--no-cgal] [--rows] [NAME=SCAN[@FACTOR]]...: our
-// triangulation and refinement, Triangle's (if it was built in) and CGAL's on each outline by
-// itself, in turn, on one thread, with the options that trocar-mesh has by default. FACTOR upsamples
-// the slices in the plane. The shells are synthetic outlines like those of slices through the top of
-// a skull. Prints, for each scan, the ratios of the medians of CPU time, the numbers of triangles
-// and the errors of area. Fails if a mesh is not constrained Delaunay, if a triangle below 30
-// degrees lies in no small input angle, or if one of ours is too large.
+// outline_bench [--repetitions=N] [--shells=N] [--no-cgal] [--in-a-row] [--rows]
+// [NAME=SCAN[@FACTOR]]...: our triangulation and refinement, Triangle's (if it was built in) and
+// CGAL's on each outline by itself, in turn, on one thread, with the options that trocar-mesh has by
+// default. Each repetition goes through all outlines; with --in-a-row, all repetitions of one
+// outline come before the next outline. FACTOR upsamples the slices in the plane. The shells are
+// synthetic outlines like those of slices through the top of a skull. Prints, for each scan, the
+// ratios of the medians of CPU time, the numbers of triangles and the errors of area. Fails if a
+// mesh is not constrained Delaunay, if a triangle below 30 degrees lies in no small input angle, or
+// if one of ours is too large.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -141,62 +143,84 @@ struct Row {
 
 struct Arguments {
   int repetitions = 21, shells = 30;
-  bool with_cgal = true, lists_rows = false;
+  bool with_cgal = true, lists_rows = false, in_a_row = false;
 };
 
-Row measure(const Pslg& pslg, const Arguments& arguments) {
-  const RefinementOptions options = production_options();
-  const double area_steps2 = std::ldexp(options.max_area_mm2, 2 * kLattice.bits);
-  const CgalInput input = prepare(pslg);
-  TriangleInput triangle_input(input);
-  std::vector<double> cdt_us, ours_us, triangle_cdt_us, triangle_us, cgal_us;
-  Row out;
-  for (int k = 0; k < arguments.repetitions; ++k) {
-    const double start = cpu_us();
-    {
-      const auto cdt = triangulate(pslg);
-      if (!cdt) throw std::runtime_error(cdt.error().message);
-      cdt_us.push_back(cpu_us() - start);
-      const Refined refined = refine(*cdt, kLattice, options);
-      out.ours = refined.mesh.triangles.size();
-    }
-    const double ours_end = cpu_us();
-    out.triangle = triangle_mesh(triangle_input, options.min_angle_deg, area_steps2);
-    const double triangle_end = cpu_us();
-    if (arguments.with_cgal)
-      out.cgal = cgal_mesh(input, options.min_angle_deg, area_steps2, false).triangles;
-    cgal_us.push_back(cpu_us() - triangle_end);
-    ours_us.push_back(ours_end - start);
-    triangle_us.push_back(triangle_end - ours_end);
-  }
-  // Triangle's triangulation alone is measured afterwards: before the whole, it would warm the
-  // caches for it.
-  for (int k = 0; has_triangle() && k < arguments.repetitions; ++k) {
-    (void)triangulate(pslg);
-    const double start = cpu_us();
-    triangle_mesh(triangle_input, 0, 0);
-    triangle_cdt_us.push_back(cpu_us() - start);
-  }
-  out.cdt_us = quantile(cdt_us, 0.5);
-  out.ours_us = quantile(ours_us, 0.5);
-  out.triangle_cdt_us = quantile(triangle_cdt_us, 0.5);
-  out.triangle_us = quantile(triangle_us, 0.5);
-  out.cgal_us = quantile(cgal_us, 0.5);
+// An outline, prepared for the three meshers, and the times of each repetition.
+class TimedOutline {
+ public:
+  explicit TimedOutline(const Pslg& pslg)
+      : pslg_(pslg), input_(prepare(pslg)), triangle_input_(input_) {}
 
-  const Refined refined = refine(*triangulate(pslg), kLattice, options);
-  const MeshQuality quality = measure_quality(refined, kLattice, options.min_angle_deg);
-  out.vertices = input.points.size();
-  out.area = static_cast<double>(doubled_area(pslg));
-  out.area_error = std::abs(static_cast<double>(doubled_area(refined.mesh) - doubled_area(pslg)));
+  // Meshes the outline once with each of the meshers. Ours comes first in every other repetition,
+  // because the first one loads the outline into the caches.
+  void time_once(bool with_cgal) {
+    const bool ours_first = ours_us_.size() % 2 == 0;
+    if (ours_first) time_ours();
+    const double start = cpu_us();
+    triangle_ = triangle_mesh(triangle_input_, options_.min_angle_deg, area_steps2_);
+    triangle_us_.push_back(cpu_us() - start);
+    if (!ours_first) time_ours();
+    if (!with_cgal) return;
+    const double cgal_start = cpu_us();
+    cgal_ = cgal_mesh(input_, options_.min_angle_deg, area_steps2_, false).triangles;
+    cgal_us_.push_back(cpu_us() - cgal_start);
+  }
+  // Triangle's triangulation alone has its own repetitions: before the whole, it would warm the
+  // caches for it.
+  void time_triangulation_of_triangle() {
+    if (!has_triangle()) return;
+    (void)triangulate(pslg_);
+    const double start = cpu_us();
+    triangle_mesh(triangle_input_, 0, 0);
+    triangle_cdt_us_.push_back(cpu_us() - start);
+  }
+  Row row();
+
+ private:
+  void time_ours() {
+    const double start = cpu_us();
+    const auto cdt = triangulate(pslg_);
+    if (!cdt) throw std::runtime_error(cdt.error().message);
+    cdt_us_.push_back(cpu_us() - start);
+    const Refined refined = refine(*cdt, kLattice, options_);
+    ours_ = refined.mesh.triangles.size();
+    ours_us_.push_back(cpu_us() - start);
+  }
+
+  const Pslg& pslg_;
+  RefinementOptions options_ = production_options();
+  double area_steps2_ = std::ldexp(options_.max_area_mm2, 2 * kLattice.bits);
+  CgalInput input_;
+  TriangleInput triangle_input_;
+  std::vector<double> cdt_us_, ours_us_, triangle_cdt_us_, triangle_us_, cgal_us_;
+  std::size_t ours_ = 0, triangle_ = 0, cgal_ = 0;
+};
+
+// The medians of the times, and what the meshes are like.
+Row TimedOutline::row() {
+  Row out;
+  out.ours = ours_, out.triangle = triangle_, out.cgal = cgal_;
+  out.cdt_us = quantile(cdt_us_, 0.5);
+  out.ours_us = quantile(ours_us_, 0.5);
+  out.triangle_cdt_us = quantile(triangle_cdt_us_, 0.5);
+  out.triangle_us = quantile(triangle_us_, 0.5);
+  out.cgal_us = quantile(cgal_us_, 0.5);
+
+  const Refined refined = refine(*triangulate(pslg_), kLattice, options_);
+  const MeshQuality quality = measure_quality(refined, kLattice, options_.min_angle_deg);
+  out.vertices = input_.points.size();
+  out.area = static_cast<double>(doubled_area(pslg_));
+  out.area_error = std::abs(static_cast<double>(doubled_area(refined.mesh) - doubled_area(pslg_)));
   out.below = quality.below_min_angle;
   out.is_sound = check_mesh(refined.mesh) && is_constrained_delaunay(refined.mesh) &&
                  quality.below_min_angle == quality.below_at_small_input_angle &&
                  quality.below_unexplained == 0 && refined.outcome == RefinementOutcome::kRefined &&
-                 quality.max_area_mm2 <= options.max_area_mm2;
+                 quality.max_area_mm2 <= options_.max_area_mm2;
   std::vector<double> corners;
-  triangle_mesh(triangle_input, options.min_angle_deg, area_steps2, &corners);
+  triangle_mesh(triangle_input_, options_.min_angle_deg, area_steps2_, &corners);
   const auto corner = [&](std::size_t k) { return std::pair{corners[k], corners[k + 1]}; };
-  const double sine = std::sin(options.min_angle_deg * std::numbers::pi / 180);
+  const double sine = std::sin(options_.min_angle_deg * std::numbers::pi / 180);
   for (std::size_t t = 0; t < corners.size(); t += 6) {
     const auto [ax, ay] = corner(t);
     const auto [bx, by] = corner(t + 2);
@@ -207,6 +231,23 @@ Row measure(const Pslg& pslg, const Arguments& arguments) {
     out.below_triangle += area / std::max({ab * bc, bc * ca, ca * ab}) < sine ? 1 : 0;
   }
   return out;
+}
+
+// Times all outlines. A repetition meshes each outline once, as trocar-mesh does. With in_a_row, the
+// repetitions of an outline follow each other instead: a processor then learns every branch that a
+// small outline takes, which saves Triangle more time than it saves us, since our code avoids
+// branches that depend on the outline.
+void time_all(std::vector<TimedOutline>& outlines, const Arguments& arguments) {
+  const std::size_t n = outlines.size(),
+                    total = n * static_cast<std::size_t>(arguments.repetitions);
+  const auto repetitions = static_cast<std::size_t>(arguments.repetitions);
+  const auto outline = [&](std::size_t k) -> TimedOutline& {
+    return outlines[arguments.in_a_row ? k / repetitions : k % n];
+  };
+  for (std::size_t k = 0; k < total; ++k)
+    outline(k).time_once(arguments.with_cgal);
+  for (std::size_t k = 0; k < total; ++k)
+    outline(k).time_triangulation_of_triangle();
 }
 
 // Medians, 95th percentiles and maxima of the ratios, and sums of the counts.
@@ -254,6 +295,8 @@ int run(int argc, char** argv) {
     const std::string name = word.substr(0, equals);
     if (name == "--no-cgal") {
       arguments.with_cgal = false;
+    } else if (name == "--in-a-row") {
+      arguments.in_a_row = true;
     } else if (name == "--rows") {
       arguments.lists_rows = true;
     } else if (equals == std::string::npos) {
@@ -282,15 +325,20 @@ int run(int argc, char** argv) {
                                "ours, Triangle's"
                              : " | triangles, below 30 deg",
               arguments.with_cgal ? " | of CGAL's time: median, worst; of its triangles" : "");
+  std::vector<TimedOutline> outlines;
+  for (const OutlineSet& set : sets) {
+    for (const Pslg& pslg : set.outlines)
+      outlines.emplace_back(pslg);
+  }
+  time_all(outlines, arguments);
   std::vector<Row> all;
   for (const OutlineSet& set : sets) {
-    std::vector<Row> rows;
+    const std::size_t first = all.size();
     for (std::size_t k = 0; k < set.outlines.size(); ++k) {
-      rows.push_back(measure(set.outlines[k], arguments));
-      if (arguments.lists_rows) print(set.name + " " + std::to_string(k), {rows.back()});
+      all.push_back(outlines[first + k].row());
+      if (arguments.lists_rows) print(set.name + " " + std::to_string(k), {all.back()});
     }
-    print(set.name, rows);
-    all.insert(all.end(), rows.begin(), rows.end());
+    print(set.name, {all.begin() + static_cast<std::ptrdiff_t>(first), all.end()});
   }
   if (sets.size() > 1) print("all", all);
   return std::all_of(all.begin(), all.end(), [](const Row& r) { return r.is_sound; }) ? 0 : 1;
