@@ -19,6 +19,10 @@ enum class Tissue { kSoft, kCanal, kDisc, kMarrow, kCortex, kVessel };
 struct Phantom {
   double pixel_mm = 1, slice_mm = 1.5, noise_HU = 0;
   double tilt = 0.3;  // shift of the canal per mm along the body
+  double length_mm = 60;
+  // Radius of the column's curve in the sagittal plane, in place of a tilt: positive if the column
+  // is convex towards the back (kyphosis), negative if convex towards the front, 0 if straight.
+  double curve_mm = 0;
   bool has_vessels = false;
   SliceAxis axis = SliceAxis::kAxial;
 };
@@ -28,7 +32,14 @@ constexpr double kPeriod_mm = 25;
 // Vertebrae of thin cortex and dark marrow, 25 mm apart, with a canal of 16 x 15 mm, pedicles,
 // laminae with gaps, foramina and discs. x left, y back, z up, in mm; the canal is at 0, 0.
 Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
-  y -= phantom.tilt * (z - 30);
+  if (phantom.curve_mm == 0) {
+    y -= phantom.tilt * (z - 30);
+  } else {
+    const double radius = std::abs(phantom.curve_mm), back = phantom.curve_mm > 0 ? 1 : -1;
+    const double along = z - phantom.length_mm / 2, away = back * y + radius;
+    y = back * (std::hypot(along, away) - radius);
+    z = phantom.length_mm / 2 + radius * std::atan2(along, away);
+  }
   const double level = z - kPeriod_mm * std::floor(z / kPeriod_mm) - kPeriod_mm / 2;
   const double from_canal = (std::hypot(x / 8, y / 7.5) - 1) * 7.5;
   if (from_canal < 0) return Tissue::kCanal;
@@ -67,7 +78,7 @@ double hu_of(Tissue tissue) {
   }
 }
 
-// The phantom within x -45 to 45, y -65 to 40 (-110 with vessels), z 0 to 60 mm. Each voxel is the
+// The phantom within x -45 to 45, y -65 to 40 (-110 with vessels), z 0 to length_mm. Each voxel is the
 // mean of 2 x 2 x 2 points.
 class ColumnStack final : public SliceStack {
  public:
@@ -81,7 +92,7 @@ class ColumnStack final : public SliceStack {
     const Eigen::Vector3d step =
         is_sagittal ? Eigen::Vector3d(b_mm, a_mm, a_mm) : Eigen::Vector3d(a_mm, a_mm, b_mm);
     const auto count = [](double length, double by) { return static_cast<int>(length / by); };
-    const int nx = count(90, step.x()), ny = count(40 - front, step.y()), nz = count(60, step.z());
+    const int nx = count(90, step.x()), ny = count(40 - front, step.y()), nz = count(phantom.length_mm, step.z());
     width_ = is_sagittal ? ny : nx;
     height_ = is_sagittal ? nz : ny;
     const int slices = is_sagittal ? nx : nz;
@@ -199,6 +210,21 @@ TEST(Canals, AnObliqueCanalStaysOpen) {
   for (const double tilt : {-0.6, 0.0, 0.6}) {
     const ColumnStack stack(Phantom{.noise_HU = 20, .tilt = tilt});
     EXPECT_LE(canal_filled(stack, filled(stack)), 0.01) << tilt;
+  }
+}
+
+TEST(Canals, TheCanalOfACurvedColumnStaysOpen) {
+  for (const double curve_mm : {-120.0, 120.0}) {
+    for (const double noise_HU : {0.0, 60.0}) {
+      for (const double slice_mm : {1.5, 3.0}) {
+        const ColumnStack stack(Phantom{
+            .slice_mm = slice_mm, .noise_HU = noise_HU, .length_mm = 120, .curve_mm = curve_mm});
+        const SolidBone solid = filled(stack);
+        EXPECT_LE(canal_filled(stack, solid), 0.01)
+            << curve_mm << ", " << noise_HU << " HU, " << slice_mm << " mm";
+        EXPECT_GT(part_inside(stack, solid, Tissue::kMarrow), 0.8) << curve_mm << ", " << slice_mm;
+      }
+    }
   }
 }
 
