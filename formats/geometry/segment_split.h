@@ -10,6 +10,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <optional>
 
 #include "formats/geometry/edge_predicates.h"
@@ -43,16 +44,31 @@ class SplitCell {
                    right * right + below * below, right * right + above * above};
   }
 
-  /// A point is inside if it lies on ab or on the left of ab, and outside if it lies strictly
-  /// on the right of ab. nearest_inside() returns the number of that inside point which is
-  /// nearest to the wanted point; nearest_outside() does the same for the outside points. If
-  /// there is no such point, the result is the number of any point, so check the result with
-  /// is_inside() or is_outside().
-  std::size_t nearest_inside() const noexcept { return nearest(0); }
-  std::size_t nearest_outside() const noexcept { return nearest(-1); }
-  bool is_inside(std::size_t k) const noexcept { return sides_[k] >= 0 && distances2_[k] < kFar; }
-  bool is_outside(std::size_t k) const noexcept { return sides_[k] < 0 && distances2_[k] < kFar; }
-  /// Makes is_inside() and is_outside() false for point k.
+  /// A point is inside if it lies on ab or on the left of ab, and outside if it lies strictly on
+  /// the right of ab. nearest_inside() returns the number of that inside point which is nearest to
+  /// the wanted point. If there is no inside point, the result is the number of any point, so check
+  /// the result with is_inside().
+  std::size_t nearest_inside() const noexcept {
+    constexpr std::array kPenalty{0.0, kFar};
+    std::array<double, 4> far{};
+    for (std::size_t k = 0; k < 4; ++k)
+      far[k] = distances2_[k] + kPenalty[static_cast<std::size_t>(sides_[k] < 0)];
+    const std::size_t low = far[1] < far[0] ? 1 : 0, high = far[3] < far[2] ? 3 : 2;
+    return std::min(far[2], far[3]) < std::min(far[0], far[1]) ? high : low;
+  }
+  /// Returns the number of the point that has side(k) nearest to `wanted`. Excluded points come
+  /// last, so check the result with is_excluded().
+  std::size_t nearest_side(std::int64_t wanted) const noexcept {
+    std::array<std::uint64_t, 4> far{};
+    for (std::size_t k = 0; k < 4; ++k)
+      far[k] = static_cast<std::uint64_t>(std::abs(sides_[k] - wanted)) |
+               static_cast<std::uint64_t>(is_excluded(k)) << 63;
+    const std::size_t low = far[1] < far[0] ? 1 : 0, high = far[3] < far[2] ? 3 : 2;
+    return std::min(far[2], far[3]) < std::min(far[0], far[1]) ? high : low;
+  }
+  bool is_inside(std::size_t k) const noexcept { return sides_[k] >= 0 && !is_excluded(k); }
+  bool is_excluded(std::size_t k) const noexcept { return distances2_[k] >= kFar; }
+  /// Makes nearest_inside() and nearest_side() prefer the other points to point k.
   void exclude(std::size_t k) noexcept { distances2_[k] = 2 * kFar; }
   LatticePoint point(std::size_t k) const noexcept {
     return {low_.x + static_cast<std::int32_t>(k / 2), low_.y + static_cast<std::int32_t>(k % 2)};
@@ -66,15 +82,6 @@ class SplitCell {
   static std::int64_t floor_of(double x) noexcept {
     const auto whole = static_cast<std::int64_t>(x);
     return whole - static_cast<std::int64_t>(static_cast<double>(whole) > x);
-  }
-  // Considers the points whose side has the sign `sign`: 0 for a side >= 0, -1 for a side < 0.
-  std::size_t nearest(std::int64_t sign) const noexcept {
-    constexpr std::array kPenalty{0.0, kFar};
-    std::array<double, 4> far{};
-    for (std::size_t k = 0; k < 4; ++k)
-      far[k] = distances2_[k] + kPenalty[static_cast<std::size_t>((sides_[k] >> 63) != sign)];
-    const std::size_t low = far[1] < far[0] ? 1 : 0, high = far[3] < far[2] ? 3 : 2;
-    return std::min(far[2], far[3]) < std::min(far[0], far[1]) ? high : low;
   }
 
   LatticePoint low_;

@@ -187,42 +187,30 @@ class OutlineSplitter {
   // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
   // way from a to b. Returns false if there is none. Four lattice points surround the exact
   // position. The function chooses the nearest one on the material's side. With keep_area_, and if
-  // the segment has clearance, it chooses the nearest one on the void's side instead if this keeps
-  // the area of the loop better, or if no point on the material's side is usable.
+  // the segment has clearance, it chooses the one of the four that keeps the area of the loop best.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
     SplitCell cell(a, b, fraction);
-    std::size_t p = cell.nearest_inside();
-    while (cell.is_inside(p) && !may_split(a, b, c, cell.point(p)))
-      [[unlikely]] {
-        cell.exclude(p);
-        p = cell.nearest_inside();
-      }
-    const bool is_p = cell.is_inside(p);
-    if (is_p) out = cell.point(p);
-    if (!keep_area_ || (is_p && cell.side(p) == 0) || !outline_.has_clearance(segment))
-      return is_p && !input.is_far(out);
     // A point on the void's side must lie in the circumcircle, so that the mesh stays Delaunay.
-    const auto may_split_outside = [&](LatticePoint q) {
-      return encroaches(a, b, q) & !input.is_outside(q) & mesh_.circumcircle_contains(t, q);
+    const auto is_usable = [&](std::size_t k, LatticePoint q) {
+      return !input.is_far(q) && (cell.is_inside(k) ? may_split(a, b, c, q)
+                                                    : encroaches(a, b, q) & !input.is_outside(q) &
+                                                          mesh_.circumcircle_contains(t, q));
     };
-    std::size_t q = cell.nearest_outside();
-    while (cell.is_outside(q) && !may_split_outside(cell.point(q)))
-      [[unlikely]] {
-        cell.exclude(q);
-        q = cell.nearest_outside();
-      }
-    const bool is_p_near = is_p && !input.is_far(out);
-    if (!cell.is_outside(q) || input.is_far(cell.point(q))) return is_p_near;
-    // Without a branch, because the choice is unpredictable.
-    const std::int64_t lost = outline_.lost_of_loop(segment);
-    const auto takes_q = static_cast<std::int32_t>(
-        !is_p_near | (std::abs(lost + cell.side(q)) < std::abs(lost + cell.side(p))));
-    const LatticePoint outside = cell.point(q);
-    if (!is_p) out = outside;
-    out = {out.x + takes_q * (outside.x - out.x), out.y + takes_q * (outside.y - out.y)};
-    return true;
+    std::size_t p = cell.nearest_inside();
+    const bool is_exact = cell.side(p) == 0;
+    const bool any_side = keep_area_ && !is_exact && outline_.has_clearance(segment);
+    const std::int64_t wanted = any_side ? -outline_.lost_of_loop(segment) : 0;
+    if (any_side) p = cell.nearest_side(wanted);
+    while (any_side ? !cell.is_excluded(p) : cell.is_inside(p)) {
+      out = cell.point(p);
+      if (is_usable(p, out)) [[likely]]
+        return true;
+      cell.exclude(p);
+      p = any_side ? cell.nearest_side(wanted) : cell.nearest_inside();
+    }
+    return false;
   }
 
   // Splits an edge of the outline: on a shell if its segment has shells, otherwise at the fraction

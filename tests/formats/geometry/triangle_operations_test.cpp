@@ -164,6 +164,29 @@ TEST(SegmentSplit, PointsLeaveTwoPositiveTrianglesAndNeverMoveTheEdgeOutwards) {
   EXPECT_GT(beside, 15'000);
 }
 
+TEST(SplitCell, GivesThePointsInTheOrderOfTheirSides) {
+  RandomTriangles points(300);
+  for (int k = 0; k < 20'000; ++k) {
+    const auto [a, b, c] = points.triangle();
+    const std::int64_t wanted = orient2d(a, b, c) / 64;
+    SplitCell cell(a, b, 0.42);
+    std::vector<std::int64_t> away, expected;
+    for (std::size_t i = 0; i < 4; ++i) {
+      ASSERT_EQ(cell.side(i), orient2d(a, b, cell.point(i)));
+      expected.push_back(std::abs(cell.side(i) - wanted));
+    }
+    for (int i = 0; i < 4; ++i) {
+      const std::size_t p = cell.nearest_side(wanted);
+      ASSERT_FALSE(cell.is_excluded(p));
+      away.push_back(std::abs(cell.side(p) - wanted));
+      cell.exclude(p);
+    }
+    std::sort(expected.begin(), expected.end());
+    ASSERT_EQ(away, expected);
+    ASSERT_TRUE(cell.is_excluded(cell.nearest_side(wanted)));
+  }
+}
+
 TEST(AngleCircle, ItsPointsSeeTheEdgeUnderTheAngle) {
   for (const double angle_deg : {10.0, 20.0, 30.0, 45.0}) {
     const double angle = angle_deg * std::numbers::pi / 180;
